@@ -1,0 +1,41 @@
+"""What can go wrong, said once: each error knows the exit code of the command line."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class OdescopeError(Exception):
+    """Base of every error that odescope raises on purpose; its text is meant for the user."""
+
+    exit_code = 2
+
+
+class InputError(OdescopeError, ValueError):
+    """The input or the command line is wrong: the text says what was expected, what came and what to do."""
+
+    exit_code = 2
+
+
+class NoModelError(OdescopeError):
+    """The data support no model; `stage` names the stage that came out empty."""
+
+    exit_code = 3
+
+    def __init__(self, stage: str, message: str) -> None:
+        super().__init__(f"no model: the {stage} stage came out empty: {message}")
+        self.stage = stage
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return a hint that names the closest known name, or lists the known ones where none is close."""
+    options = [str(option) for option in known]
+    close = difflib.get_close_matches(name, options, n=1, cutoff=0.6)
+    if not close:
+        folded = {option.casefold(): option for option in options}
+        close = [folded[name.casefold()]] if name.casefold() in folded else []
+    if close:
+        return f"did you mean {close[0]!r}?"
+    shown = ", ".join(options[:12]) + (", ..." if len(options) > 12 else "")
+    return f"there are: {shown}" if options else "there are none"
