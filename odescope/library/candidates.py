@@ -1,0 +1,95 @@
+"""Libraries of candidate terms: sums and products of terms, thinned by rules, counted before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations_with_replacement, product
+from math import comb
+
+from odescope.errors import InputError
+from odescope.library.expression import ONE, Name, Term
+from odescope.library.parse import Scope, parse_term
+from odescope.library.rules import Rule
+
+MAXIMUM_CANDIDATES = 20_000
+
+
+@dataclass(frozen=True)
+class Library:
+    """Distinct candidate terms, in order, with the tally of what each rule removed on the way."""
+
+    terms: tuple[Term, ...]
+    removed: tuple[tuple[str, int], ...] = field(default=())
+
+    @staticmethod
+    def of(texts: Iterable[str], scope: Scope) -> Library:
+        """Return the library of these terms.
+
+        Raises:
+            InputError: a text is no product of known functions (see `parse_term`).
+        """
+        return Library(tuple(dict.fromkeys(parse_term(text, scope) for text in texts)))
+
+    def __len__(self) -> int:
+        return len(self.terms)
+
+    def __iter__(self) -> Iterator[Term]:
+        return iter(self.terms)
+
+    def __add__(self, other: Library) -> Library:
+        return Library(tuple(dict.fromkeys((*self.terms, *other.terms))), (*self.removed, *other.removed))
+
+    def __mul__(self, other: Library) -> Library:
+        return Library(
+            tuple(dict.fromkeys(a * b for a, b in product(self.terms, other.terms))), (*self.removed, *other.removed)
+        )
+
+    def powers(self, degree: int) -> Library:
+        """Return all products of at most `degree` of these terms, the constant included.
+
+        Raises:
+            InputError: there would be more than 20 000 of them.
+        """
+        basis = [t for t in self.terms if t != ONE]
+        count = comb(len(basis) + degree, degree)
+        if count > MAXIMUM_CANDIDATES:
+            raise InputError(
+                f"{len(basis)} basis functions to degree {degree} make {count} products, more than"
+                f" {MAXIMUM_CANDIDATES}: lower the degree or name fewer basis functions"
+            )
+        terms = dict.fromkeys(
+            Term.of(f for t in chosen for f in t.factors)
+            for d in range(degree + 1)
+            for chosen in combinations_with_replacement(basis, d)
+        )
+        return Library(tuple(terms))
+
+    def thin(self, rules: Sequence[Rule], scope: Scope) -> Library:
+        """Return what the rules keep, in order; `removed` says how many each rule took from what reached it."""
+        terms, removed = self.terms, list(self.removed)
+        for rule in rules:
+            kept = tuple(t for t in terms if rule.keeps(t, scope))
+            removed.append((str(rule), len(terms) - len(kept)))
+            terms = kept
+        return Library(terms, tuple(removed))
+
+    def preview(self, samples: int) -> str:
+        """Return how many candidates there are and what their values would take in memory if held at once."""
+        return f"{len(self)} candidates x {samples} samples: {len(self) * samples * 8 / 1e6:.1f} MB if held at once"
+
+
+def split_target(term: Term, targets: Collection[str]) -> tuple[str | None, Term]:
+    """Return the target that a term is linear in, or None, and the product without it.
+
+    Raises:
+        InputError: a target appears to a power, inside a function, or beside another target.
+    """
+    found = term.names & set(targets)
+    if not found:
+        return None, term
+    name = min(found)
+    rest = Term(tuple(f for f in term.factors if f[0] != Name(name)))
+    if len(found) > 1 or term.power_of(Name(name)) != 1 or name in rest.names:
+        raise InputError(f"the candidate {term} is not linear in the targets: {', '.join(sorted(found))}")
+    return name, rest

@@ -1,0 +1,87 @@
+"""Libraries without a hand: the default by order of the equations, and the paper's (METHOD section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import comb
+
+from odescope.errors import InputError
+from odescope.library.candidates import Library
+from odescope.library.parse import Scope
+from odescope.library.rules import Exclusive, Identity, MaximumDegree, Rule
+from odescope.records import Coordinate, Input
+
+COMFORTABLE = 60  # polynomial degree is lowered until a default has no more products of states and inputs than this
+
+
+def paper_basis(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> tuple[str, ...]:
+    """Return the paper's basis (24): velocities, sine and cosine of angles, inputs, targets; the constant is implied."""
+    velocities = [c.derivative(k) for k in range(1, _highest(coordinates)) for c in coordinates if c.order > k]
+    trigonometric = [f"{f}({c.name})" for c in coordinates if c.angle for f in ("sin", "cos")]
+    return (*velocities, *trigonometric, *(i.name for i in inputs), *(c.target for c in coordinates))
+
+
+def paper_rules(coordinates: Sequence[Coordinate], inputs: Sequence[Input], target: str) -> tuple[Rule, ...]:
+    """Return the rules that thin the paper's 330 products to the 35 of one target.
+
+    What is left is {1, v1, v1^2, v2, v2^2, u, target} x {1, s, c, s c, c^2}.
+    """
+    velocities = tuple(c.derivative(k) for k in range(1, _highest(coordinates)) for c in coordinates if c.order > k)
+    driven = tuple(i.name for i in inputs)
+    angles = [c.name for c in coordinates if c.angle]
+    others = tuple(c.target for c in coordinates if c.target != target)
+    rules: list[Rule] = [MaximumDegree(others, 0)] if others else []
+    rules += [Exclusive((*velocities, *driven, target))]
+    rules += [MaximumDegree((name,), 2) for name in velocities]
+    rules += [MaximumDegree((name,), 1) for name in (*driven, target)]
+    rules += [Identity(f"sin({a})") for a in angles]
+    if angles:
+        rules.append(MaximumDegree(tuple(f"{f}({a})" for a in angles for f in ("sin", "cos")), 2))
+    return tuple(rules)
+
+
+def default_library(
+    coordinates: Sequence[Coordinate], inputs: Sequence[Input], targets: Sequence[str], scope: Scope
+) -> Library:
+    """Return the default candidates for relations that are linear in `targets`.
+
+    With angles: {1, velocities, products of two velocities, inputs, positions that are neither angle nor cyclic,
+    targets} x products of sines and cosines to degree 2. Without: monomials of states and inputs to degree 3 (less where
+    that would be too many) x {1, targets}.
+    """
+    states = [
+        c.derivative(k)
+        for k in range(_highest(coordinates))
+        for c in coordinates
+        if c.order > k and not (k == 0 and (c.angle or c.cyclic))
+    ]
+    driven = [i.name for i in inputs]
+    angles = [c.name for c in coordinates if c.angle]
+    if not angles:
+        names = [*states, *driven]
+        degree = next((d for d in (3, 2) if comb(len(names) + d, d) <= COMFORTABLE), 1)
+        polynomial = Library.of(names, scope).powers(degree)
+        return polynomial * Library.of(("1", *targets), scope)
+    velocities = Library.of([s for s in states if s not in {c.name for c in coordinates}], scope).powers(2)
+    positions = Library.of([s for s in states if s in {c.name for c in coordinates}], scope)
+    trigonometric = Library.of([f"{f}({a})" for a in angles for f in ("sin", "cos")], scope).powers(2)
+    trigonometric = trigonometric.thin([Identity(f"sin({a})") for a in angles], scope)
+    return (velocities + Library.of([*driven], scope) + positions + Library.of(targets, scope)) * trigonometric
+
+
+def default_rules(coordinates: Sequence[Coordinate], targets: Sequence[str], basis: Sequence[str]) -> tuple[Rule, ...]:
+    """Return the rules a basis named by hand gets unless it brings its own: linear in the targets, sin^2 = 1 - cos^2."""
+    compact = {b.replace(" ", "") for b in basis}
+    pairs = [c.name for c in coordinates if {f"sin({c.name})", f"cos({c.name})"} <= compact]
+    return (MaximumDegree(tuple(targets), 1), *(Identity(f"sin({a})") for a in pairs))
+
+
+def check_basis(coordinates: Sequence[Coordinate], library: Library) -> None:
+    """Refuse a library without any state, whose relations could not be equations of motion."""
+    states = {c.derivative(k) for c in coordinates for k in range(c.order)}
+    if not any(term.names & states for term in library):
+        raise InputError("no candidate term contains a state; name some in [library] basis")
+
+
+def _highest(coordinates: Sequence[Coordinate]) -> int:
+    return max(c.order for c in coordinates)

@@ -1,0 +1,181 @@
+"""Terms from text, by a whitelisting walk over Python's syntax tree: nothing that is read is ever evaluated."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from odescope.errors import InputError, nearest
+from odescope.library.expression import Call, Combination, Name, Power, Term
+from odescope.library.functions import FUNCTIONS
+
+MAXIMUM_LENGTH = 1000
+MAXIMUM_DEPTH = 20
+MAXIMUM_POWER = 16
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A function of one's own: `Definition("drag", ("v",), "abs(v)*v")`; wherever it is used, its body stands."""
+
+    name: str
+    parameters: tuple[str, ...]
+    body: str
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What a text may name: states, targets and inputs, and definitions beside the built-in functions."""
+
+    names: frozenset[str]
+    definitions: Mapping[str, Definition]
+
+    @staticmethod
+    def of(names: Collection[str], definitions: Collection[Definition] = ()) -> Scope:
+        """Return a scope; a definition may not take the name of a built-in function or of a variable."""
+        for d in definitions:
+            if d.name in FUNCTIONS or d.name in names or d.name == "identity":
+                raise InputError(f"the function {d.name!r} cannot be defined: that name is taken; choose another")
+        return Scope(frozenset(names), {d.name: d for d in definitions})
+
+
+def parse_term(text: str, scope: Scope) -> Term:
+    """Return the term that `text` spells: a product of powers of names and known functions.
+
+    Raises:
+        InputError: the text is too long or too deep, is no such product, or names something unknown.
+    """
+    combination = _Walk(text, scope).whole()
+    if len(combination.parts) != 1 or combination.parts[0][0] != 1.0:
+        raise _refused(
+            text, "a term is one product of known functions, without sums or numbers, such as phi_dot**2*sin(phi)"
+        )
+    return combination.parts[0][1]
+
+
+def parse_combination(text: str, scope: Scope) -> Combination:
+    """Return the linear combination of terms that `text` spells (the body of a definition).
+
+    Raises:
+        InputError: as `parse_term`.
+    """
+    return _Walk(text, scope).whole()
+
+
+def _refused(text: str, why: str) -> InputError:
+    shown = text if len(text) <= 60 else text[:57] + "..."
+    return InputError(f"cannot read the term {shown!r}: {why}")
+
+
+class _Walk:
+    """One walk over one text."""
+
+    def __init__(self, text: str, scope: Scope) -> None:
+        self.text, self.scope = text, scope
+
+    def fail(self, why: str) -> InputError:
+        return _refused(self.text, why)
+
+    def whole(self) -> Combination:
+        if len(self.text) > MAXIMUM_LENGTH:
+            raise self.fail(f"it has {len(self.text)} characters, more than the {MAXIMUM_LENGTH} allowed")
+        try:
+            tree = ast.parse(self.text.strip(), mode="eval")
+        except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+            raise self.fail("it is not an expression in Python syntax, or nested too deep") from error
+        return self.node(tree.body, 0)
+
+    def node(self, node: ast.AST, depth: int) -> Combination:
+        if depth > MAXIMUM_DEPTH:
+            raise self.fail(f"it is nested deeper than {MAXIMUM_DEPTH}")
+        match node:
+            case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+                return Combination.of([(self.number(value), Term())])
+            case ast.Name(id=name):
+                if name not in self.scope.names:
+                    raise self.fail(f"no state or input is called {name!r}; {nearest(name, sorted(self.scope.names))}")
+                return Combination(((1.0, Term(((Name(name), 1),))),))
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return Combination.of([(-c, t) for c, t in self.node(operand, depth + 1).parts])
+            case ast.BinOp(op=ast.Add() | ast.Sub() as op, left=left, right=right):
+                sign = 1.0 if isinstance(op, ast.Add) else -1.0
+                first, second = self.node(left, depth + 1), self.node(right, depth + 1)
+                return Combination.of([*first.parts, *((sign * c, t) for c, t in second.parts)])
+            case ast.BinOp(op=ast.Mult(), left=left, right=right):
+                return self.product(self.node(left, depth + 1), self.node(right, depth + 1))
+            case ast.BinOp(op=ast.Div(), left=left, right=right):
+                return self.product(self.node(left, depth + 1), self.power(self.node(right, depth + 1), -1))
+            case ast.BinOp(op=ast.Pow(), left=left, right=right):
+                return self.raised(self.node(left, depth + 1), right)
+            case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
+                return self.call(name, [self.node(a, depth + 1) for a in args])
+        raise self.fail("only names, numbers, + - * / ** and known functions may appear")
+
+    def number(self, value: float) -> float:
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number) or abs(number) > 1e100:
+            raise self.fail("a number in it is too large")
+        return number
+
+    def product(self, first: Combination, second: Combination) -> Combination:
+        for one, other in ((first, second), (second, first)):
+            if len(one.parts) == 1:
+                (c, t), = one.parts
+                return Combination.of([(c * k, t * u) for k, u in other.parts])
+        if not first.parts or not second.parts:
+            raise self.fail("it has a factor that is zero")
+        raise self.fail("a product of sums is no product of known functions; write its terms one by one")
+
+    def raised(self, base: Combination, exponent: ast.AST) -> Combination:
+        sign = 1.0
+        if isinstance(exponent, ast.UnaryOp) and isinstance(exponent.op, ast.USub):
+            exponent, sign = exponent.operand, -1.0
+        if not isinstance(exponent, ast.Constant) or type(exponent.value) not in (int, float):
+            raise self.fail("an exponent must be a plain number")
+        power = sign * self.number(exponent.value)
+        if abs(power) > MAXIMUM_POWER or power == 0:
+            raise self.fail(f"the exponent {power:g} is outside 1 to {MAXIMUM_POWER} in size")
+        return self.power(base, int(power) if power.is_integer() else power)
+
+    def power(self, base: Combination, power: Power) -> Combination:
+        if not base.parts:
+            raise self.fail("it has a power of zero")
+        if len(base.parts) > 1:
+            return Combination(((1.0, Term(((Call("", base), power),))),))
+        (c, t), = base.parts
+        if c != 1.0 and (c <= 0 or abs(power * math.log(c)) > 200):
+            if c > 0 or not isinstance(power, int) or abs(power * math.log(-c)) > 200:
+                raise self.fail("a number in it is raised too high, or is negative under a fractional power")
+        factors = [(atom, p * power) for atom, p in t.factors]
+        if any(abs(p) > MAXIMUM_POWER for _, p in factors):
+            raise self.fail(f"an exponent in it exceeds {MAXIMUM_POWER}")
+        return Combination(((c**power, Term.of(factors)),))
+
+    def call(self, name: str, arguments: list[Combination]) -> Combination:
+        definition = self.scope.definitions.get(name)
+        if definition is not None:
+            return self.expand(definition, arguments)
+        if name not in FUNCTIONS and name != "identity":
+            known = [*FUNCTIONS, "identity", *self.scope.definitions]
+            raise self.fail(f"there is no function {name!r}; {nearest(name, known)}")
+        if len(arguments) != 1:
+            raise self.fail(f"{name} takes one argument, {len(arguments)} came")
+        (argument,) = arguments
+        if not argument.names:
+            raise self.fail(f"the argument of {name} is a constant")
+        if name == "identity":
+            return argument if len(argument.parts) == 1 else Combination(((1.0, Term(((Call("", argument), 1),))),))
+        return Combination(((1.0, Term(((Call(name, argument), 1),))),))
+
+    def expand(self, definition: Definition, arguments: list[Combination]) -> Combination:
+        if len(arguments) != len(definition.parameters):
+            raise self.fail(f"{definition.name} takes {len(definition.parameters)} arguments, {len(arguments)} came")
+        body = parse_combination(definition.body, Scope(frozenset(definition.parameters), {}))
+        values = dict(zip(definition.parameters, arguments, strict=True))
+        full = Combination.of([(c * k, t) for c, term in body.parts for k, t in term.substitute(values).parts])
+        return full if len(full.parts) == 1 else Combination(((1.0, Term(((Call("", full), 1),))),))

@@ -1,0 +1,109 @@
+"""The factor R of one QR pass: the only thing regression sees of the samples (METHOD section 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError
+
+BLOCK_ROWS = 4096  # rows a pass: a block of 50 columns stays in cache
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """R of the QR factorisation of a library whose columns are scaled to unit norm.
+
+    Shapes: r (m, m) upper triangular, scale (m,) the norms of the columns; rows is the number of rows factored.
+    Least squares on any support, energies and residuals all follow from r: |theta xi| = |r (scale xi)|.
+    """
+
+    r: FloatArray
+    scale: FloatArray
+    rows: int
+
+    @property
+    def width(self) -> int:
+        """Number of candidate terms."""
+        return self.r.shape[1]
+
+    def solve(self, support: Sequence[int], left: int) -> FloatArray:
+        """Return xi (m,) of the relation sum xi theta = 0 with xi[left] = 1, the rest least squares on `support`.
+
+        Args:
+            support: columns of the relation, `left` among them.
+            left: the column on the left-hand side, the guess of (15).
+        """
+        others = [j for j in support if j != left]
+        xi = np.zeros(self.width)
+        xi[left] = 1.0 / self.scale[left]
+        if others:
+            xi[others] = -np.linalg.lstsq(self.r[:, others], self.r[:, left], rcond=None)[0] / self.scale[others]
+        return xi * self.scale[left]
+
+    def residual(self, xi: FloatArray) -> float:
+        """Return the root mean square of the relation xi (m,) over the rows."""
+        return float(np.linalg.norm(self.r @ (xi * self.scale)) / np.sqrt(self.rows))
+
+    def condition(self, columns: Sequence[int]) -> float:
+        """Return the condition number (7) of the scaled columns."""
+        values = np.linalg.svd(self.r[:, list(columns)], compute_uv=False)
+        return float(values[0] / values[-1]) if values[-1] > 0 else float("inf")
+
+    def correlations(self) -> FloatArray:
+        """Return the cosines between columns, (m, m): the paper's Fig. 4, about zero instead of the mean."""
+        gram: FloatArray = self.r.T @ self.r
+        return gram
+
+    def dependent(self, tolerance: float = 1e-7) -> tuple[tuple[int, tuple[int, ...]], ...]:
+        """Return columns that are combinations of columns before them, with those that enter the combination.
+
+        A column's diagonal entry in r is the part of it that the earlier columns leave unexplained.
+        """
+        found, independent = [], list[int]()
+        for j in range(self.width):
+            others = independent
+            if others:
+                weights, *_ = np.linalg.lstsq(self.r[:, others], self.r[:, j], rcond=None)
+                rest = np.linalg.norm(self.r[:, j] - self.r[:, others] @ weights)
+                if rest < tolerance:
+                    found.append((j, tuple(k for k, w in zip(others, weights, strict=True) if abs(w) > 1e-3)))
+                    continue
+            independent.append(j)
+        return tuple(found)
+
+
+def factorise(blocks: Iterable[FloatArray]) -> Factor:
+    """Return the factor of a library given in blocks of rows (n_b, m), by TSQR: blocks merge by factoring stacked R's.
+
+    Raises:
+        InputError: no rows, or a column that is zero everywhere.
+    """
+    r, rows = None, 0
+    for block in blocks:
+        for start in range(0, len(block), BLOCK_ROWS):
+            piece = block[start : start + BLOCK_ROWS]
+            rows += len(piece)
+            r = np.linalg.qr(piece if r is None else np.concatenate([r, piece]), mode="r")
+    if r is None:
+        raise InputError("there is no row to factor")
+    return _scaled(r, rows)
+
+
+def merge(factors: Sequence[Factor]) -> Factor:
+    """Return the factor of all rows of several factors together."""
+    stacked = np.concatenate([f.r * f.scale for f in factors])
+    return _scaled(np.linalg.qr(stacked, mode="r"), sum(f.rows for f in factors))
+
+
+def _scaled(r: FloatArray, rows: int) -> Factor:
+    scale = np.linalg.norm(r, axis=0)
+    if not np.all(np.isfinite(scale)):
+        raise InputError("a candidate term has values that are not finite")
+    safe = np.where(scale > 0.0, scale, 1.0)
+    square = np.zeros((r.shape[1], r.shape[1]))
+    square[: len(r)] = r / safe
+    return Factor(square, safe, rows)

@@ -1,0 +1,195 @@
+"""Proposers of sparse supports for one left-hand side; they propose, the factor computes the coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+import msgspec
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.regression.factor import Factor
+from odescope.regression.solve import least_squares
+
+Support = tuple[int, ...]
+
+
+class Proposer(Protocol):
+    """Finds supports: columns that may explain the column `left`; one of one's own needs this method alone."""
+
+    def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
+        """Yield sorted supports chosen from `columns`, without `left`."""
+        ...
+
+
+def _fits(factor: Factor, left: int) -> Callable[[Support], FloatArray]:
+    """Return a memoised fit of column `left`, in scaled columns."""
+    r = np.ascontiguousarray(factor.r)
+    cache: dict[Support, FloatArray] = {}
+
+    def fit(support: Support) -> FloatArray:
+        if support not in cache:
+            cache[support] = least_squares(r, np.array(support, dtype=np.int64), left)[0]
+        return cache[support]
+
+    return fit
+
+
+def _enumerate_thresholds(
+    fit: Callable[[Support], FloatArray], size: Callable[[Support, FloatArray], FloatArray], start: Support,
+    low: float, high: float,
+) -> Iterator[Support]:
+    """Yield every support that sequential thresholding ends in, for all thresholds in (low, high] at once.
+
+    The outcome is a step function of the threshold. In each step between two neighbouring sizes the next support is
+    known; a support that maps to itself is final there (METHOD section 6).
+    """
+    stack, final = [(start, low, high)], set[Support]()
+    seen = set[tuple[Support, float, float]]()
+    while stack:
+        node = stack.pop()
+        if node in seen:
+            continue
+        seen.add(node)
+        support, lo, hi = node
+        sizes = size(support, fit(support))
+        inner = np.unique(sizes[(sizes > lo) & (sizes < hi)])
+        edges = [lo, *inner.tolist(), hi]
+        for a, b in zip(edges[:-1], edges[1:], strict=True):
+            kept = tuple(j for j, e in zip(support, sizes, strict=True) if e >= b)
+            if kept == support:
+                if support not in final:
+                    final.add(support)
+                    yield support
+            elif kept:
+                stack.append((kept, a, b))
+
+
+class EnergyThreshold(msgspec.Struct, frozen=True, tag="energy_threshold", tag_field="kind", forbid_unknown_fields=True):
+    """SETLS (paper, 2.2.3) for every ratio lambda_R from `low` to `high` at once; (8), (9).
+
+    A fixed ratio is `low = high`.
+    """
+
+    low: float = 1e-9
+    high: float = 0.3
+
+    def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
+        """Yield the supports of all thresholds; columns of the factor have unit norm, so an energy is a square."""
+
+        def energies(support: Support, x: FloatArray) -> FloatArray:  # noqa: ARG001
+            squares = x**2
+            relative: FloatArray = squares / max(float(squares.max()), 1e-300)
+            return relative
+
+        low = self.low if self.low < self.high else np.nextafter(self.high, 0.0)
+        start = tuple(j for j in columns if j != left)
+        return _enumerate_thresholds(_fits(factor, left), energies, start, low, self.high)
+
+
+class CoefficientThreshold(
+    msgspec.Struct, frozen=True, tag="coefficient_threshold", tag_field="kind", forbid_unknown_fields=True
+):
+    """STLS (paper, 2.2.2) for every threshold of the coefficient itself from `low` to `high` at once."""
+
+    low: float = 1e-4
+    high: float = 10.0
+
+    def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
+        """Yield the supports of all thresholds."""
+
+        def coefficients(support: Support, x: FloatArray) -> FloatArray:
+            size: FloatArray = np.abs(x) * factor.scale[left] / factor.scale[list(support)]
+            return size
+
+        low = self.low if self.low < self.high else np.nextafter(self.high, 0.0)
+        start = tuple(j for j in columns if j != left)
+        return _enumerate_thresholds(_fits(factor, left), coefficients, start, low, self.high)
+
+
+class MatchingPursuit(msgspec.Struct, frozen=True, tag="matching_pursuit", tag_field="kind", forbid_unknown_fields=True):
+    """Orthogonal matching pursuit: the path of supports of 1, 2, ... `terms` columns."""
+
+    terms: int = 12
+
+    def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
+        """Yield the path; each step adds the column that, made orthogonal to those present, explains most."""
+        rest = [j for j in columns if j != left]
+        r = factor.r.copy()
+        chosen: list[int] = []
+        for _ in range(min(self.terms, len(rest))):
+            norms = np.linalg.norm(r[:, rest], axis=0)
+            # A column that is nearly a combination of those chosen has no direction of its own left to score.
+            scores = np.where(norms > 1e-9, np.abs(r[:, left] @ r[:, rest]) / np.maximum(norms, 1e-300), 0.0)
+            best = rest[int(np.argmax(scores))]
+            if scores.max() <= 1e-14:
+                return
+            direction = r[:, best] / np.linalg.norm(r[:, best])
+            r -= np.outer(direction, direction @ r)
+            chosen.append(best)
+            rest.remove(best)
+            yield tuple(sorted(chosen))
+
+
+class BackwardElimination(
+    msgspec.Struct, frozen=True, tag="backward_elimination", tag_field="kind", forbid_unknown_fields=True
+):
+    """Backward elimination: the path from all columns down to one, dropping what costs least; supports up to `terms`."""
+
+    terms: int = 15
+
+    def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
+        """Yield the path; the cost of dropping column j is x_j^2 / [(R'R)^-1]_jj."""
+        support = [j for j in columns if j != left]
+        inverse = np.linalg.pinv(factor.r[:, support])
+        x, variance = inverse @ factor.r[:, left], inverse @ inverse.T
+        while support:
+            if len(support) <= self.terms:
+                yield tuple(support)
+            j = int(np.argmin(x**2 / np.maximum(np.diag(variance), 1e-300)))
+            column = variance[:, j] / variance[j, j]
+            x, variance = x - column * x[j], variance - np.outer(column, variance[j])
+            x, variance = np.delete(x, j), np.delete(np.delete(variance, j, 0), j, 1)
+            del support[j]
+
+
+class NullSpace(msgspec.Struct, frozen=True, tag="null_space", tag_field="kind", forbid_unknown_fields=True):
+    """Implicit SINDy (paper, 2.3; Mangan et al. 2016): the sparsest vectors of the near-null space of (14).
+
+    Alternating directions: soft-threshold a unit vector in the null space, project back, from every row of it; `ratios`
+    are the thresholds relative to the largest entry, `gap` ends the null space at that multiple of the least singular
+    value.
+    """
+
+    ratios: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2)
+    gap: float = 10.0
+    iterations: int = 200
+
+    def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
+        """Yield the supports that hold `left`, without it."""
+        index = list(columns)
+        _, values, vectors = np.linalg.svd(factor.r[:, index])
+        null = vectors[values <= self.gap * values[-1]].T
+        start = null @ null[index.index(left)]
+        if not np.any(start):
+            return
+        seen = set[Support]()
+        for ratio in self.ratios:
+            q = start / np.linalg.norm(start)
+            for _ in range(self.iterations):
+                limit = ratio * np.abs(q).max()
+                shrunk = np.sign(q) * np.maximum(np.abs(q) - limit, 0.0)
+                new = null @ (null.T @ shrunk)
+                new /= max(float(np.linalg.norm(new)), 1e-300)
+                if np.linalg.norm(new - q) < 1e-10:
+                    break
+                q = new
+            kept = np.abs(q) > ratio * np.abs(q).max()
+            support = tuple(j for j, k in zip(index, kept, strict=True) if k and j != left)
+            if kept[index.index(left)] and support and support not in seen:
+                seen.add(support)
+                yield support
+
+
+AnyProposer = EnergyThreshold | CoefficientThreshold | MatchingPursuit | BackwardElimination | NullSpace

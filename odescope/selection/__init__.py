@@ -1,0 +1,1 @@
+"""Consensus among left-hand-side guesses, families of relations that predict alike, and their ranking."""

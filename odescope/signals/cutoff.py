@@ -1,0 +1,109 @@
+"""Where to cut: the paper's noise ceiling, and the cutoff of least risk, which needs no hand (METHOD section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import msgspec
+import numpy as np
+import scipy.signal
+
+from odescope.arrays import FloatArray
+from odescope.signals.spectral import Spectrum, bin_frequencies
+
+# The median of chi-squared with one degree of freedom: each bin of a cosine transform of white noise has that spread.
+MEDIAN_CHI_SQUARED = 0.45493642311957174
+BANDS = 80  # bands in which the risk is walked: measured best among 40, 80 and 160 on transients and on the demo
+
+
+def noise_level(spectra: Sequence[Spectrum]) -> float:
+    """Return the standard deviation of the white noise, from the median power of the upper half of the spectra."""
+    upper = []
+    for spectrum in spectra:
+        count = len(spectrum.values)
+        upper.append(spectrum.power(spectrum.cubic(count // 2), count // 2, count))
+    return float(np.sqrt(np.median(np.concatenate(upper)) / MEDIAN_CHI_SQUARED))
+
+
+class Cutoff(Protocol):
+    """Chooses a cutoff frequency from the records of one channel."""
+
+    def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:
+        """Return the cutoff in hertz for the derivative of that order."""
+        ...
+
+
+class LeastRisk(msgspec.Struct, frozen=True, tag="least_risk", tag_field="kind", forbid_unknown_fields=True):
+    """The cutoff at which an unbiased estimate of the risk of the wanted derivative is least.
+
+    risk(K) = sum over w > K of w^2k (P - s2) + sum over w <= K of w^2k s2, with P the power of the record less the cubic
+    that suits K and s2 the noise floor; walked in bands, because the cubic changes with K.
+    """
+
+    def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:
+        """Return the cutoff in hertz; several records are pooled by frequency."""
+        spectra = [Spectrum.of(samples) for samples in channel]
+        floor = noise_level(spectra) ** 2
+        frequencies = [bin_frequencies(len(samples), period) for samples in channel]
+        lowest = 2.0 * min(f[1] for f in frequencies)
+        edges = np.geomspace(lowest, 0.475 / period, BANDS)
+
+        def gain(low: float, high: float, at: float) -> tuple[FloatArray, FloatArray]:
+            """Change of risk, bin by bin, of moving the cutoff from `low` to `high` with the cubic of `at`."""
+            where, change = [], []
+            for spectrum, f in zip(spectra, frequencies, strict=True):
+                first, last = np.searchsorted(f, [low, high], side="right")
+                power = spectrum.power(spectrum.cubic(int(np.searchsorted(f, at, side="right")) - 1), first, last)
+                where.append(f[first:last])
+                change.append((f[first:last] * period) ** (2 * order) * (2.0 * floor - power))
+            merged = np.concatenate(where)
+            sequence = np.argsort(merged, kind="stable")
+            return merged[sequence], np.concatenate(change)[sequence]
+
+        risk = np.concatenate(
+            [[0.0], np.cumsum([gain(a, b, a)[1].sum() for a, b in zip(edges[:-1], edges[1:], strict=True)])]
+        )
+        best = int(np.argmin(risk))
+        low, high = edges[max(best - 1, 0)], edges[min(best + 1, BANDS - 1)]
+        where, change = gain(low, high, low)
+        fine = np.concatenate([[0.0], np.cumsum(change)])
+        return float(np.concatenate([[low], where])[int(np.argmin(fine))])
+
+
+class NoiseCeiling(msgspec.Struct, frozen=True, tag="noise_ceiling", tag_field="kind", forbid_unknown_fields=True):
+    """The paper's cutoff (3.2): where the smoothed periodogram first falls below mean + z std of its upper half.
+
+    `offset` in hertz is subtracted by hand, to "over-filter" ahead of a differentiation.
+    """
+
+    z: float = 2.0
+    offset: float = 0.0
+    average: int = 5
+
+    def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:  # noqa: ARG002 (the paper's choice ignores the order)
+        """Return the cutoff in hertz; the periodograms of several records are averaged."""
+        length = min(min(len(samples) for samples in channel), 4096)
+        periodograms = [
+            scipy.signal.welch(samples, 1.0 / period, nperseg=length, detrend="linear") for samples in channel
+        ]
+        frequency = periodograms[0][0]
+        power = np.mean([p for _, p in periodograms], axis=0)
+        smooth = np.convolve(power, np.ones(self.average) / self.average, mode="same")
+        upper = power[len(power) // 2 :]
+        below = np.flatnonzero(smooth < upper.mean() + self.z * upper.std())
+        crossing = frequency[below[0]] if below.size else frequency[-1]
+        return float(max(crossing - self.offset, frequency[1]))
+
+
+class FixedCutoff(msgspec.Struct, frozen=True, tag="fixed", tag_field="kind", forbid_unknown_fields=True):
+    """A cutoff set by hand, in hertz."""
+
+    frequency: float
+
+    def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:  # noqa: ARG002
+        """Return the frequency, at most just below half the sampling rate."""
+        return min(self.frequency, 0.475 / period)
+
+
+AnyCutoff = LeastRisk | NoiseCeiling | FixedCutoff

@@ -1,0 +1,106 @@
+"""Differentiators: from the records of one channel to filtered values and derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import msgspec
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError
+from odescope.signals.cutoff import AnyCutoff, LeastRisk, noise_level
+from odescope.signals.spectral import Spectrum, bin_frequencies, differentiate
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """What a differentiator returns for one channel.
+
+    Shapes: values, one array (order + 1, N) a record; noise is a standard deviation in the channel's unit, cutoff is in
+    hertz, the frequency above which the values hold nothing.
+    """
+
+    values: tuple[FloatArray, ...]
+    noise: float
+    cutoff: float
+
+
+class Differentiator(Protocol):
+    """Filters and differentiates the records of one channel; one of one's own needs this method alone."""
+
+    def derivatives(self, channel: Sequence[FloatArray], period: float, order: int) -> Derivatives:
+        """Return values and derivatives up to `order` of uniformly sampled records."""
+        ...
+
+
+class Spectral(msgspec.Struct, frozen=True, tag="spectral", tag_field="kind", forbid_unknown_fields=True):
+    """The paper's spectral filter and differentiation, with the cutoff of least risk by default."""
+
+    cutoff: AnyCutoff = LeastRisk()
+
+    def derivatives(self, channel: Sequence[FloatArray], period: float, order: int) -> Derivatives:
+        """Return values and derivatives up to `order` from one transform a record."""
+        hertz = self.cutoff.hertz(channel, period, order)
+        values = []
+        for samples in channel:
+            last = int(np.searchsorted(bin_frequencies(len(samples), period), hertz * (1 + 1e-12), side="right")) - 1
+            values.append(differentiate(samples, period, max(last, 1), order))
+        return Derivatives(tuple(values), noise_level([Spectrum.of(s) for s in channel]), hertz)
+
+
+class SmoothingSpline(msgspec.Struct, frozen=True, tag="smoothing_spline", tag_field="kind", forbid_unknown_fields=True):
+    """SciPy's cubic smoothing spline; its smoothing is chosen by generalised cross-validation unless given.
+
+    Meant for order 1: the second derivative of a cubic spline is piecewise linear.
+    """
+
+    smoothing: float | None = None
+
+    def derivatives(self, channel: Sequence[FloatArray], period: float, order: int) -> Derivatives:
+        """Return values and derivatives of one spline a record."""
+        from scipy.interpolate import make_smoothing_spline
+
+        values = []
+        for samples in channel:
+            time = period * np.arange(len(samples))
+            spline = make_smoothing_spline(time, samples, lam=self.smoothing)
+            values.append(np.array([spline(time, nu=k) for k in range(order + 1)]))
+        return _measured(channel, values, period)
+
+
+class SavitzkyGolay(msgspec.Struct, frozen=True, tag="savitzky_golay", tag_field="kind", forbid_unknown_fields=True):
+    """SciPy's Savitzky-Golay filter: local polynomials of `degree` over `window` samples."""
+
+    window: int
+    degree: int = 4
+
+    def derivatives(self, channel: Sequence[FloatArray], period: float, order: int) -> Derivatives:
+        """Return values and derivatives of the local polynomials."""
+        from scipy.signal import savgol_filter
+
+        shortest = min(len(s) for s in channel)
+        if not order <= self.degree < self.window <= shortest:
+            raise InputError(
+                f"savitzky_golay needs order <= degree < window <= samples; these are {order}, {self.degree},"
+                f" {self.window} and {shortest}"
+            )
+        values = [
+            np.array([savgol_filter(s, self.window, self.degree, deriv=k, delta=period) for k in range(order + 1)])
+            for s in channel
+        ]
+        return _measured(channel, values, period)
+
+
+def _measured(channel: Sequence[FloatArray], values: list[FloatArray], period: float) -> Derivatives:
+    # These filters have no sharp cutoff: state the frequency below which 99.9 % of the highest derivative's power lies.
+    noise = float(np.sqrt(np.mean(np.concatenate([(s - v[0]) ** 2 for s, v in zip(channel, values, strict=True)]))))
+    longest = max(values, key=lambda v: v.shape[1])[-1]
+    power = np.cumsum(np.abs(np.fft.rfft((longest - longest.mean()) * np.hanning(len(longest)))) ** 2)
+    edge = np.searchsorted(power, 0.999 * power[-1])
+    return Derivatives(tuple(values), noise, float(np.fft.rfftfreq(len(longest), period)[min(edge, len(power) - 1)]))
+
+
+AnyDifferentiator = Spectral | SmoothingSpline | SavitzkyGolay

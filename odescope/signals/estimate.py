@@ -1,0 +1,143 @@
+"""From records to signals: every state, target and input on one grid, at the rate the signals need."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError, NoModelError
+from odescope.records import Coordinate, Input, Records
+from odescope.signals.differentiators import Differentiator
+from odescope.signals.spectral import differentiate
+
+OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
+LEAST_BINS = 3  # a channel whose cutoff leaves fewer cosines than this over its longest record holds no signal
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What was found in one coordinate: noise (standard deviation, its unit), cutoff (hertz)."""
+
+    name: str
+    noise: float
+    cutoff: float
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Filtered coordinates with derivatives up to the targets, and inputs, without the margins at the ends.
+
+    Shapes: one array (names, N_r) a record in `columns`; start holds the time of each first sample, in seconds.
+    """
+
+    names: tuple[str, ...]
+    columns: tuple[FloatArray, ...]
+    start: tuple[float, ...]
+    period: float
+    channels: tuple[Channel, ...]
+    coordinates: tuple[Coordinate, ...]
+    inputs: tuple[Input, ...]
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states: every coordinate, then the first derivatives, and so on."""
+        return state_names(self.coordinates)
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Names of the targets, one a coordinate."""
+        return tuple(c.target for c in self.coordinates)
+
+    @property
+    def samples(self) -> int:
+        """Samples in all records together."""
+        return sum(c.shape[1] for c in self.columns)
+
+    def row(self, name: str) -> int:
+        """Return the row of a name in every array."""
+        return self.names.index(name)
+
+    def joined(self) -> FloatArray:
+        """Return all records end to end, (names, N)."""
+        return np.concatenate(self.columns, axis=1)
+
+
+def state_names(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """Return the states of these coordinates: values first, then first derivatives, and so on."""
+    highest = max(c.order for c in coordinates)
+    return tuple(c.derivative(k) for k in range(highest) for c in coordinates if c.order > k)
+
+
+def estimate_signals(
+    records: Records,
+    coordinates: Sequence[Coordinate],
+    inputs: Sequence[Input],
+    differentiator: Differentiator,
+    margin: float = 0.5,
+    thin: bool = True,
+) -> Signals:
+    """Return the signals of uniformly sampled records.
+
+    Args:
+        records: runs that hold a column for every coordinate and input, all at one sampling period.
+        coordinates: what was measured.
+        inputs: what drove it.
+        differentiator: see `Differentiator`.
+        margin: what is dropped at each end, in periods of the lowest cutoff, but never more than a twentieth of a record.
+        thin: keep eight samples a period of the highest cutoff; the filtered signals hold no more.
+
+    Raises:
+        InputError: the sampling periods differ.
+        NoModelError: a coordinate holds nothing above its noise.
+    """
+    period = _common_period(records)
+    found = {}
+    for c in coordinates:
+        channel = [run.column(c.name) for run in records]
+        found[c.name] = differentiator.derivatives(channel, period, c.order)
+        _check_signal(c, found[c.name].cutoff, max(len(s) for s in channel) * period)
+    lowest = min(d.cutoff for d in found.values())
+    highest = max(d.cutoff for d in found.values())
+    stride = max(1, int(1.0 / (period * OVERSAMPLING * highest))) if thin else 1
+    names = (*state_names(coordinates), *(c.target for c in coordinates), *(i.name for i in inputs))
+    columns, start = [], []
+    for r, run in enumerate(records):
+        drop = min(round(margin / (lowest * period)), len(run) // 20)
+        kept = slice(drop, len(run) - drop, stride)
+        rows = {c.derivative(k): found[c.name].values[r][k] for c in coordinates for k in range(c.order + 1)}
+        rows |= {i.name: _held_back(run.column(i.name), stride) for i in inputs}
+        columns.append(np.ascontiguousarray([rows[name][kept] for name in names]))
+        start.append(float(run.t[drop]))
+    channels = tuple(Channel(c.name, found[c.name].noise, found[c.name].cutoff) for c in coordinates)
+    return Signals(
+        names, tuple(columns), tuple(start), period * stride, channels, tuple(coordinates), tuple(inputs)
+    )
+
+
+def _held_back(samples: FloatArray, stride: int) -> FloatArray:
+    # An input is not band-limited; what lies above half the thinned rate would fold down onto the signals.
+    if stride == 1:
+        return samples
+    return differentiate(samples, 1.0, max(int(0.9 * len(samples) / stride), 1), 0)[0]
+
+
+def _common_period(records: Records) -> float:
+    periods = [run.sample_period for run in records]
+    if max(periods) - min(periods) > 1e-4 * min(periods):
+        raise InputError(
+            f"the recordings are sampled at different periods, {min(periods):g} s to {max(periods):g} s:"
+            " resample them to one period, or study them apart"
+        )
+    return float(np.median(periods))
+
+
+def _check_signal(coordinate: Coordinate, cutoff: float, duration: float) -> None:
+    if 2.0 * duration * cutoff < LEAST_BINS:
+        raise NoModelError(
+            "signals",
+            f"{coordinate.name} holds nothing above its noise whose derivative of order {coordinate.order} could be"
+            " estimated. Record longer, excite it more, or measure it better",
+        )
