@@ -1,0 +1,96 @@
+"""Relation and Model: as many relations, linear in the targets, as there are targets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from odescope.errors import InputError
+from odescope.library.expression import Combination, Term
+from odescope.library.tape import Tape, write_tape
+from odescope.records import Coordinate, Input
+from odescope.signals.estimate import state_names
+
+
+@dataclass(frozen=True)
+class RelationTerm:
+    """coefficient * factor * term; factor is a target or None, which means 1."""
+
+    factor: str | None
+    term: Term
+    coefficient: float
+    std_error: float | None = None
+
+    @property
+    def text(self) -> str:
+        """The product of factor and term in Python syntax."""
+        if self.factor is None:
+            return self.term.text
+        return self.factor if not self.term.factors else f"{self.factor}*{self.term.text}"
+
+
+@dataclass(frozen=True)
+class Relation:
+    """The sum of its terms is zero; one target term has coefficient 1."""
+
+    terms: tuple[RelationTerm, ...]
+
+    def part(self, factor: str | None) -> Combination:
+        """Return what multiplies `factor`."""
+        return Combination.of((t.coefficient, t.term) for t in self.terms if t.factor == factor)
+
+
+Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A(x, u) y' = b(x, u), with y' the targets.
+
+    `domain` is the range of each state and input in the data the model comes from; `scores` and `provenance` are plain
+    data for people and reports.
+    """
+
+    coordinates: tuple[Coordinate, ...]
+    inputs: tuple[Input, ...]
+    relations: tuple[Relation, ...]
+    scores: Mapping[str, Json] = field(default_factory=dict)
+    domain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    provenance: Mapping[str, Json] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.relations) != len(self.targets):
+            raise InputError(f"a model of {len(self.targets)} targets needs as many relations; {len(self.relations)} came")
+        known = set(self.states) | {i.name for i in self.inputs}
+        for relation in self.relations:
+            for t in relation.terms:
+                if t.factor is not None and t.factor not in self.targets:
+                    raise InputError(f"the factor {t.factor!r} is no target; the targets are {', '.join(self.targets)}")
+                unknown = t.term.names - known
+                if unknown:
+                    raise InputError(f"the term {t.term} names {min(unknown)!r}, which is neither state nor input")
+            if all(t.factor is None for t in relation.terms):
+                raise InputError("a relation of the model holds no target")
+
+    @cached_property
+    def states(self) -> tuple[str, ...]:
+        """Every coordinate, then the first derivatives, and so on."""
+        return state_names(self.coordinates)
+
+    @cached_property
+    def targets(self) -> tuple[str, ...]:
+        """The highest derivative of each coordinate."""
+        return tuple(c.target for c in self.coordinates)
+
+    @cached_property
+    def variables(self) -> tuple[str, ...]:
+        """States, then inputs: the rows that the tape reads."""
+        return (*self.states, *(i.name for i in self.inputs))
+
+    @cached_property
+    def tape(self) -> Tape:
+        """Tape of A, row by row, then b: (T * T + T) outputs."""
+        matrix = [r.part(target) for r in self.relations for target in self.targets]
+        right = [Combination.of((-c, t) for c, t in r.part(None).parts) for r in self.relations]
+        return write_tape(self.variables, [*matrix, *right])
