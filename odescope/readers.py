@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import csv
-import gzip
-import io
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import Any
 
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError, nearest
-from odescope.records import LARGEST_JITTER, Gaps, RawRun, Record, Records, split_gaps, uniform, unwrap
+from odescope.records import Record, Records
+from odescope.sampling import LARGEST_JITTER, Gaps, RawRun, split_gaps, uniform, unwrap
+from odescope.textfile import NUMBER, read_columns, read_header, refuse_blank_lines
 
 TEXT = (".csv", ".txt", ".tsv", ".csv.gz", ".txt.gz", ".tsv.gz")
 PARQUET = (".parquet", ".pq")
 MATLAB = (".mat",)
-MISSING = ("", " ", "NA", "N/A", "NaN", "nan", "NAN", "null", "NULL")
-HEAD_BYTES = 1 << 20
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE | re.ASCII)
-RAGGED = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +79,7 @@ class Layout:
 def read_records(files: Sequence[Path], layout: Layout) -> Records:
     """Read one recording a file, or several by the layout's `recording` column, ready for use.
 
-    Each is split or refused at gaps, its angles are unwrapped, its sampling made uniform (see records).
+    Each is split or refused at gaps, its angles are unwrapped, its time made uniform (see sampling).
 
     Raises:
         InputError: a file that is missing, unreadable, of another kind, or whose columns do not serve.
@@ -120,9 +115,10 @@ def _runs(columns: dict[str, Any], layout: Layout, source: str) -> Iterator[Reco
     if not len(values):
         raise InputError(f"{source} holds column names but no rows of data")
     units = dict(layout.units)
+    counted = np.arange(len(values), dtype=np.float64) * (layout.sample_period or 0.0)
     for label, rows in _recordings(columns, layout, len(values), source):
         raw = RawRun(
-            t=numbers[layout.time][rows] if layout.time is not None else _counted_time(len(rows), layout),
+            t=counted[: len(rows)] if layout.time is None else numbers[layout.time][rows],
             values=values[rows],
             names=layout.names,
             units=tuple(units.get(name) for name in layout.names),
@@ -132,10 +128,6 @@ def _runs(columns: dict[str, Any], layout: Layout, source: str) -> Iterator[Reco
         )
         for piece in split_gaps(raw, layout.gaps):
             yield uniform(unwrap(piece, layout.angles), layout.jitter, layout.held)
-
-
-def _counted_time(samples: int, layout: Layout) -> FloatArray:
-    return np.arange(samples, dtype=np.float64) * (layout.sample_period or 0.0)
 
 
 def _recordings(columns: dict[str, Any], layout: Layout, rows: int, source: str) -> list[tuple[str, IntArray]]:
@@ -166,22 +158,19 @@ def _numbers(column: Any, label: str, source: str) -> FloatArray:
         raise InputError(f"column {label!r} in {source} does not fit 64-bit floats: {_first_line(error)}") from error
 
 
-def _locate(label: str, available: Sequence[str], source: str) -> int:
-    """Return the position of a column, or say which there are."""
-    count = list(available).count(label)
-    if count > 1:
-        raise InputError(f"{source} has {count} columns named {label!r}; rename all but one")
-    if not count:
-        hint = nearest(label, available)
-        listed = f" Its columns are: {_listed(available)}" if hint.startswith("did you mean") else ""
-        bare = available and all(NUMBER.fullmatch(name) for name in available)
-        header = "; its first line holds numbers, where column names are expected" if bare else ""
-        raise InputError(f"no column {label!r} in {source}{header}; {hint}{listed}")
-    return list(available).index(label)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:12]) + ", ..." * (len(names) > 12)
+def _check_columns(labels: Sequence[str], available: Sequence[str], source: str) -> None:
+    """Refuse labels that are not the name of exactly one column, and say which columns there are."""
+    for label in labels:
+        count = available.count(label)
+        if count > 1:
+            raise InputError(f"{source} has {count} columns named {label!r}; rename all but one")
+        if not count:
+            hint = nearest(label, available)
+            columns = ", ".join(available[:12]) + ", ..." * (len(available) > 12)
+            listed = f" Its columns are: {columns}" if hint.startswith("did you mean") else ""
+            bare = available and all(NUMBER.fullmatch(name) for name in available)
+            header = "; its first line holds numbers, where column names are expected" if bare else ""
+            raise InputError(f"no column {label!r} in {source}{header}; {hint}{listed}")
 
 
 def _first_line(error: BaseException) -> str:
@@ -190,9 +179,23 @@ def _first_line(error: BaseException) -> str:
 
 def _read_file(path: Path, layout: Layout) -> dict[str, Any]:
     """Return the used columns of a file as Arrow columns by their names in the file."""
+    columns: dict[str, Any] = _opened(path, _READERS)(path, layout)
+    return columns
+
+
+def column_names(path: Path) -> tuple[str, ...]:
+    """Return the names of the columns of a data file.
+
+    Raises:
+        InputError: the file is missing, empty, of no known kind or damaged.
+    """
+    return tuple(_opened(path, _NAMES)(path))
+
+
+def _opened(path: Path, readers: Mapping[tuple[str, ...], Callable[..., Any]]) -> Callable[..., Any]:
+    """Return the reader of a file's kind, its errors worded for the user."""
     import pyarrow as pa
 
-    readers = {TEXT: _read_text, PARQUET: _read_parquet, MATLAB: _read_matlab}
     read = next((reader for endings, reader in readers.items() if path.name.lower().endswith(endings)), None)
     if path.is_dir():
         raise InputError(f"{path} is a directory, expected a data file")
@@ -202,28 +205,30 @@ def _read_file(path: Path, layout: Layout) -> dict[str, Any]:
         raise InputError(f"{path.name} is of no known kind; expected one of {', '.join((*TEXT, *PARQUET, *MATLAB))}")
     if not path.stat().st_size:
         raise InputError(f"{path.name} is empty")
-    try:
-        return read(path, layout)
-    except (pa.ArrowException, OSError, EOFError, csv.Error) as error:
-        raise InputError(f"{path.name} cannot be read: {_first_line(error)}") from error
+
+    def worded(*arguments: Any) -> Any:
+        try:
+            return read(*arguments)
+        except (pa.ArrowException, OSError, EOFError, csv.Error) as error:
+            raise InputError(f"{path.name} cannot be read: {_first_line(error)}") from error
+
+    return worded
+
+
+def _read_text(path: Path, layout: Layout) -> dict[str, Any]:
+    file = read_header(path)
+    _check_columns(layout.used, file.names, path.name)
+    if layout.time is None:
+        refuse_blank_lines(file)
+    return read_columns(file, layout.used, layout.numeric)
 
 
 def _read_parquet(path: Path, layout: Layout) -> dict[str, Any]:
     from pyarrow import parquet
 
     with parquet.ParquetFile(path) as file:
-        available = file.schema_arrow.names
-        for label in layout.used:
-            _locate(label, available, path.name)
-        table = file.read(columns=list(layout.used))
-    return {label: _decoded(table.column(label)) for label in layout.used}
-
-
-def _decoded(column: Any) -> Any:
-    """Replace the codes of a categorical column by what they stand for."""
-    import pyarrow as pa
-
-    return column.cast(column.type.value_type) if pa.types.is_dictionary(column.type) else column
+        _check_columns(layout.used, file.schema_arrow.names, path.name)
+        return _from_table(file.read(columns=list(layout.used)), layout)
 
 
 def _from_memory(data: object, layout: Layout, source: str) -> dict[str, Any]:
@@ -235,15 +240,27 @@ def _from_memory(data: object, layout: Layout, source: str) -> dict[str, Any]:
             table = pa.table(data)
         except (pa.ArrowException, ValueError, TypeError) as error:
             raise InputError(f"{source} cannot be read as a table: {_first_line(error)}") from error
-        return {label: _decoded(table.column(_locate(label, table.column_names, source))) for label in layout.used}
+        _check_columns(layout.used, table.column_names, source)
+        return _from_table(table, layout)
     if isinstance(data, Mapping):
-        for label in layout.used:
-            _locate(label, [str(name) for name in data], source)
-        return _from_arrays({label: data[label] for label in layout.used}, source)
+        named = {str(name): column for name, column in data.items()}
+        _check_columns(layout.used, list(named), source)
+        return _from_arrays({label: named[label] for label in layout.used}, source)
     raise InputError(
         f"{source} is a {type(data).__name__}; expected a dataframe with the Arrow interface (pandas, polars, pyarrow)"
         ", a mapping of name to array, or a list of these; files go to read_records"
     )
+
+
+def _from_table(table: Any, layout: Layout) -> dict[str, Any]:
+    """Return the used columns of an Arrow table, the codes of categories replaced by what they stand for."""
+    import pyarrow as pa
+
+    columns = {label: table.column(label) for label in layout.used}
+    return {
+        label: column.cast(column.type.value_type) if pa.types.is_dictionary(column.type) else column
+        for label, column in columns.items()
+    }
 
 
 def _from_arrays(arrays: Mapping[str, object], source: str) -> dict[str, Any]:
@@ -292,10 +309,10 @@ def _read_matlab(path: Path, layout: Layout) -> dict[str, Any]:
 
 def _check_variables(kinds: Mapping[str, tuple[tuple[int, ...], str]], layout: Layout, source: str) -> None:
     """Refuse variables that are no columns; where one is lacking, say which variables may be hiding it."""
+    hiding = [name for name, (shape, kind) in kinds.items() if not _is_column(shape, kind)]
     for label in layout.used:
-        hiding = [name for name, (shape, kind) in kinds.items() if not _is_column(shape, kind)]
-        if label in hiding or (label not in kinds and hiding):
-            name = label if label in hiding else hiding[0]
+        if label in hiding or (hiding and label not in kinds):
+            name = label if label in kinds else hiding[0]
             shape, kind = kinds[name]
             size = "x".join(map(str, shape))
             lacking = f"no variable {label!r} in {source}; " if label not in kinds else f"in {source}, "
@@ -303,7 +320,7 @@ def _check_variables(kinds: Mapping[str, tuple[tuple[int, ...], str]], layout: L
                 f"{lacking}{name!r} is a {size} {kind}: save each column as a variable of its own (for a struct, "
                 "save(file, '-struct', name) does it)"
             )
-        _locate(label, list(kinds), source)
+    _check_columns(layout.used, list(kinds), source)
 
 
 def _is_column(shape: tuple[int, ...], kind: str) -> bool:
@@ -312,163 +329,19 @@ def _is_column(shape: tuple[int, ...], kind: str) -> bool:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Head:
-    """What the header line of a text file says: separator, column names, and how many lines to skip."""
+def _parquet_names(path: Path) -> list[str]:
+    from pyarrow import parquet
 
-    separator: str
-    names: tuple[str, ...]
-    lines: int
-
-    @property
-    def decimals(self) -> tuple[str, ...]:
-        """The decimal marks that may come with this separator, likeliest first."""
-        return (",", ".") if self.separator == ";" else (".",)
+    with parquet.ParquetFile(path) as file:
+        names: list[str] = file.schema_arrow.names
+        return names
 
 
-def _read_text(path: Path, layout: Layout) -> dict[str, Any]:
-    """Convert the used columns while parsing; only where that fails look at the cells one by one."""
-    import pyarrow as pa
+def _matlab_names(path: Path) -> list[str]:
+    from scipy.io import whosmat
 
-    head = _head(path)
-    for label in layout.used:
-        _locate(label, head.names, path.name)
-    if layout.time is None:
-        _refuse_blank_lines(path)
-    types = {label: pa.float64() if label in layout.numeric else pa.string() for label in layout.used}
-    for decimal in head.decimals:
-        try:
-            return _parse(path, head, types, decimal)
-        except pa.ArrowInvalid:
-            continue  # what follows finds the cells at fault, or reads those that only Arrow refuses ("+1")
-    cells = _parse(path, head, dict.fromkeys(types, pa.binary()), ".", threads=False)
-    texts = {label: [_decoded_text(cell) for cell in cells[label].to_pylist()] for label in layout.used}
-    numeric = {label: texts[label] for label in layout.numeric}
-    decimal = min(head.decimals, key=lambda mark: sum(len(_bad(text, mark)) for text in numeric.values()))
-    columns: dict[str, object] = {label: np.array(text) for label, text in texts.items()}
-    for label, text in numeric.items():
-        if bad := _bad(text, decimal):
-            _refuse_cells(path, head, label, text, bad)
-        plain = (cell.strip().replace(decimal, ".") for cell in text)
-        columns[label] = np.array([np.nan if cell in MISSING else float(cell) for cell in plain])
-    return _from_arrays(columns, path.name)
+    return [name for name, _, _ in whosmat(path)]
 
 
-def _parse(path: Path, head: _Head, types: Mapping[str, Any], decimal: str, threads: bool = True) -> dict[str, Any]:
-    """Parse the columns named in `types`; positions stand for names, which may repeat among the unused columns."""
-    import pyarrow as pa
-    from pyarrow import csv as arrow_csv
-
-    positions = {label: str(head.names.index(label)) for label in types}
-    try:
-        table = arrow_csv.read_csv(
-            pa.input_stream(str(path), compression="gzip" if _zipped(path) else None),
-            arrow_csv.ReadOptions(
-                column_names=[str(k) for k in range(len(head.names))], skip_rows=head.lines, use_threads=threads
-            ),
-            arrow_csv.ParseOptions(delimiter=head.separator),
-            arrow_csv.ConvertOptions(
-                include_columns=list(positions.values()),
-                column_types={positions[label]: kind for label, kind in types.items()},
-                null_values=list(MISSING),
-                decimal_point=decimal,
-            ),
-        )
-    except pa.ArrowInvalid as error:
-        ragged = RAGGED.search(str(error))  # the row handler of pyarrow fails on rows that are not UTF-8
-        if ragged is None:  # rows are counted only where one thread reads
-            raise
-        row, expected, got = map(int, ragged.groups())
-        line = _file_lines(path, head, [row - head.lines - 1])[0]
-        raise InputError(
-            f"line {line} of {path.name} has {got} cell{'s' * (got != 1)} where the header has {expected}"
-        ) from error
-    return {label: table.column(position) for label, position in positions.items()}
-
-
-def _decoded_text(cell: bytes) -> str:
-    return cell.decode("utf-8", errors="replace")
-
-
-def _bad(cells: Sequence[str], decimal: str) -> list[int]:
-    """Return the rows whose cell is neither missing nor a plain number with this decimal mark."""
-    other = "," if decimal == "." else "."
-    return [
-        row
-        for row, cell in enumerate(cells)
-        if cell.strip() not in MISSING and (other in cell or not NUMBER.fullmatch(cell.strip().replace(decimal, ".")))
-    ]
-
-
-def _refuse_cells(path: Path, head: _Head, label: str, cells: Sequence[str], bad: Sequence[int]) -> None:
-    lines = _file_lines(path, head, bad[:3])
-    shown = ", ".join(f"line {line}: {cells[row][:40]!r}" for line, row in zip(lines, bad, strict=False))
-    more = f" and {len(bad) - 3} more" if len(bad) > 3 else ""
-    second = bad[0] == 0 and len(bad) == 1
-    hint = "delete that line if it holds units or a comment" if second else "empty cells and NaN count as missing"
-    raise InputError(f"column {label!r} in {path.name} has cells that are not numbers ({shown}{more}); {hint}")
-
-
-def _zipped(path: Path) -> bool:
-    return path.name.lower().endswith(".gz")
-
-
-def _open(path: Path) -> IO[bytes]:
-    return cast(IO[bytes], gzip.open(path)) if _zipped(path) else path.open("rb")
-
-
-def _lines(path: Path) -> IO[str]:
-    """Open for counting lines: Latin-1 decodes any byte, and all three line endings come as one."""
-    return io.TextIOWrapper(_open(path), encoding="latin-1")
-
-
-def _file_lines(path: Path, head: _Head, rows: Sequence[int]) -> list[int]:
-    """Return the line numbers in the file of some data rows, both in increasing order; Arrow skips blank lines."""
-    wanted, found, row = set(rows), [], -1
-    with _lines(path) as stream:
-        for number, line in enumerate(stream, start=1):
-            if number > head.lines and line != "\n":
-                row += 1
-                if row in wanted:
-                    found.append(number)
-                if len(found) == len(wanted):
-                    break
-    return found
-
-
-def _refuse_blank_lines(path: Path) -> None:
-    """Without a time column a blank line is a lost sample that nothing else would show."""
-    blank = 0
-    with _lines(path) as stream:
-        for number, line in enumerate(stream, start=1):
-            if line == "\n":
-                blank = blank or number
-            elif blank > 1:
-                raise InputError(
-                    f"line {blank} of {path.name} is blank: with sample_period in place of a time column that would "
-                    "shift every later sample; delete it, or put NaN there if a sample is missing"
-                )
-
-
-def _head(path: Path) -> _Head:
-    """Read the header line, skipping blank lines before it."""
-    with _open(path) as stream:
-        start = stream.read(HEAD_BYTES)
-    lines = start.splitlines()
-    filled = [k for k, line in enumerate(lines) if line.strip(b"\xef\xbb\xbf \t")]
-    if not filled:
-        raise InputError(f"{path.name} is empty")
-    try:
-        text = lines[filled[0]].decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path.name} is not in UTF-8 (its header line cannot be decoded); save it as UTF-8"
-        ) from error
-    if "\0" in text:
-        raise InputError(f"{path.name} is not a text file in UTF-8; save it as UTF-8")
-    if len(filled) == 1 and len(start) < HEAD_BYTES:
-        raise InputError(f"{path.name} holds column names but no rows of data")
-    bare = re.sub(r'"[^"]*"', "", text)  # a separator within quotes belongs to a name
-    separator = max("\t;,", key=bare.count)
-    names = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
-    return _Head(separator, tuple(name.strip() for name in names), filled[0] + 1)
+_READERS = {TEXT: _read_text, PARQUET: _read_parquet, MATLAB: _read_matlab}
+_NAMES = {TEXT: lambda path: read_header(path).names, PARQUET: _parquet_names, MATLAB: _matlab_names}

@@ -7,7 +7,7 @@ terms (`sin(phi1 - phi2)`), or such a combination itself (`(x - 3.0)**1`).
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -90,23 +90,6 @@ class Term:
             parts += [(power * c, rest * inner) for c, inner in _atom_gradient(atom, name).parts]
         return Combination.of(parts)
 
-    def substitute(self, values: Mapping[str, Combination]) -> Combination:
-        """Return this product with names replaced; a factor replaced by a sum becomes an atom of its own."""
-        coefficient, factors = 1.0, []
-        for atom, power in self.factors:
-            new = values.get(atom.name) if isinstance(atom, Name) else None
-            if isinstance(atom, Call):
-                inner = Combination.of([(c * k, t) for c, p in atom.argument.parts for k, t in p.substitute(values).parts])
-                new = Combination(((1.0, Term(((Call(atom.function, inner), 1),))),))
-            if new is None:
-                factors.append((atom, power))
-            elif len(new.parts) == 1:
-                coefficient *= new.parts[0][0] ** power
-                factors += [(a, p * power) for a, p in new.parts[0][1].factors]
-            else:
-                factors.append((Call("", new), power))
-        return Combination.of([(coefficient, Term.of(factors))])
-
 
 @dataclass(frozen=True)
 class Combination:
@@ -176,8 +159,42 @@ def _of_argument(function: str, argument: Combination, power: int) -> tuple[tupl
 ONE = Term()
 
 _GREEK = frozenset(
-    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi psi omega"
-    " Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega".split()
+    [
+        "alpha",
+        "beta",
+        "gamma",
+        "delta",
+        "epsilon",
+        "zeta",
+        "eta",
+        "theta",
+        "iota",
+        "kappa",
+        "lambda",
+        "mu",
+        "nu",
+        "xi",
+        "pi",
+        "rho",
+        "sigma",
+        "tau",
+        "upsilon",
+        "phi",
+        "chi",
+        "psi",
+        "omega",
+        "Gamma",
+        "Delta",
+        "Theta",
+        "Lambda",
+        "Xi",
+        "Pi",
+        "Sigma",
+        "Upsilon",
+        "Phi",
+        "Psi",
+        "Omega",
+    ]
 )
 _DERIVED = re.compile(r"^(?P<base>.+)_(?P<order>d+)ot$")
 

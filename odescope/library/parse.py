@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from odescope.errors import InputError, nearest
-from odescope.library.expression import Call, Combination, Name, Power, Term
+from odescope.library.expression import Atom, Call, Combination, Name, Power, Term
 from odescope.library.functions import FUNCTIONS
 
 MAXIMUM_LENGTH = 1000
@@ -47,21 +47,16 @@ def parse_term(text: str, scope: Scope) -> Term:
     Raises:
         InputError: the text is too long or too deep, is no such product, or names something unknown.
     """
-    combination = _Walk(text, scope).whole()
+    combination = _Walk(text, scope, {}).whole()
     if len(combination.parts) != 1 or combination.parts[0][0] != 1.0:
         raise _refused(
             text, "a term is one product of known functions, without sums or numbers, such as phi_dot**2*sin(phi)"
         )
-    return combination.parts[0][1]
-
-
-def parse_combination(text: str, scope: Scope) -> Combination:
-    """Return the linear combination of terms that `text` spells (the body of a definition).
-
-    Raises:
-        InputError: as `parse_term`.
-    """
-    return _Walk(text, scope).whole()
+    term = combination.parts[0][1]
+    if term.text != text:
+        # What a model file will hold must read back: powers add up and chains grow on the way to canonical order.
+        _Walk(term.text, Scope(scope.names, {}), {}).whole()
+    return term
 
 
 def _refused(text: str, why: str) -> InputError:
@@ -70,10 +65,10 @@ def _refused(text: str, why: str) -> InputError:
 
 
 class _Walk:
-    """One walk over one text."""
+    """One walk over one text; `values` are the arguments that stand for names in the body of a definition."""
 
-    def __init__(self, text: str, scope: Scope) -> None:
-        self.text, self.scope = text, scope
+    def __init__(self, text: str, scope: Scope, values: Mapping[str, Combination]) -> None:
+        self.text, self.scope, self.values = text, scope, values
 
     def fail(self, why: str) -> InputError:
         return _refused(self.text, why)
@@ -81,6 +76,9 @@ class _Walk:
     def whole(self) -> Combination:
         if len(self.text) > MAXIMUM_LENGTH:
             raise self.fail(f"it has {len(self.text)} characters, more than the {MAXIMUM_LENGTH} allowed")
+        if not self.text.isascii():
+            # Python reads other letters as their plain look-alikes, so that two texts would name one thing.
+            raise self.fail("it has a character that is not ASCII")
         try:
             tree = ast.parse(self.text.strip(), mode="eval")
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -90,13 +88,20 @@ class _Walk:
     def node(self, node: ast.AST, depth: int) -> Combination:
         if depth > MAXIMUM_DEPTH:
             raise self.fail(f"it is nested deeper than {MAXIMUM_DEPTH}")
+        combination = self.combination(node, depth)
+        # A product with a sum and a definition repeat what they are given: nested, they would grow without bound.
+        if len(combination.text) > MAXIMUM_LENGTH:
+            raise self.fail(f"written out, it has more than the {MAXIMUM_LENGTH} characters allowed")
+        return combination
+
+    def combination(self, node: ast.AST, depth: int) -> Combination:
         match node:
             case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
                 return Combination.of([(self.number(value), Term())])
             case ast.Name(id=name):
                 if name not in self.scope.names:
                     raise self.fail(f"no state or input is called {name!r}; {nearest(name, sorted(self.scope.names))}")
-                return Combination(((1.0, Term(((Name(name), 1),))),))
+                return self.values.get(name, _lone(Name(name)))
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return Combination.of([(-c, t) for c, t in self.node(operand, depth + 1).parts])
             case ast.BinOp(op=ast.Add() | ast.Sub() as op, left=left, right=right):
@@ -125,8 +130,8 @@ class _Walk:
     def product(self, first: Combination, second: Combination) -> Combination:
         for one, other in ((first, second), (second, first)):
             if len(one.parts) == 1:
-                (c, t), = one.parts
-                return Combination.of([(c * k, t * u) for k, u in other.parts])
+                ((c, t),) = one.parts
+                return Combination.of([(self.number(c * k), t * u) for k, u in other.parts])
         if not first.parts or not second.parts:
             raise self.fail("it has a factor that is zero")
         raise self.fail("a product of sums is no product of known functions; write its terms one by one")
@@ -146,11 +151,14 @@ class _Walk:
         if not base.parts:
             raise self.fail("it has a power of zero")
         if len(base.parts) > 1:
-            return Combination(((1.0, Term(((Call("", base), power),))),))
-        (c, t), = base.parts
+            return _lone(Call("", base), power)
+        ((c, t),) = base.parts
         if c != 1.0 and (c <= 0 or abs(power * math.log(c)) > 200):
             if c > 0 or not isinstance(power, int) or abs(power * math.log(-c)) > 200:
                 raise self.fail("a number in it is raised too high, or is negative under a fractional power")
+        whole = [p for _, p in t.factors if isinstance(p, int)]
+        if not isinstance(power, int) and (any(p % 2 == 0 for p in whole) or len(whole) > 1):
+            raise self.fail("a fractional power of a product loses signs, as (x**2)**0.5 is abs(x); write abs or sqrt")
         factors = [(atom, p * power) for atom, p in t.factors]
         if any(abs(p) > MAXIMUM_POWER for _, p in factors):
             raise self.fail(f"an exponent in it exceeds {MAXIMUM_POWER}")
@@ -169,13 +177,19 @@ class _Walk:
         if not argument.names:
             raise self.fail(f"the argument of {name} is a constant")
         if name == "identity":
-            return argument if len(argument.parts) == 1 else Combination(((1.0, Term(((Call("", argument), 1),))),))
-        return Combination(((1.0, Term(((Call(name, argument), 1),))),))
+            return argument if len(argument.parts) == 1 else _lone(Call("", argument))
+        return _lone(Call(name, argument))
 
     def expand(self, definition: Definition, arguments: list[Combination]) -> Combination:
         if len(arguments) != len(definition.parameters):
             raise self.fail(f"{definition.name} takes {len(definition.parameters)} arguments, {len(arguments)} came")
-        body = parse_combination(definition.body, Scope(frozenset(definition.parameters), {}))
-        values = dict(zip(definition.parameters, arguments, strict=True))
-        full = Combination.of([(c * k, t) for c, term in body.parts for k, t in term.substitute(values).parts])
-        return full if len(full.parts) == 1 else Combination(((1.0, Term(((Call("", full), 1),))),))
+        if not all(a.parts for a in arguments):
+            raise self.fail(f"an argument of {definition.name} is zero")
+        atoms = [a if len(a.parts) == 1 else _lone(Call("", a)) for a in arguments]
+        values = dict(zip(definition.parameters, atoms, strict=True))
+        full = _Walk(definition.body, Scope(frozenset(definition.parameters), {}), values).whole()
+        return full if len(full.parts) == 1 else _lone(Call("", full))
+
+
+def _lone(atom: Atom, power: Power = 1) -> Combination:
+    return Combination(((1.0, Term(((atom, power),))),))

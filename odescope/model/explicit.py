@@ -18,6 +18,7 @@ from odescope.library.expression import ONE, Combination, latex_combination, lat
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.model import Model
 
+ROUNDING = 1e-14  # of the products that a coefficient is the sum of
 LARGEST_BLOCK = 5  # targets in one coupled block; its determinant has n! products
 
 
@@ -71,7 +72,9 @@ def explicit(model: Model) -> tuple[Quotient, ...]:
     return tuple(found[t] for t in model.targets)
 
 
-def denominator_ranges(model: Model, columns: FloatArray, rng: np.random.Generator) -> dict[str, dict[str, list[float]]]:
+def denominator_ranges(
+    model: Model, columns: FloatArray, rng: np.random.Generator
+) -> dict[str, dict[str, list[float]]]:
     """Return the range of each target's denominator over the data and over the box of the data.
 
     Args:
@@ -117,7 +120,9 @@ def _determinant(matrix: Sequence[Sequence[Combination]]) -> Combination:
         inversions = sum(a > b for k, a in enumerate(order) for b in order[k + 1 :])
         product = reduce(_product, (matrix[r][c] for r, c in enumerate(order)))
         parts += [(-c if inversions % 2 else c, t) for c, t in product.parts]
-    return Combination.of(parts)
+    sizes = {t: c for c, t in Combination.of((abs(c), t) for c, t in parts).parts}
+    # Products that cancel leave their rounding behind, which is no term and would hide a singular block.
+    return Combination(tuple((c, t) for c, t in Combination.of(parts).parts if abs(c) > ROUNDING * sizes[t]))
 
 
 def _product(first: Combination, second: Combination) -> Combination:

@@ -61,7 +61,9 @@ class Model:
 
     def __post_init__(self) -> None:
         if len(self.relations) != len(self.targets):
-            raise InputError(f"a model of {len(self.targets)} targets needs as many relations; {len(self.relations)} came")
+            raise InputError(
+                f"a model of {len(self.targets)} targets needs as many relations; {len(self.relations)} came"
+            )
         known = set(self.states) | {i.name for i in self.inputs}
         for relation in self.relations:
             for t in relation.terms:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
 from odescope.model.model import Model
 
@@ -66,7 +66,7 @@ def simulate(
         atol: absolute tolerance of a step.
 
     Raises:
-        InputError: a shape does not fit the model, or a number is not finite.
+        InputError: a shape does not fit the model, a number is not finite, or time does not ascend.
     """
     expected = (len(t), len(model.inputs))
     if inputs.shape != expected or initial.shape != (len(model.states),):
@@ -76,15 +76,30 @@ def simulate(
         )
     if not (np.all(np.isfinite(inputs)) and np.all(np.isfinite(initial)) and np.all(np.isfinite(t))):
         raise InputError("time, inputs and initial states must be finite")
+    if len(t) == 0 or np.any(np.diff(t) <= 0.0):
+        raise InputError("sample times must ascend, and there must be at least one")
     tape, index = model.tape, {s: k for k, s in enumerate(model.states)}
     following = np.array([_following(model, index, s) for s in model.states], dtype=np.int64)
     held = np.array([i.hold == "zero" for i in model.inputs], dtype=np.bool_)
     states = np.empty((len(t), len(model.states)))
     # The tolerance is relative to the run, not to a value that happens to pass zero.
     reached, code = _integrate(
-        tape.code, tape.left, tape.right, tape.constant, tape.outputs, following, held,
-        np.ascontiguousarray(t, dtype=np.float64), np.ascontiguousarray(inputs, dtype=np.float64),
-        np.ascontiguousarray(initial, dtype=np.float64), states, _A, _C, _E, rtol, atol,
+        tape.code,
+        tape.left,
+        tape.right,
+        tape.constant,
+        tape.outputs,
+        following,
+        held,
+        np.ascontiguousarray(t, dtype=np.float64),
+        np.ascontiguousarray(inputs, dtype=np.float64),
+        np.ascontiguousarray(initial, dtype=np.float64),
+        states,
+        _A,
+        _C,
+        _E,
+        rtol,
+        atol,
     )
     reasons = (
         None,
@@ -106,7 +121,7 @@ def _following(model: Model, index: dict[str, int], state: str) -> int:
     raise InputError(f"{state} is no state of the model")
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_tape_once(
     code: IntArray, left: IntArray, right: IntArray, constant: FloatArray, work: FloatArray, first: int
 ) -> None:
@@ -150,7 +165,7 @@ def run_tape_once(
         work[first + k] = value
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def solve_small(a: FloatArray, b: FloatArray) -> None:
     """Solve a x = b in place of b, by elimination with partial pivoting; a singular matrix gives not-finite values."""
     n = b.shape[0]
@@ -174,7 +189,7 @@ def solve_small(a: FloatArray, b: FloatArray) -> None:
         b[k] /= a[k, k]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _derivative(code, left, right, constant, outputs, following, x, work, a, b, out):  # type: ignore[no-untyped-def]
     n, targets = x.shape[0], b.shape[0]
     for i in range(n):
@@ -189,7 +204,7 @@ def _derivative(code, left, right, constant, outputs, following, x, work, a, b, 
         out[i] = x[following[i]] if following[i] >= 0 else b[-1 - following[i]]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _integrate(code, left, right, constant, outputs, following, held, t, u, initial, states, A, C, E, rtol, atol):  # type: ignore[no-untyped-def]
     n, targets = initial.shape[0], 0
     while targets * targets + targets < outputs.shape[0]:
@@ -207,10 +222,7 @@ def _integrate(code, left, right, constant, outputs, following, held, t, u, init
             h = span
         steps = 0
         while done < span:
-            if span - done < h * (1.0 + 1e-9):
-                step = span - done
-            else:
-                step = h
+            step = span - done if span - done < h * (1.0 + 1e-9) else h
             for s in range(7):
                 if s == 0 and not fresh:
                     for i in range(n):
@@ -218,7 +230,8 @@ def _integrate(code, left, right, constant, outputs, following, held, t, u, init
                     continue
                 fraction = (done + C[s] * step) / span
                 for j in range(drive):
-                    work[n + j] = u[sample, j] if held[j] else u[sample, j] + fraction * (u[sample + 1, j] - u[sample, j])
+                    rise = 0.0 if held[j] else u[sample + 1, j] - u[sample, j]
+                    work[n + j] = u[sample, j] + fraction * rise
                 for i in range(n):
                     total = 0.0
                     for r in range(s):
@@ -242,12 +255,12 @@ def _integrate(code, left, right, constant, outputs, following, held, t, u, init
                     scale[i] = max(scale[i], abs(x[i]))
                     if not abs(x[i]) < LARGEST:
                         return sample + 1, 1
-                grown = 5.0 if error < 1e-4 else min(5.0, 0.9 * error ** -0.2)
+                grown = 5.0 if error < 1e-4 else min(5.0, 0.9 * error**-0.2)
                 # A step cut short by the sample says nothing of how long the next may be.
                 h = max(h, step * grown) if step < h else step * grown
             else:
                 fresh = True
-                h = step * (max(0.1, 0.9 * error ** -0.2) if error < 1e300 else 0.1)
+                h = step * (max(0.1, 0.9 * error**-0.2) if error < 1e300 else 0.1)
                 if not h > 1e-12 * span:
                     return sample + 1, 1
             if steps > STEPS_A_SAMPLE:

@@ -39,10 +39,11 @@ class Factor:
         """
         others = [j for j in support if j != left]
         xi = np.zeros(self.width)
-        xi[left] = 1.0 / self.scale[left]
+        xi[left] = 1.0
         if others:
-            xi[others] = -np.linalg.lstsq(self.r[:, others], self.r[:, left], rcond=None)[0] / self.scale[others]
-        return xi * self.scale[left]
+            scaled, *_ = np.linalg.lstsq(self.r[:, others], self.r[:, left], rcond=None)
+            xi[others] = -scaled * (self.scale[left] / self.scale[others])
+        return xi
 
     def residual(self, xi: FloatArray) -> float:
         """Return the root mean square of the relation xi (m,) over the rows."""
@@ -65,14 +66,12 @@ class Factor:
         """
         found, independent = [], list[int]()
         for j in range(self.width):
-            others = independent
-            if others:
-                weights, *_ = np.linalg.lstsq(self.r[:, others], self.r[:, j], rcond=None)
-                rest = np.linalg.norm(self.r[:, j] - self.r[:, others] @ weights)
-                if rest < tolerance:
-                    found.append((j, tuple(k for k, w in zip(others, weights, strict=True) if abs(w) > 1e-3)))
-                    continue
-            independent.append(j)
+            weights, *_ = np.linalg.lstsq(self.r[:, independent], self.r[:, j], rcond=None)
+            rest = np.linalg.norm(self.r[:, j] - self.r[:, independent] @ weights)
+            if rest < tolerance:
+                found.append((j, tuple(k for k, w in zip(independent, weights, strict=True) if abs(w) > 1e-3)))
+            else:
+                independent.append(j)
         return tuple(found)
 
 
@@ -80,7 +79,7 @@ def factorise(blocks: Iterable[FloatArray]) -> Factor:
     """Return the factor of a library given in blocks of rows (n_b, m), by TSQR: blocks merge by factoring stacked R's.
 
     Raises:
-        InputError: no rows, or a column that is zero everywhere.
+        InputError: no rows, or values that are not finite.
     """
     r, rows = None, 0
     for block in blocks:

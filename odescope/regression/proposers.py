@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Protocol
 
 import msgspec
@@ -10,9 +10,11 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.regression.factor import Factor
-from odescope.regression.solve import least_squares
+from odescope.regression.solve import threshold_supports
 
 Support = tuple[int, ...]
+
+DEPENDENT = 1e-10  # of a unit column left unexplained by the others: they say the same
 
 
 class Proposer(Protocol):
@@ -23,50 +25,20 @@ class Proposer(Protocol):
         ...
 
 
-def _fits(factor: Factor, left: int) -> Callable[[Support], FloatArray]:
-    """Return a memoised fit of column `left`, in scaled columns."""
-    r = np.ascontiguousarray(factor.r)
-    cache: dict[Support, FloatArray] = {}
-
-    def fit(support: Support) -> FloatArray:
-        if support not in cache:
-            cache[support] = least_squares(r, np.array(support, dtype=np.int64), left)[0]
-        return cache[support]
-
-    return fit
-
-
-def _enumerate_thresholds(
-    fit: Callable[[Support], FloatArray], size: Callable[[Support, FloatArray], FloatArray], start: Support,
-    low: float, high: float,
+def _thresholded(
+    factor: Factor, left: int, columns: Support, weight: FloatArray, relative: bool, low: float, high: float
 ) -> Iterator[Support]:
-    """Yield every support that sequential thresholding ends in, for all thresholds in (low, high] at once.
-
-    The outcome is a step function of the threshold. In each step between two neighbouring sizes the next support is
-    known; a support that maps to itself is final there (METHOD section 6).
-    """
-    stack, final = [(start, low, high)], set[Support]()
-    seen = set[tuple[Support, float, float]]()
-    while stack:
-        node = stack.pop()
-        if node in seen:
-            continue
-        seen.add(node)
-        support, lo, hi = node
-        sizes = size(support, fit(support))
-        inner = np.unique(sizes[(sizes > lo) & (sizes < hi)])
-        edges = [lo, *inner.tolist(), hi]
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
-            kept = tuple(j for j, e in zip(support, sizes, strict=True) if e >= b)
-            if kept == support:
-                if support not in final:
-                    final.add(support)
-                    yield support
-            elif kept:
-                stack.append((kept, a, b))
+    if len(columns) < 2:
+        return
+    bottom = low if low < high else float(np.nextafter(high, 0.0))
+    index = np.array(columns, dtype=np.int64)
+    found = threshold_supports(np.ascontiguousarray(factor.r), index, left, weight, relative, bottom, high)
+    yield from dict.fromkeys(tuple(np.flatnonzero(row).tolist()) for row in found)
 
 
-class EnergyThreshold(msgspec.Struct, frozen=True, tag="energy_threshold", tag_field="kind", forbid_unknown_fields=True):
+class EnergyThreshold(
+    msgspec.Struct, frozen=True, tag="energy_threshold", tag_field="kind", forbid_unknown_fields=True
+):
     """SETLS (paper, 2.2.3) for every ratio lambda_R from `low` to `high` at once; (8), (9).
 
     A fixed ratio is `low = high`.
@@ -77,15 +49,7 @@ class EnergyThreshold(msgspec.Struct, frozen=True, tag="energy_threshold", tag_f
 
     def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
         """Yield the supports of all thresholds; columns of the factor have unit norm, so an energy is a square."""
-
-        def energies(support: Support, x: FloatArray) -> FloatArray:  # noqa: ARG001
-            squares = x**2
-            relative: FloatArray = squares / max(float(squares.max()), 1e-300)
-            return relative
-
-        low = self.low if self.low < self.high else np.nextafter(self.high, 0.0)
-        start = tuple(j for j in columns if j != left)
-        return _enumerate_thresholds(_fits(factor, left), energies, start, low, self.high)
+        return _thresholded(factor, left, columns, np.ones(factor.width), True, self.low, self.high)
 
 
 class CoefficientThreshold(
@@ -98,17 +62,13 @@ class CoefficientThreshold(
 
     def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
         """Yield the supports of all thresholds."""
-
-        def coefficients(support: Support, x: FloatArray) -> FloatArray:
-            size: FloatArray = np.abs(x) * factor.scale[left] / factor.scale[list(support)]
-            return size
-
-        low = self.low if self.low < self.high else np.nextafter(self.high, 0.0)
-        start = tuple(j for j in columns if j != left)
-        return _enumerate_thresholds(_fits(factor, left), coefficients, start, low, self.high)
+        weight = factor.scale[left] / factor.scale
+        return _thresholded(factor, left, columns, weight, False, self.low, self.high)
 
 
-class MatchingPursuit(msgspec.Struct, frozen=True, tag="matching_pursuit", tag_field="kind", forbid_unknown_fields=True):
+class MatchingPursuit(
+    msgspec.Struct, frozen=True, tag="matching_pursuit", tag_field="kind", forbid_unknown_fields=True
+):
     """Orthogonal matching pursuit: the path of supports of 1, 2, ... `terms` columns."""
 
     terms: int = 12
@@ -132,6 +92,15 @@ class MatchingPursuit(msgspec.Struct, frozen=True, tag="matching_pursuit", tag_f
             yield tuple(sorted(chosen))
 
 
+def _independent(factor: Factor, columns: list[int]) -> list[int]:
+    """Return the columns less those that combine columns before them, which would split a coefficient among them."""
+    r = factor.r[:, columns]
+    if np.linalg.matrix_rank(r, tol=DEPENDENT) == len(columns):
+        return columns
+    dropped = {k for k, _ in Factor(r, factor.scale[columns], factor.rows).dependent(DEPENDENT)}
+    return [j for k, j in enumerate(columns) if k not in dropped]
+
+
 class BackwardElimination(
     msgspec.Struct, frozen=True, tag="backward_elimination", tag_field="kind", forbid_unknown_fields=True
 ):
@@ -141,7 +110,7 @@ class BackwardElimination(
 
     def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
         """Yield the path; the cost of dropping column j is x_j^2 / [(R'R)^-1]_jj."""
-        support = [j for j in columns if j != left]
+        support = _independent(factor, [j for j in columns if j != left])
         inverse = np.linalg.pinv(factor.r[:, support])
         x, variance = inverse @ factor.r[:, left], inverse @ inverse.T
         while support:
@@ -170,7 +139,9 @@ class NullSpace(msgspec.Struct, frozen=True, tag="null_space", tag_field="kind",
         """Yield the supports that hold `left`, without it."""
         index = list(columns)
         _, values, vectors = np.linalg.svd(factor.r[:, index])
-        null = vectors[values <= self.gap * values[-1]].T
+        # Singular values of exact relations are rounding, and their ratios mean nothing.
+        rounding = len(index) * np.finfo(float).eps * values[0]
+        null = vectors[values <= self.gap * max(values[-1], rounding)].T
         start = null @ null[index.index(left)]
         if not np.any(start):
             return

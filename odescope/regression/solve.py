@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from odescope.arrays import FloatArray, IntArray
+from odescope.arrays import BoolArray, FloatArray, IntArray
 
 RANK_TOLERANCE = 1e-12  # a unit column with less than this left of it adds nothing that rounding did not
 
@@ -66,3 +66,64 @@ def least_squares(r: FloatArray, support: IntArray, left: int) -> tuple[FloatArr
     for i in range(row, rows):
         rest += a[s, i] * a[s, i]
     return x, rest
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _grown(array: FloatArray) -> FloatArray:
+    larger = np.empty((2 * array.shape[0], array.shape[1]), dtype=array.dtype)
+    larger[: array.shape[0]] = array
+    return larger
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def threshold_supports(
+    r: FloatArray, columns: IntArray, left: int, weight: FloatArray, relative: bool, low: float, high: float
+) -> BoolArray:
+    """Return the supports that sequential thresholding ends in, for all thresholds in (low, high] at once, (K, m).
+
+    A term stays while |x_j| weight_j, divided by the largest of the fit if `relative`, is no less than the threshold.
+    The outcome is a step function of the threshold. Between two neighbouring sizes the next support is known; a support
+    that maps to itself is final there (METHOD section 6). Intervals on the stack are disjoint, so this ends.
+    """
+    m = r.shape[1]
+    active, bounds = np.zeros((64, m), dtype=np.bool_), np.empty((64, 2))
+    final, count = np.zeros((64, m), dtype=np.bool_), 0
+    for j in columns:
+        active[0, j] = j != left
+    bounds[0, 0], bounds[0, 1] = low, high
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        here, lo, hi = active[depth].copy(), bounds[depth, 0], bounds[depth, 1]
+        support = np.flatnonzero(here)
+        x, _ = least_squares(r, support, left)
+        size = np.abs(x) * weight[support]
+        if relative:
+            largest = size.max()
+            size = (size / largest) ** 2 if largest > 0.0 else size
+        edges = np.sort(np.append(size, hi))
+        bottom = lo
+        for top in edges:
+            if not top > bottom or top > hi:
+                continue
+            same, kept = True, 0
+            for i in range(support.shape[0]):
+                if size[i] >= top:
+                    kept += 1
+                else:
+                    same = False
+            if same:
+                if count == final.shape[0]:
+                    final = _grown(final)
+                final[count] = here
+                count += 1
+            elif kept > 0:
+                if depth == active.shape[0]:
+                    active, bounds = _grown(active), _grown(bounds)
+                active[depth] = False
+                for i in range(support.shape[0]):
+                    active[depth, support[i]] = size[i] >= top
+                bounds[depth, 0], bounds[depth, 1] = bottom, top
+                depth += 1
+            bottom = top
+    return final[:count]

@@ -22,11 +22,12 @@ class Problem:
     """One target's candidates, their values, and the factors of the folds.
 
     Shapes, one array a block: values (m, n_b) of the candidates, multipliers (k, n_b) of the target's own terms, measured
-    (n_b,) of the target. `own` lists the k candidates that hold the target.
+    (n_b,) of the target. `own` lists the k candidates that hold the target, `rests` the candidates without any target.
     """
 
     target: str
     terms: tuple[Term, ...]
+    rests: tuple[Term, ...]
     own: tuple[int, ...]
     left: int
     blocks: tuple[Block, ...]
@@ -101,7 +102,19 @@ def pose(signals: Signals, target: str, order: int, library: Library, choice: Ro
     folds = tuple(
         factorise(row_map.rows(b, v) for b, v in zip(blocks, values, strict=True) if b.fold == f) for f in numbers
     )
-    return Problem(target, terms, own, left, blocks, values, multipliers, measured, row_map, folds)
+    return Problem(
+        target,
+        terms,
+        tuple(split[j][1] for j in keep),
+        own,
+        left,
+        blocks,
+        values,
+        multipliers,
+        measured,
+        row_map,
+        folds,
+    )
 
 
 def _usable(library: Library, whole: list[FloatArray]) -> tuple[int, ...]:

@@ -84,7 +84,9 @@ def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
             scored.append(candidate)
     if not scored:
         tally = "; ".join(f"{count} {reason}" for reason, count in discarded.items())
-        raise NoModelError("selection", f"of {len(found.supports)} relations for {problem.target} none is left: {tally}")
+        raise NoModelError(
+            "selection", f"of {len(found.supports)} relations for {problem.target} none is left: {tally}"
+        )
     ranked = _families(problem, sorted(scored, key=lambda c: c.criterion))
     best = ranked[0]
     if best.explained < options.explain:
@@ -175,6 +177,9 @@ def _families(problem: Problem, ranked: list[Candidate]) -> tuple[Candidate, ...
     return tuple(
         replace(c, family=k)
         for k, family in enumerate(members)
-        for c in sorted(family, key=lambda c: (len(c.support), c.criterion))
+        for c in sorted(family, key=lambda c: (len(c.support), _degree(problem, c.support), c.criterion))
     )
 
+
+def _degree(problem: Problem, support: Support) -> float:
+    return sum(abs(power) for j in support for _, power in problem.rests[j].factors)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +12,7 @@ import scipy.cluster.hierarchy
 from scipy.spatial.distance import pdist
 
 from odescope.arrays import BoolArray, IntArray
+from odescope.library.expression import ONE, Term
 from odescope.regression.factor import Factor
 from odescope.regression.proposers import Proposer, Support
 
@@ -49,12 +52,61 @@ class Sweep:
         return Sweep(tuple(self.supports[k] for k in keep), tuple(self.guesses[k] for k in keep), self.width)
 
 
-def sweep(factor: Factor, proposers: Sequence[Proposer]) -> Sweep:
-    """Return all supports that the proposers find with each column in turn as the left-hand side, (15)."""
-    columns = tuple(range(factor.width))
+def sweep(factor: Factor, terms: Sequence[Term], nested: Sequence[Support], proposers: Sequence[Proposer]) -> Sweep:
+    """Return all supports that the proposers find with each column in turn as the left-hand side, (15).
+
+    Args:
+        factor: of the library.
+        terms: the library's m products, targets among their factors.
+        nested: sets of columns to search in, the whole library among them (see `nested_libraries`).
+        proposers: searched with, one after the other.
+    """
+    place = {term: j for j, term in enumerate(terms)}
     found: dict[Support, dict[int, None]] = {}
-    for guess in columns:
-        for proposer in proposers:
-            for support in proposer.supports(factor, guess, columns):
-                found.setdefault(tuple(sorted((*support, guess))), {})[guess] = None
+
+    def search(guess: int) -> list[Support]:
+        return [
+            support
+            for columns in nested
+            if guess in columns
+            for p in proposers
+            for support in p.supports(factor, guess, columns)
+        ]
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        searched = list(pool.map(search, range(factor.width)))
+    for guess, supports in enumerate(searched):
+        for support in dict.fromkeys(supports):
+            relation, common = _primitive(tuple(sorted((*support, guess))), terms, place)
+            left = place[terms[guess] * common]
+            found.setdefault(relation, {})[left] = None
     return Sweep(tuple(found), tuple(tuple(g) for g in found.values()), factor.width)
+
+
+def nested_libraries(rests: Sequence[Term], own: Sequence[int]) -> tuple[Support, ...]:
+    """Return the columns up to each total degree, and those without a product of the target.
+
+    A true relation times any function is a relation too, and a rich library holds several such multiples: their mixtures
+    hide the simple one. A smaller library holds fewer.
+
+    Args:
+        rests: the products without their targets.
+        own: columns that hold the target.
+    """
+    degrees = [sum(abs(power) for _, power in rest.factors) for rest in rests]
+    sets = [tuple(j for j, d in enumerate(degrees) if d <= limit) for limit in sorted(set(degrees)) if limit > 0]
+    explicit = tuple(j for j, d in enumerate(degrees) if j not in own or d == 0)
+    return tuple(s for s in dict.fromkeys([explicit, *sets]) if len(s) > 1 and set(s) & set(own))
+
+
+def _primitive(support: Support, terms: Sequence[Term], place: Mapping[Term, int]) -> tuple[Support, Term]:
+    """Return the relation less the factors common to all its terms, and the inverse of what was divided out.
+
+    Both say the same of the target; where the library lacks a quotient the relation stays as it is.
+    """
+    first = terms[support[0]]
+    powers = {atom: min(terms[j].power_of(atom) for j in support) for atom, _ in first.factors}
+    inverse = Term.of((atom, -power) for atom, power in powers.items() if power > 0)
+    quotients = [place.get(terms[j] * inverse) for j in support] if inverse.factors else [None]
+    reduced = tuple(sorted(q for q in quotients if q is not None))
+    return (reduced, inverse) if len(reduced) == len(support) else (support, ONE)

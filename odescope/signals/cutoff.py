@@ -22,7 +22,7 @@ def noise_level(spectra: Sequence[Spectrum]) -> float:
     upper = []
     for spectrum in spectra:
         count = len(spectrum.values)
-        upper.append(spectrum.power(spectrum.cubic(count // 2), count // 2, count))
+        upper.append(spectrum.power(spectrum.cubic(count // 2), slice(count // 2, count)))
     return float(np.sqrt(np.median(np.concatenate(upper)) / MEDIAN_CHI_SQUARED))
 
 
@@ -37,8 +37,8 @@ class Cutoff(Protocol):
 class LeastRisk(msgspec.Struct, frozen=True, tag="least_risk", tag_field="kind", forbid_unknown_fields=True):
     """The cutoff at which an unbiased estimate of the risk of the wanted derivative is least.
 
-    risk(K) = sum over w > K of w^2k (P - s2) + sum over w <= K of w^2k s2, with P the power of the record less the cubic
-    that suits K and s2 the noise floor; walked in bands, because the cubic changes with K.
+    risk(K) = sum over w > K of w^2k (P - s2) + sum over w <= K of w^2k s2, with P the power of the record less the
+    cubic that suits K and s2 the noise floor; walked in bands, because the cubic changes with K.
     """
 
     def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:
@@ -46,29 +46,27 @@ class LeastRisk(msgspec.Struct, frozen=True, tag="least_risk", tag_field="kind",
         spectra = [Spectrum.of(samples) for samples in channel]
         floor = noise_level(spectra) ** 2
         frequencies = [bin_frequencies(len(samples), period) for samples in channel]
-        lowest = 2.0 * min(f[1] for f in frequencies)
-        edges = np.geomspace(lowest, 0.475 / period, BANDS)
+        edges = np.geomspace(2.0 * min(f[1] for f in frequencies), 0.475 / period, BANDS)
+        bins = [np.searchsorted(f, edges, side="right") for f in frequencies]
+        cubics = [spectrum.cubics([int(b) - 1 for b in bin_]) for spectrum, bin_ in zip(spectra, bins, strict=True)]
 
-        def gain(low: float, high: float, at: float) -> tuple[FloatArray, FloatArray]:
-            """Change of risk, bin by bin, of moving the cutoff from `low` to `high` with the cubic of `at`."""
+        def gain(band: int, last: int) -> tuple[FloatArray, FloatArray]:
+            """Change of risk, bin by bin, of moving the cutoff from edge `band` to edge `last`."""
             where, change = [], []
-            for spectrum, f in zip(spectra, frequencies, strict=True):
-                first, last = np.searchsorted(f, [low, high], side="right")
-                power = spectrum.power(spectrum.cubic(int(np.searchsorted(f, at, side="right")) - 1), first, last)
-                where.append(f[first:last])
-                change.append((f[first:last] * period) ** (2 * order) * (2.0 * floor - power))
+            for spectrum, f, b, cubic in zip(spectra, frequencies, bins, cubics, strict=True):
+                kept = slice(b[band], b[last])
+                where.append(f[kept])
+                change.append((f[kept] * period) ** (2 * order) * (2.0 * floor - spectrum.power(cubic[band], kept)))
             merged = np.concatenate(where)
             sequence = np.argsort(merged, kind="stable")
             return merged[sequence], np.concatenate(change)[sequence]
 
-        risk = np.concatenate(
-            [[0.0], np.cumsum([gain(a, b, a)[1].sum() for a, b in zip(edges[:-1], edges[1:], strict=True)])]
-        )
-        best = int(np.argmin(risk))
-        low, high = edges[max(best - 1, 0)], edges[min(best + 1, BANDS - 1)]
-        where, change = gain(low, high, low)
+        steps = [gain(k, k + 1)[1].sum() for k in range(BANDS - 1)]
+        best = int(np.argmin(np.concatenate([[0.0], np.cumsum(steps)])))
+        low = max(best - 1, 0)
+        where, change = gain(low, min(best + 1, BANDS - 1))
         fine = np.concatenate([[0.0], np.cumsum(change)])
-        return float(np.concatenate([[low], where])[int(np.argmin(fine))])
+        return float(np.concatenate([[edges[low]], where])[int(np.argmin(fine))])
 
 
 class NoiseCeiling(msgspec.Struct, frozen=True, tag="noise_ceiling", tag_field="kind", forbid_unknown_fields=True):

@@ -51,7 +51,9 @@ class Spectral(msgspec.Struct, frozen=True, tag="spectral", tag_field="kind", fo
         return Derivatives(tuple(values), noise_level([Spectrum.of(s) for s in channel]), hertz)
 
 
-class SmoothingSpline(msgspec.Struct, frozen=True, tag="smoothing_spline", tag_field="kind", forbid_unknown_fields=True):
+class SmoothingSpline(
+    msgspec.Struct, frozen=True, tag="smoothing_spline", tag_field="kind", forbid_unknown_fields=True
+):
     """SciPy's cubic smoothing spline; its smoothing is chosen by generalised cross-validation unless given.
 
     Meant for order 1: the second derivative of a cubic spline is piecewise linear.

@@ -10,11 +10,11 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, NoModelError
 from odescope.records import Coordinate, Input, Records
-from odescope.signals.differentiators import Differentiator
+from odescope.signals.differentiators import Derivatives, Differentiator
 from odescope.signals.spectral import differentiate
 
 OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
-LEAST_BINS = 3  # a channel whose cutoff leaves fewer cosines than this over its longest record holds no signal
+SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below the cutoff
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def estimate_signals(
         coordinates: what was measured.
         inputs: what drove it.
         differentiator: see `Differentiator`.
-        margin: what is dropped at each end, in periods of the lowest cutoff, but never more than a twentieth of a record.
+        margin: what is dropped at each end, in periods of the lowest cutoff, but at most a twentieth of a record.
         thin: keep eight samples a period of the highest cutoff; the filtered signals hold no more.
 
     Raises:
@@ -98,7 +98,7 @@ def estimate_signals(
     for c in coordinates:
         channel = [run.column(c.name) for run in records]
         found[c.name] = differentiator.derivatives(channel, period, c.order)
-        _check_signal(c, found[c.name].cutoff, max(len(s) for s in channel) * period)
+        _check_signal(c, found[c.name], period)
     lowest = min(d.cutoff for d in found.values())
     highest = max(d.cutoff for d in found.values())
     stride = max(1, int(1.0 / (period * OVERSAMPLING * highest))) if thin else 1
@@ -112,16 +112,15 @@ def estimate_signals(
         columns.append(np.ascontiguousarray([rows[name][kept] for name in names]))
         start.append(float(run.t[drop]))
     channels = tuple(Channel(c.name, found[c.name].noise, found[c.name].cutoff) for c in coordinates)
-    return Signals(
-        names, tuple(columns), tuple(start), period * stride, channels, tuple(coordinates), tuple(inputs)
-    )
+    return Signals(names, tuple(columns), tuple(start), period * stride, channels, tuple(coordinates), tuple(inputs))
 
 
 def _held_back(samples: FloatArray, stride: int) -> FloatArray:
     # An input is not band-limited; what lies above half the thinned rate would fold down onto the signals.
     if stride == 1:
         return samples
-    return differentiate(samples, 1.0, max(int(0.9 * len(samples) / stride), 1), 0)[0]
+    smooth: FloatArray = differentiate(samples, 1.0, max(int(0.9 * len(samples) / stride), 1), 0)[0]
+    return smooth
 
 
 def _common_period(records: Records) -> float:
@@ -134,10 +133,14 @@ def _common_period(records: Records) -> float:
     return float(np.median(periods))
 
 
-def _check_signal(coordinate: Coordinate, cutoff: float, duration: float) -> None:
-    if 2.0 * duration * cutoff < LEAST_BINS:
+def _check_signal(coordinate: Coordinate, found: Derivatives, period: float) -> None:
+    kept = np.concatenate([v[0] for v in found.values])
+    # White noise alone leaves this much in the cosines below the cutoff and the cubic.
+    bins = sum(2.0 * v.shape[1] * period * found.cutoff + 4.0 for v in found.values)
+    alone = found.noise**2 * bins / len(kept)
+    if kept.var() < SIGNAL_OVER_NOISE * alone:
         raise NoModelError(
             "signals",
-            f"{coordinate.name} holds nothing above its noise whose derivative of order {coordinate.order} could be"
-            " estimated. Record longer, excite it more, or measure it better",
+            f"{coordinate.name} holds nothing above its noise (standard deviation {found.noise:.3g}): record longer,"
+            " excite it more, or measure it better",
         )

@@ -8,6 +8,7 @@ the cutoff.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -36,44 +37,57 @@ def bin_frequencies(samples: int, period: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Cosine spectrum of one record and the moments that give the best cubic for every cutoff.
+    """Cosine spectrum of one record, and of the trend that is fitted with it.
 
-    Shapes: values (N,), trend (N, 3), tails (N + 1, 4, 4): tails[k] sums the products of [trend, values] from bin k on.
+    Shapes: values (N,), trend (N, 3).
     """
 
     values: FloatArray
     trend: FloatArray
-    tails: FloatArray
 
     @staticmethod
     def of(samples: FloatArray) -> Spectrum:
         """Return the spectrum of samples (N,)."""
-        values = scipy.fft.dct(samples, norm="ortho")
-        trend = _trend_spectrum(len(samples))
-        joined = np.column_stack([trend, values])
-        tails = np.zeros((len(samples) + 1, joined.shape[1], joined.shape[1]))
-        products = joined[:, :, None] * joined[:, None, :]
-        tails[:-1] = np.cumsum(products[::-1], axis=0)[::-1]
-        return Spectrum(values, trend, tails)
+        return Spectrum(scipy.fft.dct(samples, norm="ortho"), _trend_spectrum(len(samples)))
+
+    def cubics(self, cutoffs: Sequence[int]) -> FloatArray:
+        """Return the Legendre coefficients (len(cutoffs), 3) of the cubics that leave least energy above each bin.
+
+        Cutoffs ascend. The products of trend and values are summed once, from the last bin down.
+        """
+        joined = np.column_stack([self.trend, self.values])
+        edges = [min(c + 1, len(self.values)) for c in cutoffs] + [len(self.values)]
+        moments = np.zeros((TREND_DEGREE + 1, TREND_DEGREE + 1))
+        found = np.zeros((len(cutoffs), TREND_DEGREE))
+        for k in range(len(cutoffs) - 1, -1, -1):
+            band = joined[edges[k] : edges[k + 1]]
+            moments = moments + band.T @ band
+            if len(self.values) - edges[k] > TREND_DEGREE:  # fewer bins than that do not determine a cubic
+                found[k] = _solve_cubic(moments)
+        return found
 
     def cubic(self, cutoff: int) -> FloatArray:
         """Return the Legendre coefficients (3,) of the cubic that leaves least energy above bin `cutoff`."""
-        moments = self.tails[min(cutoff + 1, len(self.values))]
-        gram, right = moments[:TREND_DEGREE, :TREND_DEGREE], moments[:TREND_DEGREE, TREND_DEGREE]
-        scale = np.sqrt(np.diag(gram))
-        if not np.all(scale > 0.0):
-            return np.zeros(TREND_DEGREE)
-        eigenvalues, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-        # Far above the kinks' own bandwidth the three tails look alike: what rounding decides is left at zero.
-        good = eigenvalues > 1e-9 * eigenvalues[-1]
-        solution: FloatArray = vectors[:, good] @ ((vectors[:, good].T @ (right / scale)) / eigenvalues[good]) / scale
-        return solution
+        cubic: FloatArray = self.cubics([cutoff])[0]
+        return cubic
 
-    def power(self, cubic: FloatArray, first: int, last: int) -> FloatArray:
-        """Return |DCT|^2 of the record less `cubic` for bins first to last - 1."""
-        residual = self.values[first:last] - self.trend[first:last] @ cubic
+    def power(self, cubic: FloatArray, bins: slice) -> FloatArray:
+        """Return |DCT|^2 of the record less `cubic` for these bins."""
+        residual = self.values[bins] - self.trend[bins] @ cubic
         power: FloatArray = residual**2
         return power
+
+
+def _solve_cubic(moments: FloatArray) -> FloatArray:
+    gram, right = moments[:TREND_DEGREE, :TREND_DEGREE], moments[:TREND_DEGREE, TREND_DEGREE]
+    scale = np.sqrt(np.diag(gram))
+    if not np.all(scale > 0.0):
+        return np.zeros(TREND_DEGREE)
+    eigenvalues, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    # Far above the kinks' own bandwidth the three tails look alike: what rounding decides is left at zero.
+    good = eigenvalues > 1e-9 * eigenvalues[-1]
+    solution: FloatArray = vectors[:, good] @ ((vectors[:, good].T @ (right / scale)) / eigenvalues[good]) / scale
+    return solution
 
 
 def differentiate(samples: FloatArray, period: float, cutoff: int, order: int) -> FloatArray:

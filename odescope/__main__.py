@@ -1,0 +1,5 @@
+"""`python -m odescope`."""
+
+from odescope.cli import main
+
+main()

@@ -1,0 +1,1 @@
+"""Models as text, LaTeX, Python code and JSON."""

@@ -1,0 +1,114 @@
+"""Free runs of a model file over a data file: the simulate command."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError, nearest
+from odescope.export.modelfile import read_model
+from odescope.model.initial import initial_state
+from odescope.model.model import Model
+from odescope.model.simulate import Trajectory, simulate
+from odescope.readers import Layout, column_names, read_records
+from odescope.records import Record
+
+TIME_NAMES = ("t", "time", "Time", "T", "TIME")
+
+
+def free_runs(
+    model_path: Path,
+    data_path: Path,
+    time: str | None,
+    sample_period: float | None,
+    recording: str | None,
+    initial: list[str],
+) -> tuple[str, list[str]]:
+    """Return the simulated states as CSV text, and notes on runs that ended early.
+
+    Each recording starts from its own first sample: from the states given as NAME=VALUE, the rest fitted to the first
+    stretch of the measured coordinates.
+
+    Raises:
+        InputError: a file cannot be read, a column is missing, or a given state is none of the model's.
+    """
+    model = read_model(model_path)
+    given = _given_states(model, initial)
+    columns = _columns(model, needed=len(given) < len(model.states))
+    if sample_period is None and time is None:
+        time = _time_column(model, data_path)
+    layout = Layout(
+        time=time,
+        sample_period=sample_period,
+        columns=columns,
+        angles=frozenset(c.name for c in model.coordinates if c.angle and c.name in dict(columns)),
+        held=frozenset(i.name for i in model.inputs if i.hold == "zero"),
+        recording=recording,
+    )
+    records = read_records([data_path], layout)
+    out, notes = io.StringIO(), []
+    writer = csv.writer(out, lineterminator="\n")
+    several = len(records.runs) > 1
+    label = recording or "recording"
+    writer.writerow((*((label,) if several else ()), time or "t", *model.states))
+    for number, run in enumerate(records, start=1):
+        result = _free_run(model, run, given)
+        for t, row in zip(result.t.tolist(), result.states.tolist(), strict=True):
+            writer.writerow((*((number,) if several else ()), repr(t), *map(repr, row)))
+        if result.ended:
+            where = f" of recording {number}" if several else ""
+            notes.append(f"the free run{where} ended early, at {len(result.t)} of {len(run)} samples: {result.ended}")
+    return out.getvalue(), notes
+
+
+def _free_run(model: Model, run: Record, given: dict[str, float]) -> Trajectory:
+    start: FloatArray
+    if len(given) == len(model.states):
+        start = np.array([given[s] for s in model.states])
+    else:
+        start = initial_state(model, run)
+        for name, value in given.items():
+            start[model.states.index(name)] = value
+    inputs = np.array([run.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(run)).T
+    return simulate(model, run.t, np.ascontiguousarray(inputs), start)
+
+
+def _given_states(model: Model, initial: list[str]) -> dict[str, float]:
+    given = {}
+    for text in initial:
+        name, _, value = text.partition("=")
+        if name not in model.states:
+            raise InputError(f"--initial {text}: {name!r} is no state of the model; {nearest(name, model.states)}")
+        try:
+            given[name] = float(value)
+        except ValueError:
+            raise InputError(f"--initial {text}: expected STATE=NUMBER, such as {name}=0.5") from None
+        if not np.isfinite(given[name]):
+            raise InputError(f"--initial {text}: the number must be finite")
+    return given
+
+
+def _columns(model: Model, needed: bool) -> tuple[tuple[str, str], ...]:
+    """Return the columns to read: as they were named when the model was identified, else by the model's own names."""
+    known = model.provenance.get("columns")
+    place = known if isinstance(known, dict) else {}
+    names = ([c.name for c in model.coordinates] if needed else []) + [i.name for i in model.inputs]
+    if not names:  # an autonomous model with every state given still needs the sample times
+        names = [model.coordinates[0].name]
+    return tuple((name, column if isinstance(column := place.get(name), str) else name) for name in names)
+
+
+def _time_column(model: Model, data: Path) -> str:
+    known = model.provenance.get("time")
+    there = column_names(data)
+    for name in (known, *TIME_NAMES):
+        if isinstance(name, str) and name in there:
+            return name
+    raise InputError(
+        f"{data.name} has no column called t or time; name it with --time, or give --sample-period. Its columns are"
+        f" {', '.join(there)}"
+    )

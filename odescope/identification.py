@@ -1,0 +1,208 @@
+"""The pipeline: records to signals to candidates to one model (paper, end to end)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError, NoModelError
+from odescope.model.explicit import denominator_ranges
+from odescope.model.model import Json, Model, Relation, RelationTerm
+from odescope.model.simulate import simulate
+from odescope.readers import read_records, records_from
+from odescope.records import Records, check_channels
+from odescope.selection.problem import Problem, pose
+from odescope.selection.rank import Candidate, Ranked, left_column, rank
+from odescope.selection.sweep import Sweep, nested_libraries, sweep
+from odescope.signals.estimate import Signals, estimate_signals
+from odescope.study import Study
+
+TRIED = 4  # families a target that are tried when the best do not determine the targets together
+VALID_ERROR = 0.3  # the normalised state error that ends the valid time (METHOD section 10)
+
+Watch = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What was done for one target: its regression problem, all supports found, the ranked candidates."""
+
+    problem: Problem
+    found: Sweep
+    ranked: Ranked
+    removed: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The result: what went in, what every stage found, and the model. `seconds` is the time of each stage."""
+
+    study: Study
+    records: Records
+    signals: Signals
+    searches: tuple[Search, ...]
+    chosen: tuple[Candidate, ...]
+    model: Model
+    seconds: dict[str, float]
+
+
+def identify(study: Study, data: Any = None, watch: Watch = lambda _: None) -> Identification:
+    """Return the model that the recordings support, with everything that led to it.
+
+    Args:
+        study: the options; its coordinates and inputs name the columns.
+        data: recordings in memory: Records, a dataframe with the Arrow interface, a mapping of arrays, or a list of
+            these. Without it the study's files are read, relative to the working directory.
+        watch: told the name of each stage as it begins.
+
+    Raises:
+        InputError: the data or the study are wrong.
+        NoModelError: the data support no model; the error names the stage.
+    """
+    seconds: dict[str, float] = {}
+    coordinates, inputs = study.measured(), study.driven()
+
+    @contextmanager
+    def stage(name: str) -> Any:
+        watch(name)
+        begin = time.perf_counter()
+        yield
+        seconds[name] = seconds.get(name, 0.0) + time.perf_counter() - begin
+
+    with stage("records"):
+        records = _records(study, data)
+        check_channels(records, coordinates, inputs)
+    with stage("signals"):
+        signals = estimate_signals(
+            records, coordinates, inputs, study.signals.differentiator, study.signals.margin, study.signals.thin
+        )
+    searches = []
+    for c in coordinates:
+        with stage("library"):
+            library = study.candidates(c.target)
+        with stage("regression"):
+            problem = pose(signals, c.target, c.order, library, study.regression.rows)
+            whole = (tuple(range(len(problem.terms))),)
+            nested = nested_libraries(problem.rests, problem.own) if study.regression.nested else whole
+            found = sweep(problem.factor, problem.terms, nested, study.regression.proposers)
+        with stage("selection"):
+            searches.append(Search(problem, found, rank(problem, found, study.selection), library.removed))
+    with stage("model"):
+        chosen, model = _choose(study, signals, searches)
+        model = replace(
+            model, scores=_scores(model, signals, chosen, study.random.seed), domain=_domain(signals, model)
+        )
+        model = replace(model, provenance=_provenance(study, signals))
+    return Identification(study, records, signals, tuple(searches), chosen, model, seconds)
+
+
+def _records(study: Study, data: Any) -> Records:
+    if data is None:
+        if not study.data.files:
+            raise InputError("the study names no files: set files in [data], or pass the recordings")
+        return read_records([Path(f) for f in study.data.files], study.layout())
+    if isinstance(data, Records):
+        return data
+    return records_from(data, study.layout())
+
+
+def to_relation(problem: Problem, candidate: Candidate, targets: Sequence[str]) -> Relation:
+    """Return a candidate as a relation, its target term with coefficient 1 first."""
+    left = left_column(problem, candidate.support)
+    terms = []
+    for j in (left, *(j for j in candidate.support if j != left)):
+        held = problem.terms[j].names & set(targets)
+        terms.append(RelationTerm(min(held, default=None), problem.rests[j], float(candidate.xi[j])))
+    return Relation(tuple(terms))
+
+
+def _choose(study: Study, signals: Signals, searches: Sequence[Search]) -> tuple[tuple[Candidate, ...], Model]:
+    """Return the best relations that together determine the targets, and their model."""
+    coordinates, inputs = study.measured(), study.driven()
+    heads = []
+    for s in searches:
+        first = {c.family: c for c in reversed(s.ranked.candidates)}
+        heads.append([first[f] for f in sorted(first)][:TRIED])
+    order = sorted(product(*(range(len(h)) for h in heads)), key=sum)
+    for pick in order:
+        chosen = tuple(h[k] for h, k in zip(heads, pick, strict=True))
+        relations = tuple(to_relation(s.problem, c, signals.targets) for s, c in zip(searches, chosen, strict=True))
+        model = Model(coordinates, inputs, relations)
+        if _determined(model, signals):
+            return chosen, model
+    raise NoModelError("model", "the best relations of the targets do not determine them together: two say the same")
+
+
+def _rows(signals: Signals, model: Model) -> list[FloatArray]:
+    index = [signals.row(name) for name in model.variables]
+    return [columns[index] for columns in signals.columns]
+
+
+def _determined(model: Model, signals: Signals) -> bool:
+    """Say whether no denominator of the explicit form vanishes or changes sign inside the data."""
+    try:
+        ranges = denominator_ranges(model, np.concatenate(_rows(signals, model), axis=1), np.random.default_rng(0))
+    except InputError:
+        return False
+    return all(r["data"][0] * r["data"][1] > 0.0 for r in ranges.values())
+
+
+def _domain(signals: Signals, model: Model) -> dict[str, tuple[float, float]]:
+    joined = np.concatenate(_rows(signals, model), axis=1)
+    return {name: (float(row.min()), float(row.max())) for name, row in zip(model.variables, joined, strict=True)}
+
+
+def _scores(model: Model, signals: Signals, chosen: Sequence[Candidate], seed: int) -> dict[str, Json]:
+    rows = _rows(signals, model)
+    ranges = denominator_ranges(model, np.concatenate(rows, axis=1), np.random.default_rng(seed))
+    targets: dict[str, Json] = {}
+    for c in chosen:
+        denominator: dict[str, Json] = {where: list[Json](ends) for where, ends in ranges[c.target].items()}
+        targets[c.target] = {
+            "r2_held_out": c.target_r2,
+            "rmse_held_out": c.target_rmse,
+            "explained_held_out": c.explained,
+            "denominator": denominator,
+        }
+    longest = max(rows, key=lambda r: r.shape[1])
+    return {"targets": targets, "free_run": _free_run(model, signals, longest)}
+
+
+def _free_run(model: Model, signals: Signals, variables: FloatArray) -> dict[str, Json]:
+    """Simulate the last fifth of the longest record from its first state; valid until the error passes 0.3."""
+    tail = variables[:, -max(variables.shape[1] // 5, 2) :]
+    states, inputs = tail[: len(model.states)].T, tail[len(model.states) :].T
+    t = signals.period * np.arange(len(states))
+    run = simulate(model, t, np.ascontiguousarray(inputs), np.ascontiguousarray(states[0]))
+    spread = np.maximum(np.concatenate(list(signals.columns), axis=1).std(axis=1), 1e-300)
+    scale = np.array([spread[signals.row(s)] for s in model.states])
+    reached = len(run.t)
+    error = np.sqrt(np.mean(((run.states - states[:reached]) / scale) ** 2, axis=1))
+    late = np.flatnonzero(error > VALID_ERROR)
+    valid = float(t[late[0]]) if late.size else float(t[reached - 1])
+    return {"duration": float(t[-1]), "valid_time": valid, "ended": run.ended}
+
+
+def _provenance(study: Study, signals: Signals) -> dict[str, Json]:
+    from odescope import __version__
+
+    columns: dict[str, Json] = {
+        name: c.column or name for name, c in (*study.coordinates.items(), *study.inputs.items())
+    }
+    channels: dict[str, Json] = {c.name: {"noise": c.noise, "cutoff_hz": c.cutoff} for c in signals.channels}
+    return {
+        "odescope": __version__,
+        "time": study.data.time,
+        "columns": columns,
+        "channels": channels,
+        "recordings": len(signals.columns),
+        "seed": study.random.seed,
+    }

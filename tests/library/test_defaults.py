@@ -1,0 +1,136 @@
+from itertools import product
+
+import pytest
+
+from odescope.errors import InputError
+from odescope.library.candidates import Library, split_target
+from odescope.library.defaults import check_basis, default_library, default_rules, paper_basis, paper_rules
+from odescope.library.parse import Scope, parse_term
+from odescope.records import Coordinate, Input
+
+CART = (Coordinate("x", order=2, cyclic=True), Coordinate("phi", order=2, angle=True))
+FORCE = (Input("u"),)
+
+
+def scope(coordinates, inputs):
+    return Scope.of([*(n for c in coordinates for n in (*c.states, c.target)), *(i.name for i in inputs)])
+
+
+def default(coordinates, inputs, targets=None):
+    names = scope(coordinates, inputs)
+    return default_library(coordinates, inputs, targets or [c.target for c in coordinates], names), names
+
+
+def products(names, *rows):
+    return {parse_term("*".join(f"({f})" for f in row), names) for row in product(*rows)}
+
+
+TRIGONOMETRIC = ("1", "sin(phi)", "cos(phi)", "sin(phi)*cos(phi)", "cos(phi)**2")
+
+
+# the paper's
+
+
+@pytest.mark.parametrize(("target", "other"), [("x_ddot", "phi_ddot"), ("phi_ddot", "x_ddot")])
+def test_the_papers_counts_and_candidates(target, other):
+    names = scope(CART, FORCE)
+    basis = paper_basis(CART, FORCE)
+    assert len(basis) == 7
+    whole = Library.of(basis, names).powers(4)
+    assert len(whole) == 330
+    kept = whole.thin(paper_rules(CART, FORCE, target), names)
+    assert len(kept) == 35
+    assert sum(count for _, count in kept.removed) == 295
+    motion = ("1", "x_dot", "x_dot**2", "phi_dot", "phi_dot**2", "u", target)
+    assert set(kept) == products(names, motion, TRIGONOMETRIC)
+    assert not any(other in t.names for t in kept)
+
+
+# the defaults
+
+
+def test_the_default_of_a_pendulum_on_a_cart():
+    library, names = default(CART, FORCE)
+    motion = ("1", "x_dot", "phi_dot", "x_dot**2", "x_dot*phi_dot", "phi_dot**2", "u", "x_ddot", "phi_ddot")
+    assert set(library) == products(names, motion, TRIGONOMETRIC)
+    assert len(library) == len(set(library)) == 45
+
+
+def test_a_position_that_is_neither_angle_nor_cyclic_enters_beside_an_angle():
+    coordinates = (Coordinate("x", order=2), Coordinate("phi", order=2, angle=True))
+    library, names = default(coordinates, ())
+    assert products(names, ("x",), TRIGONOMETRIC) <= set(library)
+    assert not any(t.power_of(parse_term("phi", names).factors[0][0]) for t in library)
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "law"),
+    [
+        # Michaelis-Menten: x' (.3 + x) = .6 (.3 + x) - 1.5 x
+        ([Coordinate("x")], ["x_dot", "x*x_dot", "1", "x"]),
+        # Lorenz
+        ([Coordinate("x"), Coordinate("y"), Coordinate("z")], ["x_dot", "y_dot", "z_dot", "x", "y", "z", "x*z", "x*y"]),
+        # Holling: prey a/(1 + h a) predator
+        ([Coordinate("a"), Coordinate("b")], ["a_dot", "a*a_dot", "a", "a**2", "a**3", "a*b", "b", "b_dot*a", "b_dot"]),
+        # van der Pol
+        ([Coordinate("x", order=2)], ["x_ddot", "x_dot", "x**2*x_dot", "x"]),
+    ],
+)
+def test_the_default_without_angles_holds_the_laws_of_the_text_books(coordinates, law):
+    library, names = default(tuple(coordinates), ())
+    assert {parse_term(t, names) for t in law} <= set(library)
+
+
+def test_the_default_without_angles_is_monomials_with_and_without_a_target():
+    coordinates, inputs = (Coordinate("x"), Coordinate("y", order=2)), (Input("u"),)
+    library, names = default(coordinates, inputs, ("x_dot",))
+    monomials = Library.of(("x", "y", "y_dot", "u"), names).powers(3)
+    target = parse_term("x_dot", names)
+    assert set(library) == {*monomials, *(target * m for m in monomials)}
+    assert len(library) == 2 * 35
+
+
+@pytest.mark.parametrize(("count", "degree", "monomials"), [(5, 3, 56), (6, 2, 28), (9, 2, 55), (10, 1, 11)])
+def test_the_degree_falls_where_there_would_be_too_many(count, degree, monomials):
+    coordinates = tuple(Coordinate(f"c{k}") for k in range(count))
+    library, _ = default(coordinates, (), ("c0_dot",))
+    assert len(library) == 2 * monomials
+    assert max(sum(p for _, p in split_target(t, ("c0_dot",))[1].factors) for t in library) == degree
+
+
+def test_all_defaults_are_linear_in_the_targets():
+    for coordinates in (CART, (Coordinate("x"), Coordinate("y")), (Coordinate("q", order=3),)):
+        targets = [c.target for c in coordinates]
+        library, _ = default(coordinates, FORCE)
+        assert {split_target(t, targets)[0] for t in library} == {None, *targets}
+
+
+def test_an_equation_of_third_order_has_its_derivatives_as_states():
+    library, names = default((Coordinate("q", order=3),), ())
+    assert {parse_term(t, names) for t in ("q", "q_dot", "q_ddot", "q_dddot", "q*q_dot*q_ddot")} <= set(library)
+
+
+# a basis by hand
+
+
+def test_a_basis_by_hand_is_linear_in_targets_and_free_of_the_identity():
+    names = scope(CART, FORCE)
+    basis = ("x_dot", "sin( phi )", "cos(phi)", "phi_ddot")
+    rules = default_rules(CART, ("x_ddot", "phi_ddot"), basis)
+    kept = Library.of(basis, names).powers(3).thin(rules, names)
+    for t in kept:
+        assert t.power_of(parse_term("sin(phi)", names).factors[0][0]) <= 1
+        assert t.power_of(parse_term("phi_ddot", names).factors[0][0]) <= 1
+    assert parse_term("cos(phi)**3", names) in set(kept)
+    assert parse_term("phi_ddot*sin(phi)*cos(phi)", names) in set(kept)
+
+
+def test_sine_without_cosine_keeps_its_square():
+    assert len(default_rules(CART, ("x_ddot",), ("sin(phi)", "x_dot"))) == 1
+
+
+def test_a_library_without_a_state_is_refused():
+    names = scope(CART, FORCE)
+    with pytest.raises(InputError, match="no candidate term contains a state"):
+        check_basis(CART, Library.of(("u", "1", "x_ddot"), names))
+    check_basis(CART, Library.of(("u", "sin(phi)"), names))
