@@ -140,9 +140,10 @@ class _Walk:
         sign = 1.0
         if isinstance(exponent, ast.UnaryOp) and isinstance(exponent.op, ast.USub):
             exponent, sign = exponent.operand, -1.0
-        if not isinstance(exponent, ast.Constant) or type(exponent.value) not in (int, float):
+        value = exponent.value if isinstance(exponent, ast.Constant) else None
+        if not isinstance(value, int | float) or isinstance(value, bool):
             raise self.fail("an exponent must be a plain number")
-        power = sign * self.number(exponent.value)
+        power = sign * self.number(value)
         if abs(power) > MAXIMUM_POWER or power == 0:
             raise self.fail(f"the exponent {power:g} is outside 1 to {MAXIMUM_POWER} in size")
         return self.power(base, int(power) if power.is_integer() else power)
@@ -153,9 +154,8 @@ class _Walk:
         if len(base.parts) > 1:
             return _lone(Call("", base), power)
         ((c, t),) = base.parts
-        if c != 1.0 and (c <= 0 or abs(power * math.log(c)) > 200):
-            if c > 0 or not isinstance(power, int) or abs(power * math.log(-c)) > 200:
-                raise self.fail("a number in it is raised too high, or is negative under a fractional power")
+        if abs(power * math.log(abs(c))) > 200 or (c < 0 and not isinstance(power, int)):
+            raise self.fail("a number in it is raised too high, or is negative under a fractional power")
         whole = [p for _, p in t.factors if isinstance(p, int)]
         if not isinstance(power, int) and (any(p % 2 == 0 for p in whole) or len(whole) > 1):
             raise self.fail("a fractional power of a product loses signs, as (x**2)**0.5 is abs(x); write abs or sqrt")

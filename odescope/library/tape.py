@@ -89,12 +89,12 @@ def write_tape(names: Sequence[str], expressions: Sequence[Term | Combination]) 
     writer = _Writer(names)
     outputs = [writer.term(e) if isinstance(e, Term) else writer.combination(e) for e in expressions]
     rows = list(writer.rows)
-    columns = [np.array([row[k] for row in rows], dtype=np.int64) for k in range(3)]
+    code, left, right = (np.array([row[k] for row in rows], dtype=np.int64) for k in range(3))
     constant = np.array([row[3] for row in rows], dtype=np.float64)
-    return Tape(len(names), *columns, constant, np.array(outputs, dtype=np.int64))
+    return Tape(len(names), code, left, right, constant, np.array(outputs, dtype=np.int64))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_tape(
     code: IntArray, left: IntArray, right: IntArray, constant: FloatArray, work: FloatArray, first: int, lanes: int
 ) -> None:
@@ -154,7 +154,7 @@ def run_tape(
                 out[i] = np.tanh(a[i])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _run_blocks(
     code: IntArray,
     left: IntArray,

@@ -28,7 +28,7 @@ class Factor:
     @property
     def width(self) -> int:
         """Number of candidate terms."""
-        return self.r.shape[1]
+        return len(self.scale)
 
     def solve(self, support: Sequence[int], left: int) -> FloatArray:
         """Return xi (m,) of the relation sum xi theta = 0 with xi[left] = 1, the rest least squares on `support`.

@@ -17,7 +17,8 @@ import numpy as np
 import scipy.fft
 
 from odescope.arrays import FloatArray
-from odescope.regression.factor import factorise, merge
+from odescope.regression.factor import Factor, factorise, merge
+from odescope.regression.proposers import MatchingPursuit
 from odescope.signals.estimate import Signals
 from odescope.signals.spectral import bin_frequencies
 
@@ -25,7 +26,7 @@ FOLDS = 5  # blocks of the record held out in turn
 LEAST_BINS_A_BLOCK = 40  # a block with fewer cosines below the cutoff is not cut further
 TAPER_PERIODS = 2.0  # of the cutoff, at each end of a block, and at most a tenth of it
 SMOOTHING_BINS = 81  # neighbours averaged into the noise spectrum
-ROWS_A_COLUMN = 5  # fewer rows than this for each candidate leave no residual to learn the noise from
+ROWS_A_COLUMN = 5  # fewer rows than this for each term of a fit leave no residual to learn the noise from
 
 
 @dataclass(frozen=True)
@@ -131,8 +132,8 @@ class PlainRows(msgspec.Struct, frozen=True, tag="samples", tag_field="kind", fo
 class NoiseWeighted(msgspec.Struct, frozen=True, tag="noise_weighted", tag_field="kind", forbid_unknown_fields=True):
     """Cosines below the lowest cutoff, weighted by the inverse of the noise of the relation.
 
-    First w^-k, the noise of a k-th derivative under white measurement noise; then, where there are rows enough, the
-    spectrum of the residual of the fit with all candidates, smoothed: noise of other coordinates has another colour.
+    First w^-k, the noise of a k-th derivative under white measurement noise; then the spectrum, smoothed, of the residual
+    of a fit with as many candidates as the rows allow: noise of other coordinates has another colour.
     """
 
     passes: int = 1
@@ -147,9 +148,7 @@ class NoiseWeighted(msgspec.Struct, frozen=True, tag="noise_weighted", tag_field
         rows = CosineRows(signals.period, cutoff, grid, (grid**2 + (cutoff / 20) ** 2) ** (-order / 2))
         for _ in range(self.passes):
             factor = merge([factorise([rows.rows(b, v)]) for b, v in zip(blocks, values, strict=True)])
-            if factor.rows < ROWS_A_COLUMN * factor.width:
-                break
-            xi = factor.solve(range(factor.width), left)
+            xi = factor.solve(_rich(factor, left), left)
             parts = [rows.cosines((xi @ v)[None, :]) for v in values]
             frequency = np.concatenate([f for _, f in parts])
             power = np.concatenate([c[:, 0] for c, _ in parts]) ** 2
@@ -159,6 +158,15 @@ class NoiseWeighted(msgspec.Struct, frozen=True, tag="noise_weighted", tag_field
             weight = 1.0 / np.sqrt(np.maximum(smooth, floor))
             rows = CosineRows(signals.period, cutoff, frequency[sequence], weight / weight.max())
         return rows
+
+
+def _rich(factor: Factor, left: int) -> Sequence[int]:
+    """Return the columns of a fit that leaves little but noise: all, or where rows are few the best by pursuit."""
+    everything = tuple(range(factor.width))
+    if factor.rows >= ROWS_A_COLUMN * factor.width:
+        return everything
+    path = list(MatchingPursuit(max(1, factor.rows // (2 * ROWS_A_COLUMN))).supports(factor, left, everything))
+    return (*path[-1], left) if path else (left,)
 
 
 def _moving_mean(values: FloatArray, width: int) -> FloatArray:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
 
 RANK_TOLERANCE = 1e-12  # a unit column with less than this left of it adds nothing that rounding did not
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def least_squares(r: FloatArray, support: IntArray, left: int) -> tuple[FloatArray, float]:
     """Return the coefficients (s,) that best explain column `left` of r by the columns `support`, and |residual|^2.
 
@@ -68,14 +71,14 @@ def least_squares(r: FloatArray, support: IntArray, left: int) -> tuple[FloatArr
     return x, rest
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _grown(array: FloatArray) -> FloatArray:
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _grown(array: NDArray[Any]) -> NDArray[Any]:
     larger = np.empty((2 * array.shape[0], array.shape[1]), dtype=array.dtype)
     larger[: array.shape[0]] = array
     return larger
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def threshold_supports(
     r: FloatArray, columns: IntArray, left: int, weight: FloatArray, relative: bool, low: float, high: float
 ) -> BoolArray:
@@ -86,8 +89,10 @@ def threshold_supports(
     that maps to itself is final there (METHOD section 6). Intervals on the stack are disjoint, so this ends.
     """
     m = r.shape[1]
-    active, bounds = np.zeros((64, m), dtype=np.bool_), np.empty((64, 2))
-    final, count = np.zeros((64, m), dtype=np.bool_), 0
+    active: BoolArray = np.zeros((64, m), dtype=np.bool_)
+    bounds: FloatArray = np.empty((64, 2))
+    final: BoolArray = np.zeros((64, m), dtype=np.bool_)
+    count = 0
     for j in columns:
         active[0, j] = j != left
     bounds[0, 0], bounds[0, 1] = low, high

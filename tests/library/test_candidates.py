@@ -4,7 +4,7 @@ from math import comb
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from term_oracle import NAMES
+from term_oracle import NAMES, repeatable
 
 from odescope.errors import InputError
 from odescope.library.candidates import Library, split_target
@@ -52,6 +52,7 @@ def test_too_many_products_are_refused_before_they_are_made():
         basis.powers(12)
 
 
+@repeatable
 @given(st.lists(st.sampled_from(BASIS), max_size=4), st.lists(st.sampled_from(BASIS), max_size=4))
 def test_sums_are_unions_and_products_all_pairs(first, second):
     a, b = library(*first), library(*second)
@@ -81,6 +82,7 @@ def test_a_library_of_unreadable_text_is_refused():
         library("x", "x + u")
 
 
+@repeatable
 @given(st.lists(st.sampled_from(BASIS), max_size=4), st.sampled_from([None, "x_ddot", "phi_ddot"]))
 def test_a_target_and_the_rest_multiply_to_the_term(texts, target):
     rest = Term.of(f for t in texts for f in term(t).factors)

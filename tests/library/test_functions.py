@@ -18,8 +18,10 @@ def term(function):
 def test_the_derivative_of_a_row_is_sympys(function):
     z = sympy.Symbol("z", real=True)
     ours = sum(
-        (c * sympy.prod((SYMPY[f](z) if f else z) ** p for f, p in product)
-        for c, product in FUNCTIONS[function].derivative),
+        (
+            c * sympy.prod((SYMPY[f](z) if f else z) ** p for f, p in product)
+            for c, product in FUNCTIONS[function].derivative
+        ),
         sympy.Integer(0),
     )
     theirs = SYMPY[function](z).diff(z)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from term_oracle import NAMES, SCOPE, columns, texts, values
+from term_oracle import NAMES, SCOPE, columns, repeatable, texts, values
 
 from odescope.errors import InputError
 from odescope.library.expression import Combination, Term
@@ -28,7 +28,7 @@ def test_values_are_numpys_for_any_number_of_samples(samples):
         np.testing.assert_allclose(row, values(text, x), rtol=1e-13, atol=1e-15, err_msg=text)
 
 
-@settings(deadline=None)
+@repeatable
 @given(st.lists(texts, min_size=1, max_size=4))
 def test_a_term_has_the_same_values_alone_as_among_others(spelled):
     terms = []

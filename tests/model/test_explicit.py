@@ -130,7 +130,10 @@ PAIR = [Coordinate("x"), Coordinate("y")]
 @pytest.mark.parametrize(
     ("relations", "message"),
     [
-        (([("x_dot", "1", 1.0), (None, "x", 1.0)], [("x_dot", "1", 1.0), (None, "y", 1.0)]), "no relation holds .*y_dot"),
+        (
+            ([("x_dot", "1", 1.0), (None, "x", 1.0)], [("x_dot", "1", 1.0), (None, "y", 1.0)]),
+            "no relation holds .*y_dot",
+        ),
         (
             (
                 [("x_dot", "1", 0.1), ("y_dot", "1", 0.7), (None, "x", 1.0)],
@@ -167,9 +170,7 @@ def test_two_relations_for_one_target_beside_one_for_two_are_counted():
 def test_six_coupled_targets_are_refused_and_six_apart_are_not():
     names = "abcdef"
     coordinates = [Coordinate(n) for n in names]
-    chained = [
-        [(f"{n}_dot", "1", 1.0), (f"{names[k - 1]}_dot", n, 0.5), (None, n, 1.0)] for k, n in enumerate(names)
-    ]
+    chained = [[(f"{n}_dot", "1", 1.0), (f"{names[k - 1]}_dot", n, 0.5), (None, n, 1.0)] for k, n in enumerate(names)]
     with pytest.raises(InputError, match="6 coupled targets"):
         explicit(build(coordinates, [], *chained))
     apart = explicit(build(coordinates, [], *([(f"{n}_dot", "1", 1.0), (None, n, 1.0)] for n in names)))
