@@ -3,8 +3,8 @@
     ./run python bench/demo_table.py --seeds 20 --levels 1 2
 
 A structure is exact when the chosen relation has the terms of the truth and no other. "less joint friction" counts an
-x_ddot that lacks only the joint friction. The error is the largest over all coefficients but joint friction's, relative,
-among the exact ones.
+x_ddot that lacks only the joint friction. The error is the largest over all coefficients but joint friction's,
+relative, among the exact ones.
 """
 
 from __future__ import annotations
@@ -52,7 +52,9 @@ def run(job: tuple[int, int, float]) -> list[Outcome]:
     for target, joint in FRICTION.items():
         mine = [r for r in rows if r.target == target]
         errors = [
-            abs(r.found / r.truth - 1.0) for r in mine if r.term != joint and r.found is not None and r.truth is not None
+            abs(r.found / r.truth - 1.0)
+            for r in mine
+            if r.term != joint and r.found is not None and r.truth is not None
         ]
         missing = frozenset(r.term for r in mine if r.found is None)
         extra = frozenset(r.term for r in mine if r.truth is None)

@@ -2,8 +2,8 @@
 
     ./run python bench/signals.py --seeds 5
 
-The oracle is the cutoff that is best against the truth, for the same filter. The peers are METHOD section 3's cutoff from
-a Hann window and the paper's noise ceiling (no offset), each on the same filter; the error is taken within the margins.
+The oracle is the cutoff that is best against the truth, for the same filter. The peers are the same risk from a Hann
+window and the paper's noise ceiling (no offset), each on the same filter; the error is taken within the margins.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ORDER = 2
 
 
 def hann(samples: np.ndarray) -> float:
-    """The cutoff of METHOD section 3: the record less a line under a Hann window, in hertz."""
+    """The cutoff of least risk from the record less a line under a Hann window, in hertz."""
     count = len(samples)
     line = np.linspace(samples[0], samples[-1], count)
     power = np.abs(scipy.fft.rfft((samples - line) * np.hanning(count))) ** 2
@@ -49,7 +49,7 @@ def main() -> None:
                 for k, channel in enumerate(("x", "phi")):
                     samples = log.measured[:, k]
 
-                    def error(hertz: float, samples=samples, truth=truth[:, k]) -> float:  # noqa: ANN001
+                    def error(hertz: float, samples=samples, truth=truth[:, k]) -> float:
                         margin = round(0.5 / (hertz * PERIOD))
                         bins = round(2 * len(samples) * PERIOD * hertz)
                         found = differentiate(samples, PERIOD, bins, ORDER)[ORDER]

@@ -3,8 +3,8 @@
     ./run python bench/systems.py --seeds 10 --noise 0.001 0.01 0.05
 
 Michaelis-Menten x' = .6 - 1.5 x/(.3 + x) (8 recordings of 8 s), Lorenz, a predator and prey with Holling's second
-response (4 recordings), and a driven van der Pol oscillator of which the position alone is measured. Noise is relative to
-each coordinate's standard deviation.
+response (4 recordings), and a driven van der Pol oscillator of which the position alone is measured. Noise is relative
+to each coordinate's standard deviation.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ def simulate_log(seed: int, level: int = 1, joint_friction: float = PAPER_JOINT_
     """Return the log of one run: a force of white noise cut at 3 Hz, positions with white noise of the level."""
     rng = np.random.default_rng(seed)
     count = round(DURATION / PERIOD) + 1
-    t = PERIOD * np.arange(count)
+    t = np.arange(count, dtype=np.float64) * np.float64(PERIOD)
     spectrum = np.fft.rfft(rng.standard_normal(count))
     spectrum[np.fft.rfftfreq(count, PERIOD) > FORCE_BAND] = 0.0
     force = np.fft.irfft(spectrum, count)

@@ -180,7 +180,7 @@ def _free_run(model: Model, signals: Signals, variables: FloatArray) -> dict[str
     """Simulate the last fifth of the longest record from its first state; valid until the error passes 0.3."""
     tail = variables[:, -max(variables.shape[1] // 5, 2) :]
     states, inputs = tail[: len(model.states)].T, tail[len(model.states) :].T
-    t = signals.period * np.arange(len(states))
+    t = np.arange(len(states), dtype=np.float64) * np.float64(signals.period)
     run = simulate(model, t, np.ascontiguousarray(inputs), np.ascontiguousarray(states[0]))
     spread = np.maximum(np.concatenate(list(signals.columns), axis=1).std(axis=1), 1e-300)
     scale = np.array([spread[signals.row(s)] for s in model.states])
@@ -194,9 +194,7 @@ def _free_run(model: Model, signals: Signals, variables: FloatArray) -> dict[str
 def _provenance(study: Study, signals: Signals) -> dict[str, Json]:
     from odescope import __version__
 
-    columns: dict[str, Json] = {
-        name: c.column or name for name, c in (*study.coordinates.items(), *study.inputs.items())
-    }
+    columns: dict[str, Json] = dict(study.layout().columns)
     channels: dict[str, Json] = {c.name: {"noise": c.noise, "cutoff_hz": c.cutoff} for c in signals.channels}
     return {
         "odescope": __version__,

@@ -27,7 +27,8 @@ td.n { text-align: right; font-variant-numeric: tabular-nums } tr.chosen { backg
 {% for line in trust %}<li>{{ line }}</li>
 {% endfor %}</ul>
 <h2>What was measured</h2>
-<div class="scroll"><table><tr><th>coordinate</th><th>unit</th><th>noise (standard deviation)</th><th>cutoff (Hz)</th></tr>
+<div class="scroll"><table><tr><th>coordinate</th><th>unit</th><th>noise (standard deviation)</th>
+<th>cutoff (Hz)</th></tr>
 {% for c in channels %}<tr><td>{{ c.name }}</td><td>{{ c.unit }}</td><td class="n">{{ c.noise }}</td>
 <td class="n">{{ c.cutoff }}</td></tr>
 {% endfor %}</table></div>

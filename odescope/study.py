@@ -129,13 +129,12 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     def layout(self) -> Layout:
         """Return how the recordings are laid out."""
-        columns = {name: c.column or name for name, c in (*self.coordinates.items(), *self.inputs.items())}
-        units = {name: c.unit for name, c in (*self.coordinates.items(), *self.inputs.items())}
+        named: list[tuple[str, Measured | Driven]] = [*self.coordinates.items(), *self.inputs.items()]
         return Layout(
             time=self.data.time,
             sample_period=self.data.sample_period,
-            columns=tuple(columns.items()),
-            units=tuple((name, unit) for name, unit in units.items() if unit is not None),
+            columns=tuple((name, c.column or name) for name, c in named),
+            units=tuple((name, c.unit) for name, c in named if c.unit is not None),
             angles=frozenset(name for name, c in self.coordinates.items() if c.angle),
             held=frozenset(name for name, i in self.inputs.items() if i.hold == "zero"),
             recording=self.data.recording,

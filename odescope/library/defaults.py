@@ -15,7 +15,7 @@ COMFORTABLE = 60  # polynomial degree is lowered until a default has no more pro
 
 
 def paper_basis(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> tuple[str, ...]:
-    """Return the paper's basis (24): velocities, sine and cosine of angles, inputs, targets; the constant is implied."""
+    """Return the paper's basis (24) less the constant: velocities, sine and cosine of angles, inputs, targets."""
     velocities = [c.derivative(k) for k in range(1, _highest(coordinates)) for c in coordinates if c.order > k]
     trigonometric = [f"{f}({c.name})" for c in coordinates if c.angle for f in ("sin", "cos")]
     return (*velocities, *trigonometric, *(i.name for i in inputs), *(c.target for c in coordinates))
@@ -46,8 +46,8 @@ def default_library(
     """Return the default candidates for relations that are linear in `targets`.
 
     With angles: {1, velocities, products of two velocities, inputs, positions that are neither angle nor cyclic,
-    targets} x products of sines and cosines to degree 2. Without: monomials of states and inputs to degree 3 (less where
-    that would be too many) x {1, targets}.
+    targets} x products of sines and cosines to degree 2. Without: monomials of states and inputs to degree 3 (less
+    where that would be too many) x {1, targets}.
     """
     states = [
         c.derivative(k)
@@ -70,7 +70,7 @@ def default_library(
 
 
 def default_rules(coordinates: Sequence[Coordinate], targets: Sequence[str], basis: Sequence[str]) -> tuple[Rule, ...]:
-    """Return the rules a basis named by hand gets unless it brings its own: linear in the targets, sin^2 = 1 - cos^2."""
+    """Return the rules of a basis by hand that brings none of its own: linear in the targets, sin^2 = 1 - cos^2."""
     compact = {b.replace(" ", "") for b in basis}
     pairs = [c.name for c in coordinates if {f"sin({c.name})", f"cos({c.name})"} <= compact]
     return (MaximumDegree(tuple(targets), 1), *(Identity(f"sin({a})") for a in pairs))

@@ -200,7 +200,7 @@ _DERIVED = re.compile(r"^(?P<base>.+)_(?P<order>d+)ot$")
 
 
 def latex_name(name: str) -> str:
-    """Return LaTeX of a state, target or input: `phi1_ddot` becomes \\ddot{\\phi}_{1}."""
+    r"""Return LaTeX of a state, target or input: `phi1_ddot` becomes \ddot{\phi}_{1}."""
     derived = _DERIVED.match(name)
     base, order = (derived["base"], len(derived["order"])) if derived else (name, 0)
     stem, _, index = base.partition("_")

@@ -63,7 +63,7 @@ class MaximumFactors(msgspec.Struct, frozen=True, tag="maximum_factors", tag_fie
 
     count: int
 
-    def keeps(self, term: Term, scope: Scope) -> bool:  # noqa: ARG002 (one signature for every rule)
+    def keeps(self, term: Term, scope: Scope) -> bool:
         """Say whether there are few enough distinct functions."""
         return len(term.factors) <= self.count
 

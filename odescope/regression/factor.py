@@ -86,7 +86,7 @@ def factorise(blocks: Iterable[FloatArray]) -> Factor:
         for start in range(0, len(block), BLOCK_ROWS):
             piece = block[start : start + BLOCK_ROWS]
             rows += len(piece)
-            r = np.linalg.qr(piece if r is None else np.concatenate([r, piece]), mode="r")
+            r = _triangle(piece if r is None else np.concatenate([r, piece]))
     if r is None:
         raise InputError("there is no row to factor")
     return _scaled(r, rows)
@@ -95,7 +95,12 @@ def factorise(blocks: Iterable[FloatArray]) -> Factor:
 def merge(factors: Sequence[Factor]) -> Factor:
     """Return the factor of all rows of several factors together."""
     stacked = np.concatenate([f.r * f.scale for f in factors])
-    return _scaled(np.linalg.qr(stacked, mode="r"), sum(f.rows for f in factors))
+    return _scaled(_triangle(stacked), sum(f.rows for f in factors))
+
+
+def _triangle(rows: FloatArray) -> FloatArray:
+    # An array already: asarray is for the type checker, to whom every mode of qr returns a pair.
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _scaled(r: FloatArray, rows: int) -> Factor:

@@ -104,7 +104,7 @@ def _independent(factor: Factor, columns: list[int]) -> list[int]:
 class BackwardElimination(
     msgspec.Struct, frozen=True, tag="backward_elimination", tag_field="kind", forbid_unknown_fields=True
 ):
-    """Backward elimination: the path from all columns down to one, dropping what costs least; supports up to `terms`."""
+    """Backward elimination: the path from all columns down to one, dropping what costs least; `terms` at most."""
 
     terms: int = 15
 

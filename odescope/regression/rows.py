@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Protocol
 
 import msgspec
@@ -75,7 +76,7 @@ def cut_blocks(signals: Signals) -> tuple[Block, ...]:
         bins = 2.0 * count * signals.period * lowest
         parts = int(max(1, min(wanted, bins // LEAST_BINS_A_BLOCK)))
         edges = np.linspace(0, count, parts + 1).astype(int)
-        pieces += [(r, int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        pieces += [(r, int(a), int(b)) for a, b in pairwise(edges)]
     return tuple(Block(r, a, b, k % FOLDS) for k, (r, a, b) in enumerate(pieces))
 
 
@@ -83,7 +84,7 @@ def cut_blocks(signals: Signals) -> tuple[Block, ...]:
 class SampleRows:
     """The samples themselves."""
 
-    def rows(self, block: Block, columns: FloatArray) -> FloatArray:  # noqa: ARG002
+    def rows(self, block: Block, columns: FloatArray) -> FloatArray:
         """Return columns as rows."""
         return columns.T
 
@@ -132,8 +133,8 @@ class PlainRows(msgspec.Struct, frozen=True, tag="samples", tag_field="kind", fo
 class NoiseWeighted(msgspec.Struct, frozen=True, tag="noise_weighted", tag_field="kind", forbid_unknown_fields=True):
     """Cosines below the lowest cutoff, weighted by the inverse of the noise of the relation.
 
-    First w^-k, the noise of a k-th derivative under white measurement noise; then the spectrum, smoothed, of the residual
-    of a fit with as many candidates as the rows allow: noise of other coordinates has another colour.
+    First w^-k, the noise of a k-th derivative under white measurement noise; then the spectrum, smoothed, of the
+    residual of a fit with as many candidates as the rows allow: noise of other coordinates has another colour.
     """
 
     passes: int = 1

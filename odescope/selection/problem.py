@@ -21,8 +21,9 @@ from odescope.signals.estimate import Signals
 class Problem:
     """One target's candidates, their values, and the factors of the folds.
 
-    Shapes, one array a block: values (m, n_b) of the candidates, multipliers (k, n_b) of the target's own terms, measured
-    (n_b,) of the target. `own` lists the k candidates that hold the target, `rests` the candidates without any target.
+    Shapes, one array a block: values (m, n_b) of the candidates, multipliers (k, n_b) of the target's own terms,
+    measured (n_b,) of the target. `own` lists the k candidates that hold the target, `rests` the candidates without any
+    target.
     """
 
     target: str

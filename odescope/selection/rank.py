@@ -1,4 +1,4 @@
-"""From hundreds of candidate relations to one a target: what is discarded and why, scores on held-out data, families."""
+"""From hundreds of candidate relations to one a target: what is discarded and why, held-out scores, families."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from odescope.selection.sweep import Sweep
 class Ranking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How candidates are kept and ranked.
 
-    A relation is kept with at most `terms` terms, found from at least `consensus` guesses. `explain` is the least part of
-    the target's power on held-out data, as weighted in the regression, that the chosen relation must predict.
+    A relation is kept with at most `terms` terms, found from at least `consensus` guesses. `explain` is the least part
+    of the target's power on held-out data, as weighted in the regression, that the chosen relation must predict.
     """
 
     terms: int = 15

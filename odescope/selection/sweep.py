@@ -86,8 +86,8 @@ def sweep(factor: Factor, terms: Sequence[Term], nested: Sequence[Support], prop
 def nested_libraries(rests: Sequence[Term], own: Sequence[int]) -> tuple[Support, ...]:
     """Return the columns up to each total degree, and those without a product of the target.
 
-    A true relation times any function is a relation too, and a rich library holds several such multiples: their mixtures
-    hide the simple one. A smaller library holds fewer.
+    A true relation times any function is a relation too, and a rich library holds several such multiples: their
+    mixtures hide the simple one. A smaller library holds fewer.
 
     Args:
         rests: the products without their targets.

@@ -79,7 +79,7 @@ class NoiseCeiling(msgspec.Struct, frozen=True, tag="noise_ceiling", tag_field="
     offset: float = 0.0
     average: int = 5
 
-    def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:  # noqa: ARG002 (the paper's choice ignores the order)
+    def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:
         """Return the cutoff in hertz; the periodograms of several records are averaged."""
         length = min(min(len(samples) for samples in channel), 4096)
         periodograms = [
@@ -99,7 +99,7 @@ class FixedCutoff(msgspec.Struct, frozen=True, tag="fixed", tag_field="kind", fo
 
     frequency: float
 
-    def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:  # noqa: ARG002
+    def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:
         """Return the frequency, at most just below half the sampling rate."""
         return min(self.frequency, 0.475 / period)
 
