@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,6 +26,9 @@ app = typer.Typer(
 )
 
 
+STOPPED = 130
+
+
 def main() -> None:
     """Run the command line; wrong input ends with one message on standard error."""
     try:
@@ -32,18 +36,21 @@ def main() -> None:
     except OdescopeError as error:
         print(f"odescope: {error}", file=sys.stderr)
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        print("odescope: stopped; nothing was written. Run the same command to start again", file=sys.stderr)
-        sys.exit(130)
-    except BrokenPipeError:
-        sys.exit(0)
+    except OSError as error:  # whatever no message of its own foresees
+        where = f": {error.filename}" if error.filename else ""
+        print(f"odescope: {error.strerror or error}{where}", file=sys.stderr)
+        sys.exit(2)
+    except SystemExit as end:
+        if end.code == STOPPED:  # typer has turned the interrupt into this
+            print("odescope: stopped before any result was written", file=sys.stderr)
+        raise
 
 
 @app.command()
 def identify(
     source: Annotated[Path, typer.Argument(metavar="STUDY.toml | DATA", help="A study, or a data file with options.")],
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the results. [default: the source's name, beside it]")
+        Path | None, typer.Option(help="Folder for the results.", show_default="the source's name, beside it")
     ] = None,
     time: Annotated[str | None, typer.Option(help="Column that holds the time in seconds.")] = None,
     sample_period: Annotated[
@@ -56,53 +63,61 @@ def identify(
     input_: Annotated[
         list[str] | None, typer.Option("--input", metavar="NAME[:zero]", help="A recorded input; repeat for more.")
     ] = None,
-    order: Annotated[int | None, typer.Option(help="Order of the equations of all coordinates. [default: 1]")] = None,
+    order: Annotated[
+        int | None, typer.Option(help="Order of the equations of all coordinates.", show_default="1")
+    ] = None,
     recording: Annotated[str | None, typer.Option(help="Column that splits a file into recordings.")] = None,
 ) -> None:
     """Identify the equations behind a recording: writes model.json, candidates.csv, report.html and study.toml."""
     from odescope.study import read_study
 
     options = (time, sample_period, coordinate, input_, order, recording)
-    if source.suffix == ".toml":
+    if source.suffix.lower() == ".toml":
         if any(o is not None for o in options):
-            raise InputError("with a study file, data options belong into the study; only --out stands beside it")
+            raise InputError("with a study file, data options belong in the study; only --out may stand beside it")
         study = read_study(source)
         folder = source.parent
     else:
         study = _study_of(source, time, sample_period, coordinate or [], input_ or [], order, recording)
         folder = Path()
-    _identify_and_write(study, folder, out or source.with_name(source.name.split(".")[0] or "results"), source.stem)
+    out = _results_folder(source) if out is None else out
+    _identify_and_write(study, folder, out, source.stem, source)
 
 
 @app.command()
 def simulate(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")],
     data: Annotated[Path, typer.Argument(metavar="DATA", help="The recording whose inputs drive it.")],
-    out: Annotated[Path | None, typer.Option(help="CSV file for the states. [default: standard output]")] = None,
+    out: Annotated[Path | None, typer.Option(help="CSV file for the states.", show_default="standard output")] = None,
     time: Annotated[
-        str | None, typer.Option(help="Column that holds the time. [default: as identified, else t or time]")
+        str | None,
+        typer.Option(help="Column that holds the time.", show_default="as identified, else t or time"),
     ] = None,
     sample_period: Annotated[
         float | None, typer.Option(help="Sampling period in seconds, where no column has it.")
     ] = None,
     recording: Annotated[str | None, typer.Option(help="Column that splits the file into recordings.")] = None,
     initial: Annotated[
-        list[str] | None, typer.Option(metavar="STATE=VALUE", help="A state at the first sample. [default: fitted]")
+        list[str] | None,
+        typer.Option(
+            metavar="STATE=VALUE", help="A state at the first sample; repeat for more.", show_default="fitted"
+        ),
     ] = None,
 ) -> None:
     """Run a model freely from the first sample of a recording, under its inputs."""
     from odescope.freerun import free_runs
+    from odescope.results import check_file, refuse_overwriting, write_file
 
+    if out is not None:
+        check_file(out)
+        refuse_overwriting([out], [model, data])
     text, notes = free_runs(model, data, time, sample_period, recording, initial or [])
     for note in notes:
         print(f"odescope: {note}", file=sys.stderr)
     if out is None:
-        sys.stdout.write(text)
-        return
-    from odescope.results import check_writable, write_file
-
-    check_writable(out.parent)
-    write_file(out, text)
+        _say(text)
+    else:
+        write_file(out, text)
 
 
 @app.command()
@@ -125,7 +140,7 @@ def demo(
         watch("simulating the pendulum on a cart")
         study = write_demo(out, seed, level, friction)
     print(f"wrote {out / 'log.csv'} and {study}", file=sys.stderr)
-    result = _identify_and_write(read_study(study), out, out, "Pendulum on a cart")
+    result = _identify_and_write(read_study(study), out, out, "Pendulum on a cart", study)
     _print_table(table_two(cart_pendulum(friction), result.model))
 
 
@@ -133,23 +148,23 @@ def demo(
 def export(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")],
     to: Annotated[str, typer.Option(metavar="text|latex|python", help="What to write.")] = "text",
-    out: Annotated[Path | None, typer.Option(help="File to write. [default: standard output]")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write.", show_default="standard output")] = None,
 ) -> None:
     """Write a model as text, as LaTeX, or as a Python module that imports numpy alone."""
     from odescope.errors import nearest
     from odescope.export.code import to_python
     from odescope.export.modelfile import read_model
     from odescope.export.text import to_latex, to_text
-    from odescope.results import check_writable, write_file
+    from odescope.results import refuse_overwriting, write_file
 
     writers: dict[str, Callable[..., str]] = {"text": to_text, "latex": to_latex, "python": to_python}
     if to not in writers:
         raise InputError(f"cannot export to {to!r}; {nearest(to, writers)}")
     text = writers[to](read_model(model)).rstrip("\n") + "\n"
     if out is None:
-        sys.stdout.write(text)
+        _say(text)
     else:
-        check_writable(out.parent)
+        refuse_overwriting([out], [model])
         write_file(out, text)
 
 
@@ -162,16 +177,22 @@ def _study_of(
     order: int | None,
     recording: str | None,
 ) -> Study:
+    from odescope.readers import column_names
     from odescope.study import Data, Driven, Measured, Study
 
     if not coordinates:
-        raise InputError("name at least one measured column: --coordinate NAME, or pass a study file (.toml)")
+        columns = ", ".join(column_names(source))
+        raise InputError(
+            f"name at least one measured column of {source.name}, --coordinate NAME, or pass a study (.toml) instead;"
+            f" its columns are: {columns}"
+        )
     if time is None and sample_period is None:
         raise InputError("name the column that holds the time, --time NAME, or give --sample-period SECONDS")
     measured, driven = {}, {}
     for text in coordinates:
         name, *flags = text.split(":")
-        given: dict[str, int | bool] = {"order": order or 1}
+        _check_plain("coordinate", name)
+        given: dict[str, int | bool] = {"order": 1 if order is None else order}
         for flag in flags:
             if flag in ("cyclic", "angle"):
                 given[flag] = True
@@ -186,6 +207,9 @@ def _study_of(
         )
     for text in inputs:
         name, *flags = text.split(":")
+        _check_plain("input", name)
+        if name in driven:
+            raise InputError(f"--input {name} is given twice")
         if flags not in ([], ["zero"], ["linear"]):
             raise InputError(f"--input {text}: after the name comes zero or linear; {':'.join(flags)!r} came")
         driven[name] = Driven(hold="zero" if flags == ["zero"] else "linear")
@@ -195,27 +219,59 @@ def _study_of(
     return study
 
 
-def _identify_and_write(study: Study, folder: Path, out: Path, title: str) -> Identification:
+def _check_plain(option: str, name: str) -> None:
+    if not (name.isascii() and name.isidentifier()):
+        raise InputError(
+            f"--{option}: {name!r} is not a plain name; in a study file, a {option} with a plain name can read any"
+            f" column, by column = {name!r}"
+        )
+
+
+def _results_folder(source: Path) -> Path:
+    """Return the default folder: beside the source, called like it less its endings."""
+    name = source.name
+    stem = Path(name.removesuffix(".gz")).stem.lstrip(".")
+    return source.parent / (stem if stem not in ("", name) else f"{stem}-results")
+
+
+def _identify_and_write(study: Study, folder: Path, out: Path, title: str, source: Path) -> Identification:
     import msgspec
 
     from odescope.export.text import to_text
     from odescope.identification import identify as run
     from odescope.report import summary, to_html
-    from odescope.results import check_writable, result_files, write_files
+    from odescope.results import RESULT_FILES, check_writable, refuse_overwriting, result_files, write_files
     from odescope.study import moved, study_toml
 
+    resolved = moved(study, folder, out)
     check_writable(out)
+    rerun = source.suffix.lower() == ".toml" and source.read_text(encoding="utf-8") == study_toml(resolved)
+    read = [folder / f for f in study.data.files] + ([] if rerun else [source])
+    refuse_overwriting([out / name for name in RESULT_FILES], read)
     placed = msgspec.structs.replace(
         study, data=msgspec.structs.replace(study.data, files=tuple(str(folder / f) for f in study.data.files))
     )
     with _progress() as watch:
         result = run(placed, watch=watch)
-        resolved = moved(study, folder, out)
         html = to_html(summary(result, title, study_toml(resolved)))
         write_files(out, result_files(result, resolved, html))
-    print(to_text(result.model, 6))
+    _say(to_text(result.model, 6) + "\n")
+    for note in result.notes:
+        print(f"note: {note}", file=sys.stderr)
     print(f"\nwrote {out}/: model.json, candidates.csv, report.html, study.toml", file=sys.stderr)
     return result
+
+
+def _say(text: str) -> None:
+    """Write to standard output; a reader that has seen enough, such as head, is no error."""
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in the buffer goes there
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise InputError(f"cannot write to standard output: {error.strerror or error}") from error
 
 
 @contextmanager
@@ -241,7 +297,10 @@ def _print_table(rows: list) -> None:  # type: ignore[type-arg]
     for row in rows:
         values = ["missing" if v is None else f"{v:.5g}" for v in (row.truth, row.paper, row.found)]
         table.add_row(row.target, row.term, *values)
-    Console().print(table)
+    console = Console()
+    with console.capture() as shown:
+        console.print(table)
+    _say(shown.get())
 
 
 if __name__ == "__main__":

@@ -52,17 +52,21 @@ def free_runs(
     records = read_records([data_path], layout)
     out, notes = io.StringIO(), []
     writer = csv.writer(out, lineterminator="\n")
-    several = len(records.runs) > 1
-    label = recording or "recording"
-    writer.writerow((*((label,) if several else ()), time or "t", *model.states))
-    for number, run in enumerate(records, start=1):
+    writer.writerow((*(() if recording is None else (recording,)), time or "t", *model.states))
+    for run in records:
+        label = () if recording is None else (_label(run, data_path, recording),)
         result = _free_run(model, run, given)
         for t, row in zip(result.t.tolist(), result.states.tolist(), strict=True):
-            writer.writerow((*((number,) if several else ()), repr(t), *map(repr, row)))
+            writer.writerow((*label, repr(t), *map(repr, row)))
         if result.ended:
-            where = f" of recording {number}" if several else ""
+            where = f" of recording {label[0]}" if label else ""
             notes.append(f"the free run{where} ended early, at {len(result.t)} of {len(run)} samples: {result.ended}")
     return out.getvalue(), notes
+
+
+def _label(run: Record, data: Path, recording: str) -> str:
+    """Return what the column `recording` says of a run: the reader leaves it in the run's source."""
+    return run.source.removeprefix(f"{data.name} ({recording} ").removesuffix(")")
 
 
 def _free_run(model: Model, run: Record, given: dict[str, float]) -> Trajectory:
@@ -78,9 +82,12 @@ def _free_run(model: Model, run: Record, given: dict[str, float]) -> Trajectory:
 
 
 def _given_states(model: Model, initial: list[str]) -> dict[str, float]:
-    given = {}
+    given: dict[str, float] = {}
     for text in initial:
         name, _, value = text.partition("=")
+        name = name.strip()
+        if name in given:
+            raise InputError(f"--initial {name} is given twice")
         if name not in model.states:
             raise InputError(f"--initial {text}: {name!r} is no state of the model; {nearest(name, model.states)}")
         try:

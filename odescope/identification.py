@@ -53,6 +53,22 @@ class Identification:
     model: Model
     seconds: dict[str, float]
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know: candidates left out as dependent, denominators that may vanish, early ends."""
+        notes = {
+            f"left out of the library: {term}, on these data a combination of {', '.join(t.text for t in others)}": None
+            for s in self.searches
+            for term, others in s.problem.dependent
+        }
+        targets: Any = self.model.scores["targets"]
+        notes |= {
+            f"the denominator of {target} vanishes between the states of the data: expect poles when simulating": None
+            for target, score in targets.items()
+            if score["denominator"]["box"][0] * score["denominator"]["box"][1] <= 0.0
+        }
+        return tuple(notes)
+
 
 def identify(study: Study, data: Any = None, watch: Watch = lambda _: None) -> Identification:
     """Return the model that the recordings support, with everything that led to it.

@@ -57,6 +57,7 @@ def summary(result: Identification, title: str, study: str) -> dict[str, Any]:
         f"free run over {free_run['duration']:.4g} s of the record: valid for {free_run['valid_time']:.4g} s"
         + (f"; {free_run['ended']}" if free_run["ended"] else "")
     )
+    trust += result.notes
     units = {c.name: c.unit or "" for c in result.model.coordinates}
     return {
         "title": title,

@@ -5,15 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import os
+import secrets
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from odescope.errors import InputError
 from odescope.export.modelfile import to_json
 from odescope.identification import Identification
 from odescope.study import Study, study_toml
+
+RESULT_FILES = ("model.json", "candidates.csv", "report.html", "study.toml")
 
 CANDIDATE_COLUMNS = (
     "target",
@@ -61,67 +64,104 @@ def candidates_csv(result: Identification) -> str:
 
 def result_files(result: Identification, resolved: Study, html: str) -> dict[str, str]:
     """Return the files of a result by name."""
-    return {
-        "model.json": to_json(result.model),
-        "candidates.csv": candidates_csv(result),
-        "report.html": html,
-        "study.toml": study_toml(resolved),
-    }
+    texts = (to_json(result.model), candidates_csv(result), html, study_toml(resolved))
+    return dict(zip(RESULT_FILES, texts, strict=True))
 
 
 def check_writable(folder: Path) -> None:
     """Refuse early, before anything is computed, a folder that cannot be written.
 
     Raises:
-        InputError: the folder is a file, or cannot be made or written to.
+        InputError: the folder is a file, cannot be made or written to, or holds a folder where a result belongs.
     """
-    existing = folder
-    while not existing.exists() and existing != existing.parent:
-        existing = existing.parent
-    if not existing.is_dir():
-        raise InputError(f"cannot write results to {folder}: {existing} is not a folder")
     try:
+        existing = folder
+        while not existing.exists() and existing != existing.parent:
+            existing = existing.parent
+        if not existing.is_dir():
+            raise InputError(f"cannot write to {folder}: {existing} is not a folder; name another with --out")
+        for name in RESULT_FILES:
+            if (folder / name).is_dir():
+                raise InputError(f"cannot write to {folder}: its {name} is a folder; name another with --out")
         with tempfile.TemporaryFile(dir=existing):
             pass
     except OSError as error:
-        raise InputError(f"cannot write results to {folder}: {error.strerror or error}") from error
+        raise InputError(f"cannot write to {folder}: {error.strerror or error}") from error
+
+
+def refuse_overwriting(targets: Iterable[Path], sources: Iterable[Path]) -> None:
+    """Refuse, before anything is computed, to write a result over a file that it is made from.
+
+    Raises:
+        InputError: a target is one of the sources.
+    """
+    read = {source.resolve() for source in sources}
+    for target in targets:
+        if target.resolve() in read:
+            raise InputError(f"the result would overwrite {target}, which it is made from; name another with --out")
 
 
 def write_files(folder: Path, files: Mapping[str, str]) -> None:
-    """Write texts to files of a folder: all are complete beside it before the first takes its place.
+    """Write texts to files of a folder: all are complete beside their places before the first takes its own.
 
     Raises:
         InputError: the folder cannot be written.
     """
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+        there = folder.exists()
+        if not there:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+        # Within a folder that is there already, which may be all of its disk that we may write to.
+        partial = (folder if there else folder.parent) / f".odescope-{secrets.token_hex(8)}"
+        partial.mkdir()
         try:
             for name, text in files.items():
                 (partial / name).write_text(text, encoding="utf-8", newline="\n")
-            if folder.exists():
+            if there:
                 for name in files:
                     os.replace(partial / name, folder / name)
             else:
-                partial.chmod(0o755)
                 os.replace(partial, folder)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
     except OSError as error:
-        raise InputError(f"cannot write results to {folder}: {error.strerror or error}") from error
+        raise InputError(f"cannot write to {folder}: {error.strerror or error}") from error
+
+
+def check_file(path: Path) -> None:
+    """Refuse early, before anything is computed, a file that cannot be written; errors as `write_file`."""
+    try:
+        if path.is_dir():
+            raise InputError(f"cannot write {path}: it is a folder; name a file")
+        existing = path.parent
+        while not existing.exists() and existing != existing.parent:
+            existing = existing.parent
+        if not existing.is_dir():
+            raise InputError(f"cannot write {path}: {existing} is not a folder")
+        if not path.exists() or path.is_file():
+            with tempfile.TemporaryFile(dir=existing):
+                pass
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def write_file(path: Path, text: str) -> None:
-    """Write one file, complete beside its place before it takes it.
+    """Write one file, complete beside its place before it takes it; a device or a pipe is written as it is.
 
     Raises:
         InputError: it cannot be written.
     """
-    if path.is_dir():
-        raise InputError(f"cannot write {path}: it is a folder; name a file")
+    check_file(path)
     try:
-        with tempfile.NamedTemporaryFile("w", encoding="utf-8", newline="\n", dir=path.parent, delete=False) as partial:
-            partial.write(text)
-        os.replace(partial.name, path)
+        if path.exists() and not path.is_file():
+            path.write_text(text, encoding="utf-8", newline="\n")
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.parent / f".odescope-{secrets.token_hex(8)}"
+        try:
+            partial.write_text(text, encoding="utf-8", newline="\n")
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from error

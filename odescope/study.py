@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import tomllib
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, get_args, get_type_hints
 
 import msgspec
 import tomli_w
@@ -71,6 +71,15 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     functions: dict[str, str] = {}
     coupled: bool = False
 
+    def __post_init__(self) -> None:
+        if self.degree < 1:
+            raise InputError(f"degree must be at least 1, got {self.degree}")
+        if self.terms is not None and self.basis is not None:
+            raise InputError("terms and basis exclude each other: name the terms, or a basis to build them from")
+        fixed = "terms" if self.terms is not None else "the paper's preset" if self.preset == "paper" else None
+        if self.rules is not None and fixed and self.basis is None:
+            raise InputError(f"rules do not apply to {fixed}; leave them out, or name a basis")
+
 
 class Filtering(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How signals are filtered and differentiated; `margin` is in periods of the lowest cutoff, at each end."""
@@ -78,6 +87,10 @@ class Filtering(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     differentiator: AnyDifferentiator = Spectral()
     margin: float = 0.5
     thin: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.margin < math.inf:
+            raise InputError(f"margin must be a number of periods, 0 or more, got {self.margin!r}")
 
 
 class Regression(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -87,11 +100,19 @@ class Regression(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     proposers: tuple[AnyProposer, ...] = (EnergyThreshold(),)
     nested: bool = True
 
+    def __post_init__(self) -> None:
+        if not self.proposers:
+            raise InputError("proposers must hold at least one")
+
 
 class Random(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The seed of every random draw."""
 
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise InputError(f"seed must be 0 or more, got {self.seed}")
 
 
 class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -110,10 +131,13 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         """Return the coordinates.
 
         Raises:
-            InputError: there is none, a name is not usable, or two names clash.
+            InputError: there is none, a name is not usable, two names clash, or one reads the column of the time.
         """
         if not self.coordinates:
             raise InputError("a study needs at least one coordinate: add [coordinates.NAME]")
+        for name, c in self.coordinates.items():
+            if self.data.time is not None and (c.column or name) == self.data.time:
+                raise InputError(f"coordinate {name!r} reads the column {self.data.time!r}, which is the time")
         found = tuple(Coordinate(name, c.order, c.angle, c.cyclic, c.unit) for name, c in self.coordinates.items())
         names = [n for c in found for n in (*c.states, c.target)] + list(self.inputs)
         for name in names:
@@ -200,40 +224,79 @@ def parse_study(text: str) -> Study:
     try:
         study = msgspec.convert(raw, Study)
     except (msgspec.ValidationError, RecursionError) as error:
-        raise InputError(_explained(str(error))) from error
+        raise InputError(_explained(_located(str(error), raw))) from error
     study.measured()
+    study.driven()
     return study
 
 
-_UNKNOWN = re.compile(r"unknown field `(?P<key>.*?)`(?: - at `\$\.?(?P<path>.*)`)?")
+_SECTIONS: dict[str, Any] = {
+    "data": Data,
+    "coordinates": Measured,
+    "inputs": Driven,
+    "library": Candidates,
+    "signals": Filtering,
+    "regression": Regression,
+    "selection": Ranking,
+    "random": Random,
+}
+_KINDS: dict[str, Any] = {
+    "rules": AnyRule,
+    "proposers": AnyProposer,
+    "rows": AnyRows,
+    "differentiator": AnyDifferentiator,
+    "cutoff": AnyCutoff,
+}
+_AT = r"(?: - at `\$\.?(?P<path>.*)`)?$"
+_UNKNOWN = re.compile(r"unknown field `(?P<key>.*?)`" + _AT, re.DOTALL)
+_CHOICE = re.compile(r"^Invalid (?:enum )?value '(?P<value>.*)'" + _AT, re.DOTALL)
+
+
+def _located(message: str, raw: dict[str, Any]) -> str:
+    """Name the coordinate or input that a message of msgspec is about: its paths leave out the keys of a mapping."""
+    for section in ("coordinates", "inputs"):
+        tables = raw.get(section)
+        if f"`$.{section}[...]" not in message or not isinstance(tables, dict):
+            continue
+        for name, table in tables.items():
+            try:
+                msgspec.convert(table, _SECTIONS[section])
+            except msgspec.ValidationError:
+                return message.replace("[...]", f".{name}", 1)
+    return message
 
 
 def _explained(message: str) -> str:
-    """Name the nearest known key where msgspec names an unknown one."""
-    unknown = _UNKNOWN.search(message)
-    if unknown is None:
-        return message.replace("`$.", "`").replace("Object", "the study" if "`$" not in message else "the table")
-    path = re.split(r"[.\[]", unknown["path"] or "")
-    section = f"[{unknown['path']}]" if unknown["path"] else "the study"
-    return f"unknown key {unknown['key']!r} in {section}; {nearest(unknown['key'], _known_keys(path))}"
+    """Say in the words of TOML what msgspec found, with the nearest known key or value."""
+    if unknown := _UNKNOWN.search(message):
+        path = unknown["path"] or ""
+        section = f"[{path}]" if path else "the study"
+        return f"unknown key {unknown['key']!r} in {section}; {nearest(unknown['key'], _known_keys(path))}"
+    if choice := _CHOICE.search(message):
+        path = choice["path"] or ""
+        return f"unknown value {choice['value']!r} at `{path}`; {nearest(choice['value'], _choices(path))}"
+    if message == "Object missing required field `coordinates`":
+        return "the study has no coordinates: add [coordinates.NAME]"
+    plain = message.replace(" | null", "").replace("`$.", "`")
+    return plain.replace("Object missing required field", "the table lacks the key")
 
 
-def _known_keys(path: Sequence[str]) -> list[str]:
-    sections: dict[str, Any] = {
-        "": Study,
-        "data": Data,
-        "coordinates": Measured,
-        "inputs": Driven,
-        "library": Candidates,
-        "signals": Filtering,
-        "regression": Regression,
-        "selection": Ranking,
-        "random": Random,
-    }
-    if len(path) > 1 and path[0] not in ("coordinates", "inputs"):
-        unions = (AnyRule, AnyProposer, AnyRows, AnyDifferentiator, AnyCutoff)
-        return sorted({field for union in unions for kind in get_args(union) for field in kind.__struct_fields__})
-    return list(sections.get(path[0], Study).__struct_fields__)
+def _parts(path: str) -> list[str]:
+    return re.sub(r"\[\d+\]", "", path).split(".")
+
+
+def _known_keys(path: str) -> list[str]:
+    parts = _parts(path)
+    if len(parts) > 1 and parts[-1] in _KINDS:
+        return sorted({field for kind in get_args(_KINDS[parts[-1]]) for field in kind.__struct_fields__})
+    return list(_SECTIONS.get(parts[0], Study).__struct_fields__)
+
+
+def _choices(path: str) -> list[str]:
+    parts = _parts(path)
+    if parts[-1] == "kind" and len(parts) > 2:
+        return [str(kind.__struct_config__.tag) for kind in get_args(_KINDS[parts[-2]])]
+    return [str(value) for value in get_args(get_type_hints(_SECTIONS[parts[0]])[parts[-1]])]
 
 
 def study_toml(study: Study) -> str:

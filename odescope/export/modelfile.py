@@ -109,7 +109,7 @@ def from_json(data: bytes | str) -> Model:
     try:
         file = msgspec.json.decode(data, type=_File)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(str(error)) from error
+        raise InputError(_explained(str(error))) from error
     coordinates = tuple(Coordinate(c.name, c.order, c.angle, c.cyclic, c.unit) for c in file.coordinates)
     inputs = tuple(Input(i.name, i.hold, i.unit) for i in file.inputs)
     if not coordinates:
@@ -125,6 +125,14 @@ def from_json(data: bytes | str) -> Model:
         if tuple(came) != expected:
             raise InputError(f"its {what} are {', '.join(came)}, but its coordinates make them {', '.join(expected)}")
     return model
+
+
+def _explained(message: str) -> str:
+    if "`$.format`" in message:
+        return 'its format is not "odescope/model"'
+    if "`$.version`" in message:
+        return "its version is not 1, the only one known here"
+    return message.replace("`$.", "`").replace("Object", "an object")
 
 
 def _read_term(t: _Term, scope: Scope) -> RelationTerm:

@@ -30,6 +30,11 @@ class Factor:
         """Number of candidate terms."""
         return len(self.scale)
 
+    def restrict(self, columns: Sequence[int]) -> Factor:
+        """Return the factor of some of the columns."""
+        index = list(columns)
+        return _scaled(_triangle(self.r[:, index] * self.scale[index]), self.rows)
+
     def solve(self, support: Sequence[int], left: int) -> FloatArray:
         """Return xi (m,) of the relation sum xi theta = 0 with xi[left] = 1, the rest least squares on `support`.
 

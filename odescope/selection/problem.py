@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,7 +23,8 @@ class Problem:
     """One target's candidates, their values, and the factors of the folds.
 
     Shapes, one array a block: values (m, n_b) of the candidates, multipliers (k, n_b) of the target's own terms,
-    measured (n_b,) of the target. `own` lists the k candidates that hold the target, `rests` the candidates without any
+    measured (n_b,) of the target. `dependent` names what was left out because it is a combination of others on these data.
+    `own` lists the k candidates that hold the target, `rests` the candidates without any
     target.
     """
 
@@ -37,6 +39,7 @@ class Problem:
     measured: tuple[FloatArray, ...]
     row_map: RowMap
     folds: tuple[Factor, ...]
+    dependent: tuple[tuple[Term, tuple[Term, ...]], ...] = ()
 
     @cached_property
     def factor(self) -> Factor:
@@ -84,8 +87,8 @@ def pose(signals: Signals, target: str, order: int, library: Library, choice: Ro
             " record longer, or shrink the library ([library] degree, basis or rules)"
         )
     blocks = cut_blocks(signals)
-    rests = [rest for name, rest in split if name == target]
-    tape = write_tape(signals.names, [*library, *rests])
+    held = [rest for name, rest in split if name == target]
+    tape = write_tape(signals.names, [*library, *held])
     whole = [evaluate(tape, signals.columns[b.record][:, b.start : b.stop]) for b in blocks]
     keep = _usable(library, whole)
     terms = tuple(library.terms[j] for j in keep)

@@ -170,6 +170,8 @@ HOSTILE = {
     "tower in a function": "sin(9**9**9*x)",
     "high power": f"x**{MAXIMUM_POWER + 1}",
     "high negative power": f"x**-{MAXIMUM_POWER + 1}",
+    "high power of a sum": f"(u + x)**{MAXIMUM_POWER + 1}",
+    "power zero of a sum": "(u + x)**0",
     "power of a power": "(x**8)**8",
     "powers that add up": "x**16*x**16",
     "powers that add up inside": "sin(x**16*x)",
@@ -222,6 +224,12 @@ def test_a_letter_that_python_takes_for_another_names_nothing():
     for text in ("sin(\U0001d431)", "\u017fin(x)", "sin(\uff58)"):
         with pytest.raises(InputError, match="ASCII"):
             term(text)
+
+
+def test_numbers_that_multiply_beyond_all_bounds_do_not_become_names():
+    # repr(float("inf")) is a plain identifier.
+    with pytest.raises(InputError, match="a number in it is too large"):
+        parse_term("sin(1e100*1e100*1e100*1e100*x)", Scope.of(["x", "inf"]))
 
 
 @pytest.mark.parametrize("levels", [5, 9])

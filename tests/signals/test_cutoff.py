@@ -2,11 +2,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy.fft
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from odescope.signals.cutoff import FixedCutoff, LeastRisk, NoiseCeiling, noise_level
+from odescope.signals.cutoff import MEDIAN_CHI_SQUARED, FixedCutoff, LeastRisk, NoiseCeiling, noise_level
 from odescope.signals.differentiators import Spectral
 from odescope.signals.spectral import Spectrum, bin_frequencies
 
@@ -144,6 +145,22 @@ def test_least_risk_cuts_above_all_that_stands_out_of_the_noise_and_not_far_abov
         frequency = bin_frequencies(count, period)
         assert frequency[highest] <= hertz * (1 + 1e-12)
         assert hertz <= 1.15 * frequency[highest]
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("far", [120, 201])
+def test_a_far_line_is_kept_where_it_outweighs_the_noise_up_to_it(order, far):
+    # A spectrum by hand: a strong band, noise of variance exactly 1, and one line. Keeping the line costs the noise
+    # between, sum of w^2k, and gains its own power; the walk in bands charges it the noise to the end of its band too.
+    rng = np.random.default_rng(order)
+    bins = np.arange(1000)
+    between = np.sum((bins[11:far] / far) ** (2 * order))
+    for share, expected in ((0.8, 10), (2.0, far)):
+        size = np.where(bins < 500, 1.0, np.sqrt(MEDIAN_CHI_SQUARED))
+        size[1:11], size[far] = 100.0, np.sqrt(2.0 + share * between)
+        samples = scipy.fft.idct(size * rng.choice([-1.0, 1.0], 1000), norm="ortho")
+        hertz = LeastRisk().hertz([samples], 0.01, order)
+        assert hertz == pytest.approx(bin_frequencies(1000, 0.01)[expected], rel=1e-9)
 
 
 def test_noise_alone_is_cut_at_the_bottom():
