@@ -7,7 +7,7 @@ import os
 import re
 import tomllib
 from pathlib import Path
-from typing import Any, Literal, get_args, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import msgspec
 import tomli_w
@@ -65,7 +65,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     preset: Literal["default", "paper"] = "default"
     basis: tuple[str, ...] | None = None
-    degree: int = 3
+    degree: Annotated[int, msgspec.Meta(ge=1, le=12)] = 3
     terms: tuple[str, ...] | None = None
     rules: tuple[AnyRule, ...] | None = None
     functions: dict[str, str] = {}
@@ -85,7 +85,7 @@ class Filtering(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """How signals are filtered and differentiated; `margin` is in periods of the lowest cutoff, at each end."""
 
     differentiator: AnyDifferentiator = Spectral()
-    margin: float = 0.5
+    margin: Annotated[float, msgspec.Meta(ge=0.0)] = 0.5
     thin: bool = True
 
     def __post_init__(self) -> None:
@@ -97,7 +97,7 @@ class Regression(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """What is fitted, and who proposes supports; `nested` also searches the smaller libraries within the library."""
 
     rows: AnyRows = NoiseWeighted()
-    proposers: tuple[AnyProposer, ...] = (EnergyThreshold(),)
+    proposers: tuple[AnyProposer, ...] = (EnergyThreshold(terms=30),)
     nested: bool = True
 
     def __post_init__(self) -> None:
@@ -108,7 +108,7 @@ class Regression(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 class Random(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The seed of every random draw."""
 
-    seed: int = 0
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 0
 
     def __post_init__(self) -> None:
         if self.seed < 0:

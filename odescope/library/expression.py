@@ -22,6 +22,9 @@ class Name:
 
     name: str
 
+    def __hash__(self) -> int:
+        return hash(self.text)
+
     @cached_property
     def text(self) -> str:
         """The name itself."""
@@ -34,6 +37,9 @@ class Call:
 
     function: str
     argument: Combination
+
+    def __hash__(self) -> int:
+        return hash(self.text)
 
     @cached_property
     def text(self) -> str:
@@ -49,6 +55,9 @@ class Term:
     """A product of atoms raised to powers, in canonical order: equal products are equal objects."""
 
     factors: tuple[tuple[Atom, Power], ...] = ()
+
+    def __hash__(self) -> int:
+        return hash(self.text)
 
     @staticmethod
     def of(factors: Iterable[tuple[Atom, Power]]) -> Term:
@@ -80,7 +89,7 @@ class Term:
 
     def power_of(self, atom: Atom) -> Power:
         """Return the power of `atom` in this product, 0 where it is absent."""
-        return dict(self.factors).get(atom, 0)
+        return next((power for own, power in self.factors if own == atom), 0)
 
     def gradient(self, name: str) -> Combination:
         """Return the partial derivative with respect to `name`, by the product and chain rules."""

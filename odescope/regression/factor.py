@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
+from odescope.regression.solve import full_fits, least_squares
 
 BLOCK_ROWS = 4096  # rows a pass: a block of 50 columns stays in cache
 
@@ -24,6 +25,7 @@ class Factor:
     r: FloatArray
     scale: FloatArray
     rows: int
+    _first: dict[tuple[int, ...], FloatArray | None] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def width(self) -> int:
@@ -42,13 +44,27 @@ class Factor:
             support: columns of the relation, `left` among them.
             left: the column on the left-hand side, the guess of (15).
         """
-        others = [j for j in support if j != left]
+        others = np.array([j for j in support if j != left], dtype=np.int64)
         xi = np.zeros(self.width)
         xi[left] = 1.0
-        if others:
-            scaled, *_ = np.linalg.lstsq(self.r[:, others], self.r[:, left], rcond=None)
-            xi[others] = -scaled * (self.scale[left] / self.scale[others])
+        xi[others] = -least_squares(self.r, others, left)[0] * (self.scale[left] / self.scale[others])
         return xi
+
+    def first_fit(self, columns: tuple[int, ...], left: int) -> FloatArray | None:
+        """Return the coefficients (m,) of scaled column `left` on the other `columns`, or None where they are dependent.
+
+        All guesses' fits come from one inverse, kept for the next guess.
+        """
+        if left not in columns:
+            return None
+        if columns not in self._first:
+            self._first[columns] = full_fits(self.r[:, list(columns)])
+        fits = self._first[columns]
+        if fits is None:
+            return None
+        first = np.zeros(self.width)
+        first[list(columns)] = fits[:, columns.index(left)]
+        return first
 
     def residual(self, xi: FloatArray) -> float:
         """Return the root mean square of the relation xi (m,) over the rows."""

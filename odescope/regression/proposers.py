@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import msgspec
 import numpy as np
@@ -26,13 +26,19 @@ class Proposer(Protocol):
 
 
 def _thresholded(
-    factor: Factor, left: int, columns: Support, weight: FloatArray, relative: bool, low: float, high: float
+    factor: Factor,
+    left: int,
+    columns: Support,
+    weight: FloatArray,
+    relative: bool,
+    options: EnergyThreshold | CoefficientThreshold,
 ) -> Iterator[Support]:
     if len(columns) < 2:
         return
-    bottom = low if low < high else float(np.nextafter(high, 0.0))
-    index = np.array(columns, dtype=np.int64)
-    found = threshold_supports(np.ascontiguousarray(factor.r), index, left, weight, relative, bottom, high)
+    high = options.high
+    low = options.low if options.low < high else float(np.nextafter(high, 0.0))
+    index, first = np.array(columns, dtype=np.int64), factor.first_fit(tuple(columns), left)
+    found = threshold_supports(factor.r, index, left, weight, relative, low, high, options.terms, first)
     yield from dict.fromkeys(tuple(np.flatnonzero(row).tolist()) for row in found)
 
 
@@ -41,29 +47,35 @@ class EnergyThreshold(
 ):
     """SETLS (paper, 2.2.3) for every ratio lambda_R from `low` to `high` at once; (8), (9).
 
-    A fixed ratio is `low = high`.
+    A fixed ratio is `low = high`. With `terms` above 0, ratios are walked down from `high` no further than the first support of
+    more terms than that: what lies below costs most of the time and is too large to be a law.
     """
 
-    low: float = 1e-9
-    high: float = 0.3
+    low: Annotated[float, msgspec.Meta(gt=0.0)] = 1e-9
+    high: Annotated[float, msgspec.Meta(gt=0.0)] = 0.3
+    terms: Annotated[int, msgspec.Meta(ge=0)] = 0
 
     def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
         """Yield the supports of all thresholds; columns of the factor have unit norm, so an energy is a square."""
-        return _thresholded(factor, left, columns, np.ones(factor.width), True, self.low, self.high)
+        return _thresholded(factor, left, columns, np.ones(factor.width), True, self)
 
 
 class CoefficientThreshold(
     msgspec.Struct, frozen=True, tag="coefficient_threshold", tag_field="kind", forbid_unknown_fields=True
 ):
-    """STLS (paper, 2.2.2) for every threshold of the coefficient itself from `low` to `high` at once."""
+    """STLS (paper, 2.2.2) for every threshold of the coefficient itself from `low` to `high` at once.
 
-    low: float = 1e-4
-    high: float = 10.0
+    `terms` as in `EnergyThreshold`.
+    """
+
+    low: Annotated[float, msgspec.Meta(gt=0.0)] = 1e-4
+    high: Annotated[float, msgspec.Meta(gt=0.0)] = 10.0
+    terms: Annotated[int, msgspec.Meta(ge=0)] = 0
 
     def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
         """Yield the supports of all thresholds."""
         weight = factor.scale[left] / factor.scale
-        return _thresholded(factor, left, columns, weight, False, self.low, self.high)
+        return _thresholded(factor, left, columns, weight, False, self)
 
 
 class MatchingPursuit(
@@ -71,7 +83,7 @@ class MatchingPursuit(
 ):
     """Orthogonal matching pursuit: the path of supports of 1, 2, ... `terms` columns."""
 
-    terms: int = 12
+    terms: Annotated[int, msgspec.Meta(ge=1)] = 12
 
     def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
         """Yield the path; each step adds the column that, made orthogonal to those present, explains most."""
@@ -106,7 +118,7 @@ class BackwardElimination(
 ):
     """Backward elimination: the path from all columns down to one, dropping what costs least; `terms` at most."""
 
-    terms: int = 15
+    terms: Annotated[int, msgspec.Meta(ge=1)] = 15
 
     def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
         """Yield the path; the cost of dropping column j is x_j^2 / [(R'R)^-1]_jj."""

@@ -1,4 +1,4 @@
-"""The compiled least-squares kernel behind every proposer: a small QR on columns of R."""
+"""The compiled least-squares kernels behind every proposer: small fits on columns of R, thousands of them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
 
+PIVOT_TOLERANCE = 1e-9  # of a unit column: below it the normal equations have lost half the digits of r
 RANK_TOLERANCE = 1e-12  # a unit column with less than this left of it adds nothing that rounding did not
 
 
@@ -79,15 +80,117 @@ def _grown(array: NDArray[Any]) -> NDArray[Any]:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def normal_fit(r: FloatArray, gram: FloatArray, support: IntArray, left: int) -> FloatArray:
+    """Return the coefficients (s,) of `least_squares`, by Cholesky of the Gram matrix and one refinement on r.
+
+    The corrected normal equations are as accurate as a QR while the support is not too ill-conditioned; a pivot that
+    says otherwise hands over to the QR.
+    """
+    s = support.shape[0]
+    a, x = np.empty((s, s)), np.empty(s)
+    for i in range(s):
+        for j in range(i + 1):
+            total = gram[support[i], support[j]]
+            for k in range(j):
+                total -= a[i, k] * a[j, k]
+            if i == j:
+                if not total > PIVOT_TOLERANCE:
+                    return least_squares(r, support, left)[0]
+                a[i, i] = np.sqrt(total)
+            else:
+                a[i, j] = total / a[j, j]
+        x[i] = gram[support[i], left]
+    _solve_cholesky(a, x)
+    m = r.shape[0]
+    residual = r[:, left].copy()
+    for j in range(s):
+        for i in range(support[j] + 1):
+            residual[i] -= r[i, support[j]] * x[j]
+    change = np.zeros(s)
+    for j in range(s):
+        for i in range(min(support[j] + 1, m)):
+            change[j] += r[i, support[j]] * residual[i]
+    _solve_cholesky(a, change)
+    return x + change
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _solve_cholesky(a: FloatArray, x: FloatArray) -> None:
+    s = x.shape[0]
+    for i in range(s):
+        for k in range(i):
+            x[i] -= a[i, k] * x[k]
+        x[i] /= a[i, i]
+    for i in range(s - 1, -1, -1):
+        for k in range(i + 1, s):
+            x[i] -= a[k, i] * x[k]
+        x[i] /= a[i, i]
+
+
+def full_fits(r: FloatArray) -> FloatArray | None:
+    """Return the fit of every column of r on all others at once, (m, m): column i holds the coefficients for guess i.
+
+    With P = (R'R)^-1, the coefficients are -P[:, i] / P[i, i]. None where r is singular.
+    """
+    try:
+        inverse = np.linalg.inv(np.linalg.qr(r, mode="r"))
+    except np.linalg.LinAlgError:
+        return None
+    p = inverse @ inverse.T
+    if not np.all(np.isfinite(p)) or np.linalg.cond(inverse) > 1.0 / RANK_TOLERANCE:
+        return None
+    return np.asarray(-p / np.diag(p))
+
+
 def threshold_supports(
-    r: FloatArray, columns: IntArray, left: int, weight: FloatArray, relative: bool, low: float, high: float
+    r: FloatArray,
+    columns: IntArray,
+    left: int,
+    weight: FloatArray,
+    relative: bool,
+    low: float,
+    high: float,
+    terms: int | None = None,
+    first: FloatArray | None = None,
 ) -> BoolArray:
     """Return the supports that sequential thresholding ends in, for all thresholds in (low, high] at once, (K, m).
 
-    A term stays while |x_j| weight_j, divided by the largest of the fit if `relative`, is no less than the threshold.
-    The outcome is a step function of the threshold. Between two neighbouring sizes the next support is known; a support
-    that maps to itself is final there (METHOD section 6). Intervals on the stack are disjoint, so this ends.
+    A term stays while |x_j| weight_j, divided by the largest of the fit and squared if `relative`, is no less than the
+    threshold. The outcome is a step function of the threshold. Between two neighbouring sizes the next support is
+    known; a support that maps to itself is final there (METHOD section 6).
+
+    Args:
+        r: (m, m) of the factor.
+        columns: where to choose from, ascending.
+        left: the guess.
+        weight: (m,) see above.
+        relative: see above.
+        low: of the thresholds.
+        high: of the thresholds.
+        terms: thresholds are walked down from `high`, no further than the first support of more than this many terms.
+        first: coefficients (m,) of the fit on all columns, if known.
     """
+    first = np.empty(0) if first is None else first
+    found: BoolArray = _walk_thresholds(
+        np.ascontiguousarray(r), r.T @ r, columns, left, weight, relative, low, high, terms or r.shape[1], first
+    )
+    return found
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _walk_thresholds(
+    r: FloatArray,
+    gram: FloatArray,
+    columns: IntArray,
+    left: int,
+    weight: FloatArray,
+    relative: bool,
+    low: float,
+    high: float,
+    terms: int,
+    first: FloatArray,
+) -> BoolArray:
+    """Walk a stack of supports with their intervals, highest thresholds first; the intervals are disjoint."""
     m = r.shape[1]
     active: BoolArray = np.zeros((64, m), dtype=np.bool_)
     bounds: FloatArray = np.empty((64, 2))
@@ -97,11 +200,14 @@ def threshold_supports(
         active[0, j] = j != left
     bounds[0, 0], bounds[0, 1] = low, high
     depth = 1
+    begun = first.shape[0] > 0
     while depth > 0:
         depth -= 1
         here, lo, hi = active[depth].copy(), bounds[depth, 0], bounds[depth, 1]
         support = np.flatnonzero(here)
-        x, _ = least_squares(r, support, left)
+        x = first[support] if begun else normal_fit(r, gram, support, left)
+        begun = False
+        lower, base = depth, depth  # entries below this one on the stack stand for lower thresholds
         size = np.abs(x) * weight[support]
         if relative:
             largest = size.max()
@@ -117,7 +223,9 @@ def threshold_supports(
                     kept += 1
                 else:
                     same = False
-            if same:
+            if same and kept > terms:
+                lower = 0
+            elif same:
                 if count == final.shape[0]:
                     final = _grown(final)
                 final[count] = here
@@ -131,4 +239,8 @@ def threshold_supports(
                 bounds[depth, 0], bounds[depth, 1] = bottom, top
                 depth += 1
             bottom = top
+        if lower < base:
+            for k in range(base, depth):
+                active[k - base], bounds[k - base] = active[k], bounds[k]
+            depth -= base
     return final[:count]

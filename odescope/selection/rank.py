@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -22,9 +23,9 @@ class Ranking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     of the target's power on held-out data, as weighted in the regression, that the chosen relation must predict.
     """
 
-    terms: int = 15
-    consensus: int = 2
-    explain: float = 0.5
+    terms: Annotated[int, msgspec.Meta(ge=1)] = 15
+    consensus: Annotated[int, msgspec.Meta(ge=1)] = 2
+    explain: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import msgspec
 import numpy as np
@@ -77,7 +77,7 @@ class NoiseCeiling(msgspec.Struct, frozen=True, tag="noise_ceiling", tag_field="
 
     z: float = 2.0
     offset: float = 0.0
-    average: int = 5
+    average: Annotated[int, msgspec.Meta(ge=1)] = 5
 
     def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:
         """Return the cutoff in hertz; the periodograms of several records are averaged."""
@@ -97,7 +97,7 @@ class NoiseCeiling(msgspec.Struct, frozen=True, tag="noise_ceiling", tag_field="
 class FixedCutoff(msgspec.Struct, frozen=True, tag="fixed", tag_field="kind", forbid_unknown_fields=True):
     """A cutoff set by hand, in hertz."""
 
-    frequency: float
+    frequency: Annotated[float, msgspec.Meta(gt=0.0)]
 
     def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:
         """Return the frequency, at most just below half the sampling rate."""

@@ -134,7 +134,8 @@ def _common_period(records: Records) -> float:
 
 
 def _check_signal(coordinate: Coordinate, found: Derivatives, period: float) -> None:
-    kept = np.concatenate([v[0] for v in found.values])
+    # Within each record: what differs between records that stand still says nothing of how they move.
+    kept = np.concatenate([v[0] - v[0].mean() for v in found.values])
     # White noise alone leaves this much in the cosines below the cutoff and the cubic.
     bins = sum(2.0 * v.shape[1] * period * found.cutoff + 4.0 for v in found.values)
     alone = found.noise**2 * bins / len(kept)

@@ -1,10 +1,12 @@
+from itertools import repeat, takewhile
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from odescope.regression.factor import factorise
-from odescope.regression.solve import least_squares, threshold_supports
+from odescope.regression.solve import full_fits, least_squares, normal_fit, threshold_supports
 
 seeds = st.integers(0, 2**32 - 1)
 repeatable = settings(derandomize=True, deadline=None, max_examples=40)
@@ -62,6 +64,38 @@ def test_more_columns_than_rows_fit_exactly():
     np.testing.assert_array_equal(x[3:], 0.0)
 
 
+@repeatable
+@given(seeds, st.sampled_from([1.0, 1e-2, 1e-4, 1e-5]))
+def test_the_quick_fit_is_as_good_as_the_careful_one(seed, apart):
+    rng = np.random.default_rng(seed)
+    theta = rng.normal(size=(50, 8))
+    theta[:, 5] = theta[:, 1] + apart * theta[:, 5]  # alike to `apart`: the Gram matrix squares that
+    theta[:, 3] = theta[:, :3] @ rng.normal(size=3) + theta[:, 5:] @ rng.normal(size=3)
+    r = np.ascontiguousarray(factorise([theta]).r)
+    support = np.array([0, 1, 2, 5, 6, 7])
+    expected, *_ = np.linalg.lstsq(r[:, support], r[:, 3])
+    np.testing.assert_allclose(normal_fit(r, r.T @ r, support, 3), expected, rtol=1e-11 / apart)
+
+
+@repeatable
+@given(seeds, st.integers(2, 10))
+def test_all_full_fits_at_once_are_those_one_by_one(seed, width):
+    r = factor_r(seed, width)
+    fits = full_fits(r)
+    assert fits is not None
+    for left in range(width):
+        others = [j for j in range(width) if j != left]
+        np.testing.assert_allclose(
+            fits[others, left], np.linalg.lstsq(r[:, others], r[:, left])[0], rtol=1e-8, atol=1e-10
+        )
+
+
+def test_full_fits_of_dependent_columns_are_refused():
+    theta = np.random.default_rng(3).normal(size=(30, 4))
+    assert full_fits(factorise([np.column_stack([theta, theta[:, 0] - theta[:, 1]])]).r) is None
+    assert full_fits(factorise([np.column_stack([theta, np.zeros(30)])]).r) is None
+
+
 # every threshold at once
 
 
@@ -83,8 +117,8 @@ def sequential(r, columns, left, weight, relative, threshold):
     return tuple(sorted(support))
 
 
-def enumerated(r, columns, left, weight, relative, low, high):
-    found = threshold_supports(r, np.array(columns), left, weight, relative, low, high)
+def enumerated(r, columns, left, weight, relative, low, high, **options):
+    found = threshold_supports(r, np.array(columns), left, weight, relative, low, high, **options)
     return {tuple(np.flatnonzero(row).tolist()) for row in found}
 
 
@@ -109,8 +143,12 @@ def test_the_supports_are_those_of_all_thresholds_and_no_others(seed, width, rel
     edges = np.concatenate([sizes(r, s, left, weight, relative) for s in subsets(others)])
     edges = np.unique(np.concatenate([edges[(edges > low) & (edges < high)], [low, high]]))
     middles = 0.5 * (edges[:-1] + edges[1:])[np.diff(edges) > 1e-9 * edges[1:]]
-    brute = {sequential(r, columns, left, weight, relative, t) for t in middles} - {()}
-    assert enumerated(r, columns, left, weight, relative, low, high) == brute
+    outcomes = [sequential(r, columns, left, weight, relative, t) for t in middles[::-1]]
+    assert enumerated(r, columns, left, weight, relative, low, high) == set(outcomes) - {()}
+    for terms in range(1, width):
+        # Down from the highest threshold, and no further than the first outcome of too many terms.
+        small = {s for s, _ in takewhile(lambda pair: len(pair[0]) <= pair[1], zip(outcomes, repeat(terms)))} - {()}
+        assert enumerated(r, columns, left, weight, relative, low, high, terms=terms) == small
 
 
 @pytest.mark.parametrize("relative", [True, False])
