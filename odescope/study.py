@@ -60,7 +60,8 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """The library: a preset, or a basis with a degree and rules, or the candidate terms themselves.
 
     `functions` defines functions of one's own, as `"drag(v)" = "v*abs(v)"`. With `coupled`, every relation may hold
-    every target; without, its own alone.
+    every target; without, its own alone. "auto" couples the default library of several angles: a chain of pendulums has
+    short relations between its accelerations, and long explicit ones.
     """
 
     preset: Literal["default", "paper"] = "default"
@@ -69,7 +70,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     terms: tuple[str, ...] | None = None
     rules: tuple[AnyRule, ...] | None = None
     functions: dict[str, str] = {}
-    coupled: bool = False
+    coupled: bool | Literal["auto"] = "auto"
 
     def __post_init__(self) -> None:
         if self.degree < 1:
@@ -166,6 +167,13 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             jitter=self.data.jitter,
         )
 
+    def _couples(self) -> bool:
+        own = self.library
+        if own.coupled != "auto":
+            return own.coupled
+        default = own.terms is None and own.basis is None and own.preset == "default"
+        return default and sum(c.angle for c in self.coordinates.values()) > 1
+
     def candidates(self, target: str) -> Library:
         """Return the library of one target.
 
@@ -175,7 +183,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         options, coordinates, inputs = self.library, self.measured(), self.driven()
         names = [n for c in coordinates for n in (*c.states, c.target)] + [i.name for i in inputs]
         scope = Scope.of(names, [_definition(head, body) for head, body in options.functions.items()])
-        targets = tuple(c.target for c in coordinates) if options.coupled else (target,)
+        targets = tuple(c.target for c in coordinates) if self._couples() else (target,)
         if options.terms is not None:
             library = Library.of(options.terms, scope)
             library = library if any(t.names & set(targets) for t in library) else library + Library.of(targets, scope)
@@ -296,7 +304,9 @@ def _choices(path: str) -> list[str]:
     parts = _parts(path)
     if parts[-1] == "kind" and len(parts) > 2:
         return [str(kind.__struct_config__.tag) for kind in get_args(_KINDS[parts[-2]])]
-    return [str(value) for value in get_args(get_type_hints(_SECTIONS[parts[0]])[parts[-1]])]
+    hint = get_type_hints(_SECTIONS[parts[0]])[parts[-1]]
+    options = [value for part in get_args(hint) for value in (get_args(part) or (part,))]
+    return ["true, false" if value is bool else str(value) for value in options]
 
 
 def study_toml(study: Study) -> str:

@@ -9,7 +9,7 @@ from math import comb
 
 from odescope.errors import InputError
 from odescope.library.expression import ONE, Name, Term
-from odescope.library.parse import Scope, parse_term
+from odescope.library.parse import MAXIMUM_POWER, Scope, parse_term
 from odescope.library.rules import Rule
 
 MAXIMUM_CANDIDATES = 20_000
@@ -49,7 +49,7 @@ class Library:
         """Return all products of at most `degree` of these terms, the constant included.
 
         Raises:
-            InputError: there would be more than 20 000 of them.
+            InputError: there would be more than 20 000 of them, or a power in one exceeds 16.
         """
         basis = [t for t in self.terms if t != ONE]
         count = comb(len(basis) + degree, degree)
@@ -63,7 +63,12 @@ class Library:
             for d in range(degree + 1)
             for chosen in combinations_with_replacement(basis, d)
         )
-        return Library(tuple(terms))
+        steepest = max((abs(p) for t in terms for _, p in t.factors), default=0)
+        if steepest > MAXIMUM_POWER:
+            raise InputError(
+                f"the basis to degree {degree} holds a power of {steepest}, more than {MAXIMUM_POWER}: lower the degree"
+            )
+        return Library(tuple(terms), self.removed)
 
     def thin(self, rules: Sequence[Rule], scope: Scope) -> Library:
         """Return what the rules keep, in order; `removed` says how many each rule took from what reached it."""

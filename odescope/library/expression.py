@@ -235,9 +235,13 @@ def latex(term: Term) -> str:
                 body = rf"\sqrt{{{inner}}}" + ("" if power == 1 else f"^{{{power}}}")
             else:
                 head = FUNCTIONS[atom.function].latex if atom.function else ""
-                # A power stands on the function, as in cos^2(x), or on the bracket where there is none.
                 up = "" if power == 1 else f"^{{{power}}}"
-                body = rf"{head}{up if head else ''}\left({inner}\right){'' if head else up}"
+                if head and power > 0:
+                    body = rf"{head}{up}\left({inner}\right)"
+                elif head:  # cos^{-1}(x) would read as the inverse function
+                    body = rf"\left({head}\left({inner}\right)\right){up}"
+                else:
+                    body = rf"\left({inner}\right){up}"
         out.append(body)
     return r" \, ".join(out) or "1"
 

@@ -12,7 +12,7 @@ from odescope.library.expression import Atom, Call, Combination, Name, Power, Te
 from odescope.library.functions import FUNCTIONS
 
 MAXIMUM_LENGTH = 1000
-MAXIMUM_DEPTH = 20
+MAXIMUM_DEPTH = 100
 MAXIMUM_POWER = 16
 
 
@@ -34,8 +34,17 @@ class Scope:
 
     @staticmethod
     def of(names: Collection[str], definitions: Collection[Definition] = ()) -> Scope:
-        """Return a scope; a definition may not take the name of a built-in function or of a variable."""
+        """Return a scope.
+
+        Raises:
+            InputError: a definition takes the name of a built-in function, a variable or another definition, or names a
+                parameter twice.
+        """
         for d in definitions:
+            if sum(d.name == other.name for other in definitions) > 1:
+                raise InputError(f"the function {d.name!r} is defined twice")
+            if len(set(d.parameters)) < len(d.parameters):
+                raise InputError(f"the function {d.name!r} has two parameters of one name")
             if d.name in FUNCTIONS or d.name in names or d.name == "identity":
                 raise InputError(f"the function {d.name!r} cannot be defined: that name is taken; choose another")
         return Scope(frozenset(names), {d.name: d for d in definitions})

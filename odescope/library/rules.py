@@ -32,14 +32,14 @@ def _atoms(texts: tuple[str, ...], scope: Scope) -> tuple[Atom, ...]:
 
 
 class MaximumDegree(msgspec.Struct, frozen=True, tag="maximum_degree", tag_field="kind", forbid_unknown_fields=True):
-    """The powers of these functions add up to at most `degree` in a product."""
+    """The powers of these functions, by size, add up to at most `degree` in a product."""
 
     of: tuple[str, ...]
     degree: int
 
     def keeps(self, term: Term, scope: Scope) -> bool:
         """Say whether the summed power is within the bound."""
-        return sum(term.power_of(atom) for atom in _atoms(self.of, scope)) <= self.degree
+        return sum(abs(term.power_of(atom)) for atom in _atoms(self.of, scope)) <= self.degree
 
     def __str__(self) -> str:
         return f"{', '.join(self.of)}: degree at most {self.degree}"

@@ -16,7 +16,8 @@ from odescope.errors import InputError
 from odescope.model.model import Model
 
 STEPS_A_SAMPLE = 2000  # more between two samples than this and the run has ended
-LARGEST = 1e12  # of a state, in the units of the data
+STEPS_ON_AVERAGE = 100  # and more than this on average over a long record
+LARGEST = 1e12  # times the largest initial state, or 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +215,9 @@ def _integrate(code, left, right, constant, outputs, following, held, t, u, init
     a, b = np.empty((targets, targets)), np.empty(targets)
     x, y, k, scale = initial.copy(), np.empty(n), np.empty((7, n)), np.abs(initial)
     states[0] = x
-    h = 0.0
+    h, total_steps = 0.0, 0
+    budget = STEPS_A_SAMPLE * 10 + STEPS_ON_AVERAGE * t.shape[0]
+    largest = LARGEST * max(1.0, np.abs(initial).max())
     for sample in range(t.shape[0] - 1):
         span = t[sample + 1] - t[sample]
         done, fresh = 0.0, True
@@ -247,13 +250,14 @@ def _integrate(code, left, right, constant, outputs, following, held, t, u, init
                 error += (step * estimate / limit) ** 2
             error = np.sqrt(error / n)
             steps += 1
+            total_steps += 1
             if error <= 1.0:
                 done = span if step == span - done else done + step
                 fresh = False
                 for i in range(n):
                     x[i] = y[i]
                     scale[i] = max(scale[i], abs(x[i]))
-                    if not abs(x[i]) < LARGEST:
+                    if not abs(x[i]) < largest:
                         return sample + 1, 1
                 grown = 5.0 if error < 1e-4 else min(5.0, 0.9 * error**-0.2)
                 # A step cut short by the sample says nothing of how long the next may be.
@@ -263,7 +267,7 @@ def _integrate(code, left, right, constant, outputs, following, held, t, u, init
                 h = step * (max(0.1, 0.9 * error**-0.2) if error < 1e300 else 0.1)
                 if not h > 1e-12 * span:
                     return sample + 1, 1
-            if steps > STEPS_A_SAMPLE:
+            if steps > STEPS_A_SAMPLE or total_steps > budget:
                 return sample + 1, 2
         states[sample + 1] = x
     return t.shape[0], 0

@@ -51,7 +51,7 @@ class Factor:
         return xi
 
     def first_fit(self, columns: tuple[int, ...], left: int) -> FloatArray | None:
-        """Return the coefficients (m,) of scaled column `left` on the other `columns`, or None where they are dependent.
+        """Return the coefficients (m,) of scaled column `left` on the other columns, None where they are dependent.
 
         All guesses' fits come from one inverse, kept for the next guess.
         """

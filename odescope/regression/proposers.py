@@ -47,8 +47,8 @@ class EnergyThreshold(
 ):
     """SETLS (paper, 2.2.3) for every ratio lambda_R from `low` to `high` at once; (8), (9).
 
-    A fixed ratio is `low = high`. With `terms` above 0, ratios are walked down from `high` no further than the first support of
-    more terms than that: what lies below costs most of the time and is too large to be a law.
+    A fixed ratio is `low = high`. With `terms` above 0, ratios are walked down from `high` no further than the first
+    support of more terms than that: what lies below costs most of the time and is too large to be a law.
     """
 
     low: Annotated[float, msgspec.Meta(gt=0.0)] = 1e-9
@@ -81,7 +81,11 @@ class CoefficientThreshold(
 class MatchingPursuit(
     msgspec.Struct, frozen=True, tag="matching_pursuit", tag_field="kind", forbid_unknown_fields=True
 ):
-    """Orthogonal matching pursuit: the path of supports of 1, 2, ... `terms` columns."""
+    """Orthogonal matching pursuit: the path of supports of 1, 2, ... `terms` columns.
+
+    Each step takes the column whose part orthogonal to those present explains most (orthogonal least squares): on
+    correlated columns the correlation with the residual alone misleads.
+    """
 
     terms: Annotated[int, msgspec.Meta(ge=1)] = 12
 

@@ -23,9 +23,8 @@ class Problem:
     """One target's candidates, their values, and the factors of the folds.
 
     Shapes, one array a block: values (m, n_b) of the candidates, multipliers (k, n_b) of the target's own terms,
-    measured (n_b,) of the target. `dependent` names what was left out because it is a combination of others on these data.
-    `own` lists the k candidates that hold the target, `rests` the candidates without any
-    target.
+    measured (n_b,) of the target. `own` lists the k candidates that hold the target, `rests` the candidates without any
+    target, `dependent` what was left out because it is a combination of others on these data.
     """
 
     target: str
@@ -106,19 +105,24 @@ def pose(signals: Signals, target: str, order: int, library: Library, choice: Ro
     folds = tuple(
         factorise(row_map.rows(b, v) for b, v in zip(blocks, values, strict=True) if b.fold == f) for f in numbers
     )
-    return Problem(
-        target,
-        terms,
-        tuple(split[j][1] for j in keep),
-        own,
-        left,
-        blocks,
-        values,
-        multipliers,
-        measured,
-        row_map,
-        folds,
-    )
+    rests = tuple(split[j][1] for j in keep)
+    problem = Problem(target, terms, rests, own, left, blocks, values, multipliers, measured, row_map, folds)
+    dependent = _dependent(problem, signals.targets)
+    if not dependent:
+        return problem
+    left_out = {term for term, _ in dependent}
+    smaller = Library(tuple(t for t in library if t not in left_out))
+    return replace(pose(signals, target, order, smaller, choice), dependent=dependent)
+
+
+def _dependent(problem: Problem, targets: Sequence[str]) -> tuple[tuple[Term, tuple[Term, ...]], ...]:
+    """Return candidates without a target that are combinations of those before them, and these.
+
+    A combination that holds a target is no nuisance but what is looked for.
+    """
+    plain = [j for j, term in enumerate(problem.terms) if not term.names & set(targets)]
+    found = problem.factor.restrict(plain).dependent() if plain else ()
+    return tuple((problem.terms[plain[j]], tuple(problem.terms[plain[k]] for k in others)) for j, others in found)
 
 
 def _usable(library: Library, whole: list[FloatArray]) -> tuple[int, ...]:

@@ -254,15 +254,6 @@ def test_limits_are_where_they_say():
         term("-" * (MAXIMUM_DEPTH + 1) + "x")
 
 
-def test_what_is_written_out_too_deep_to_read_back_is_refused():
-    # Thirty-two factors in a balanced tree are shallow; in a row, as they are written, they are not.
-    leaves = [f"sin({k}*x)" for k in range(2, 34)]
-    while len(leaves) > 1:
-        leaves = [f"({a})*({b})" for a, b in zip(leaves[::2], leaves[1::2], strict=True)]
-    with pytest.raises(InputError, match="nested deeper"):
-        term(leaves[0])
-
-
 @pytest.mark.parametrize(
     ("text", "hint"), [("phi_dt", "phi_dot"), ("sine(phi)", "sin"), ("sin(pih)", "phi"), ("drg(x)", "drag")]
 )
