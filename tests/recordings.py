@@ -80,7 +80,11 @@ def oscillator(count: int = 1500, noise: float = 1e-3, held: bool = False, seed:
     """x'' = -4 x - 0.3 x' + u from x = 1, x' = 0.5, sampled each 0.02 s."""
     rng = np.random.default_rng(seed)
     t = 0.02 * np.arange(count)
-    u = np.repeat(4.0 * rng.standard_normal(count // 25 + 1), 25)[:count] if held else smooth(rng, count, 0.02, 1.0, 3.0)
+    u = (
+        np.repeat(4.0 * rng.standard_normal(count // 25 + 1), 25)[:count]
+        if held
+        else smooth(rng, count, 0.02, 1.0, 3.0)
+    )
     a, b = np.array([[0.0, 1.0], [-4.0, -0.3]]), np.array([0.0, 1.0])
     x = linear(a, b, np.array([1.0, 0.5]), t, u, held)[:, 0]
     return {"t": t, "x": x + noise * rng.standard_normal(count), "u": u}

@@ -50,17 +50,23 @@ def test_candidates_are_ranked_and_one_a_target_is_chosen(result):
     assert {r["chosen"] for r in rows} == {"0", "1"}
 
 
+def evaluated(text, column):
+    return eval(text, {"__builtins__": {}}, dict(column)) * np.ones(len(column["x"]))  # noqa: S307 (our own output)
+
+
 def test_what_a_row_says_is_true_of_its_relation(result):
     (search,) = result.searches
     terms = [t.text for t in search.problem.terms]
     signals = result.signals.joined()
     column = {name: signals[result.signals.row(name)] for name in result.signals.names}
-    for row, candidate in zip(csv.DictReader(candidates_csv(result).splitlines()), search.ranked.candidates, strict=True):
+    for row, candidate in zip(
+        csv.DictReader(candidates_csv(result).splitlines()), search.ranked.candidates, strict=True
+    ):
         support = row["support"].split(" + ")
         assert len(support) == int(row["number_of_terms"]) == len(set(support))
         assert row["guess"] in support
         assert 1 <= int(row["consensus"]) <= len(support)
-        values = np.array([eval(text, {"__builtins__": {}}, dict(column)) * np.ones(len(column["x"])) for text in support])
+        values = np.array([evaluated(text, column) for text in support])
         xi = np.array([candidate.xi[terms.index(text)] for text in support])
         own = [k for k, text in enumerate(support) if "x_ddot" in text]
         size = np.abs(values[own]).max()
@@ -144,7 +150,11 @@ def test_a_device_is_written_and_not_replaced(tmp_path):
 def test_what_cannot_be_a_results_folder(tmp_path):
     (tmp_path / "file").write_text("")
     (tmp_path / "odd" / "candidates.csv").mkdir(parents=True)
-    for folder, part in (("file", "is not a folder"), ("file/sub", "is not a folder"), ("odd", "candidates.csv is a folder")):
+    for folder, part in (
+        ("file", "is not a folder"),
+        ("file/sub", "is not a folder"),
+        ("odd", "candidates.csv is a folder"),
+    ):
         with pytest.raises(InputError, match=part):
             check_writable(tmp_path / folder)
     check_writable(tmp_path / "not" / "there" / "yet")

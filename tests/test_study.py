@@ -218,7 +218,9 @@ def test_the_paper_preset_has_35_candidates_a_target():
 
 
 def test_a_basis_is_multiplied_out_and_linear_in_the_target():
-    study = parse_study(PLAIN + '[library]\nbasis = ["x", "drag(x_dot)"]\ndegree = 2\nfunctions = {"drag(v)" = "v*abs(v)"}')
+    study = parse_study(
+        PLAIN + '[library]\nbasis = ["x", "drag(x_dot)"]\ndegree = 2\nfunctions = {"drag(v)" = "v*abs(v)"}'
+    )
     assert {t.text for t in study.candidates("x_ddot")} == {
         "1",
         "x",

@@ -132,6 +132,8 @@ def _explained(message: str) -> str:
         return 'its format is not "odescope/model"'
     if "`$.version`" in message:
         return "its version is not 1, the only one known here"
+    if "recursion" in message:
+        return "it is nested too deep"
     return message.replace("`$.", "`").replace("Object", "an object")
 
 

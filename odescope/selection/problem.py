@@ -116,13 +116,18 @@ def pose(signals: Signals, target: str, order: int, library: Library, choice: Ro
 
 
 def _dependent(problem: Problem, targets: Sequence[str]) -> tuple[tuple[Term, tuple[Term, ...]], ...]:
-    """Return candidates without a target that are combinations of those before them, and these.
+    """Return candidates that are combinations of those before them, and these: without a target, then with this one.
 
-    A combination that holds a target is no nuisance but what is looked for.
+    Those with the target are compared by what multiplies it: a combination of both kinds is no nuisance but what is
+    looked for. Samples are compared, since of rows there may be fewer than candidates.
     """
     plain = [j for j, term in enumerate(problem.terms) if not term.names & set(targets)]
-    found = problem.factor.restrict(plain).dependent() if plain else ()
-    return tuple((problem.terms[plain[j]], tuple(problem.terms[plain[k]] for k in others)) for j, others in found)
+    found: list[tuple[Term, tuple[Term, ...]]] = []
+    for columns, values in ((plain, [v[plain] for v in problem.values]), (problem.own, problem.multipliers)):
+        terms = [problem.terms[j] for j in columns]
+        factor = factorise(np.ascontiguousarray(v.T) for v in values)
+        found += [(terms[j], tuple(terms[k] for k in others)) for j, others in factor.dependent()]
+    return tuple(found)
 
 
 def _usable(library: Library, whole: list[FloatArray]) -> tuple[int, ...]:

@@ -8,8 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.cluster.hierarchy
-from scipy.spatial.distance import pdist
 
 from odescope.arrays import BoolArray, IntArray
 from odescope.library.expression import ONE, Term
@@ -43,8 +41,12 @@ class Sweep:
         """Return a label for each support: average linkage on the activation distance, cut at `distance`."""
         if len(self.supports) < 2:
             return np.ones(len(self.supports), dtype=np.int64)
-        linkage = scipy.cluster.hierarchy.linkage(pdist(self.activation(), "cityblock"), "average")
-        labels: IntArray = scipy.cluster.hierarchy.fcluster(linkage, distance, "distance").astype(np.int64)
+        # Imported here: it costs a quarter of a second that commands without a sweep need not wait for.
+        from scipy.cluster.hierarchy import fcluster, linkage
+        from scipy.spatial.distance import squareform
+
+        tree = linkage(squareform(self.distances()), "average")
+        labels: IntArray = fcluster(tree, distance, "distance").astype(np.int64)
         return labels
 
     def restrict(self, keep: Sequence[int]) -> Sweep:

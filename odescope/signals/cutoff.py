@@ -7,7 +7,6 @@ from typing import Annotated, Protocol
 
 import msgspec
 import numpy as np
-import scipy.signal
 
 from odescope.arrays import FloatArray
 from odescope.signals.spectral import Spectrum, bin_frequencies
@@ -81,9 +80,11 @@ class NoiseCeiling(msgspec.Struct, frozen=True, tag="noise_ceiling", tag_field="
 
     def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:
         """Return the cutoff in hertz; the periodograms of several records are averaged."""
+        from scipy.signal import welch
+
         length = min(min(len(samples) for samples in channel), 4096)
         periodograms = [
-            scipy.signal.welch(samples, 1.0 / period, nperseg=length, detrend="linear") for samples in channel
+            welch(samples, 1.0 / period, nperseg=length, detrend="linear") for samples in channel
         ]
         frequency = periodograms[0][0]
         power = np.mean([p for _, p in periodograms], axis=0)

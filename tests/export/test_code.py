@@ -1,0 +1,89 @@
+import ast
+import builtins
+import json
+
+import numpy as np
+import pytest
+from hand_models import MODELS
+from scipy.integrate import solve_ivp
+
+from odescope.export.code import to_python
+from odescope.export.modelfile import to_json
+from odescope.model.simulate import simulate
+
+
+def module(model):
+    """Run the exported source where there is nothing but the import of numpy."""
+
+    def only_numpy(name, *arguments):
+        assert name == "numpy"
+        return builtins.__import__(name, *arguments)
+
+    namespace = {"__builtins__": {"__import__": only_numpy}}
+    exec(compile(to_python(model), "exported", "exec"), namespace)  # noqa: S102 (our own output, which is the point)
+    return namespace
+
+
+def points(model, count=20):
+    rng = np.random.default_rng(1)
+    return rng.uniform(0.2, 1.5, (count, len(model.states))), rng.uniform(0.2, 1.5, (count, len(model.inputs)))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_module_agrees_with_the_explicit_text_of_the_model_file(name):
+    model = MODELS[name]
+    exported = module(model)
+    explicit = json.loads(to_json(model))["explicit"]
+    functions = {f: getattr(np, f) for f in ("sin", "cos", "tan", "exp", "log", "sqrt", "abs", "sign", "tanh")}
+    for state, inputs in zip(*points(model), strict=True):
+        names = functions | dict(zip(model.variables, (*state, *inputs), strict=True))
+        targets = {t: eval(text, {"__builtins__": {}}, names) for t, text in explicit.items()}  # noqa: S307
+        rates = {}
+        for c in model.coordinates:
+            for k in range(c.order):
+                following = c.derivative(k + 1)
+                rates[c.derivative(k)] = targets[following] if k + 1 == c.order else names[following]
+        found = exported["derivative"](0.0, state, inputs)
+        assert np.allclose(found, [rates[s] for s in model.states], rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_module_integrates_to_the_free_run(name):
+    model = MODELS[name]
+    exported = module(model)
+    states, inputs = points(model, 1)
+    t = np.linspace(0.0, 0.3, 31)
+    run = simulate(model, t, np.tile(inputs, (31, 1)), states[0])
+    oracle = solve_ivp(
+        lambda time, y: exported["derivative"](time, y, inputs[0]), (0, 0.3), states[0], t_eval=t, rtol=1e-9, atol=1e-11
+    )
+    assert run.ended is None
+    assert np.allclose(run.states, oracle.y.T, rtol=1e-6, atol=1e-7)
+    assert np.abs(run.states[-1] - run.states[0]).max() > 0.01
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_module_names_states_and_inputs_and_imports_numpy_alone(name):
+    model = MODELS[name]
+    exported = module(model)
+    assert exported["STATES"] == model.states
+    assert exported["INPUTS"] == tuple(i.name for i in model.inputs)
+    tree = ast.parse(to_python(model))
+    imported = [a.name for n in ast.walk(tree) if isinstance(n, ast.Import | ast.ImportFrom) for a in n.names]
+    assert imported == ["numpy"]
+    own = [n.name for n in tree.body if isinstance(n, ast.FunctionDef)]
+    assert own == ["derivative"]
+
+
+def test_whole_numbers_are_as_good_as_floats():
+    model = MODELS["rational"]
+    derivative = module(model)["derivative"]
+    whole = derivative(0, np.array([1, 2, 1, 3]), (1, 2))
+    assert np.array_equal(whole, derivative(0.0, np.array([1.0, 2.0, 1.0, 3.0]), [1.0, 2.0]))
+    assert np.array_equal(whole, derivative(0, (1, 2, 1, 3), (1, 2)))
+
+
+def test_every_digit_is_there():
+    source = to_python(MODELS["rational"])
+    for value in (0.1 + 0.2, 1 / 3, 1e-17, 5.55):
+        assert repr(value) in source

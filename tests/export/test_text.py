@@ -1,0 +1,76 @@
+import re
+
+import numpy as np
+import pytest
+from hand_models import MODELS
+
+from odescope.export.text import to_latex, to_text
+
+FUNCTIONS = {f: getattr(np, f) for f in ("sin", "cos", "exp", "abs", "tanh")}
+
+
+def values(model, text, variables):
+    found = {}
+    for line in text.splitlines():
+        target, _, right = line.partition(" = ")
+        found[target] = eval(right, {"__builtins__": {}}, FUNCTIONS | variables)  # noqa: S307 (our own output)
+    return found
+
+
+def solved(model, variables):
+    """Return the targets from the relations themselves: A y' = b by NumPy."""
+    evaluate = lambda term: eval(term.text, {"__builtins__": {}}, FUNCTIONS | variables)  # noqa: S307, E731
+    a, b = np.zeros((len(model.targets),) * 2), np.zeros(len(model.targets))
+    for row, relation in enumerate(model.relations):
+        for t in relation.terms:
+            if t.factor is None:
+                b[row] -= t.coefficient * evaluate(t.term)
+            else:
+                a[row, model.targets.index(t.factor)] += t.coefficient * evaluate(t.term)
+    return dict(zip(model.targets, np.linalg.solve(a, b), strict=True))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_text_is_what_the_relations_say(name):
+    model = MODELS[name]
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        variables = dict(zip(model.variables, rng.uniform(0.3, 1.2, len(model.variables)), strict=True))
+        exact = solved(model, variables)
+        written = values(model, to_text(model), variables)
+        assert list(written) == list(model.targets)
+        assert all(np.isclose(written[t], exact[t], rtol=1e-10, atol=0) for t in exact)
+        rounded = values(model, to_text(model, 6), variables)
+        assert all(np.isclose(rounded[t], exact[t], rtol=1e-4, atol=1e-5) for t in exact)
+
+
+def test_digits_are_all_or_as_many_as_asked_for():
+    assert "0.3333333333333333*u" in to_text(MODELS["rational"])
+    assert "0.333333*u" in to_text(MODELS["rational"], 6)
+    assert "0.33*u" in to_text(MODELS["rational"], 2)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_latex_is_one_balanced_line_a_target(name):
+    latex = to_latex(MODELS[name])
+    lines = latex.split(" \\\\\n")
+    assert len(lines) == len(MODELS[name].targets)
+    for line in lines:
+        assert "\n" not in line
+        depth = 0
+        for mark in re.findall(r"(?<!\\)[{}]", line):
+            depth += 1 if mark == "{" else -1
+            assert depth >= 0
+        assert depth == 0
+        assert line.count(r"\left(") == line.count(r"\right)")
+        assert not re.search(r"\de[-+]?\d", line)  # no 1e-09
+
+
+def test_latex_of_a_rational_model():
+    first, second = to_latex(MODELS["rational"]).split(" \\\\\n")
+    assert first.startswith(r"\ddot{x} = \frac{")
+    assert r"\cos^{2}\left(\phi\right)" in first
+    assert r"0.333333 \, u" in first
+    assert r"1 \cdot 10^{-17}" in first
+    assert second.startswith(r"\ddot{\phi} = \frac{")
+    assert r"\dot{\phi} \, \operatorname{abs}\left(\dot{\phi}\right)" in second
