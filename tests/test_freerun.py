@@ -18,7 +18,7 @@ def dotted(name, k):
 
 
 def model(coordinates, relations, inputs=(), provenance=None):
-    """Return a model.json by hand: coordinates (name, order), inputs (name, hold), relations (factor, term, coefficient)."""
+    """Return a model.json: coordinates (name, order), inputs (name, hold), relations of (factor, term, coefficient)."""
     keys = ("factor", "term", "coefficient")
     return {
         "format": "odescope/model",

@@ -124,6 +124,8 @@ def _dependent(problem: Problem, targets: Sequence[str]) -> tuple[tuple[Term, tu
     plain = [j for j, term in enumerate(problem.terms) if not term.names & set(targets)]
     found: list[tuple[Term, tuple[Term, ...]]] = []
     for columns, values in ((plain, [v[plain] for v in problem.values]), (problem.own, problem.multipliers)):
+        if not columns:
+            continue
         terms = [problem.terms[j] for j in columns]
         factor = factorise(np.ascontiguousarray(v.T) for v in values)
         found += [(terms[j], tuple(terms[k] for k in others)) for j, others in factor.dependent()]

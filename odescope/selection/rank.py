@@ -122,6 +122,9 @@ def _score(problem: Problem, support: Support, guesses: tuple[int, ...], cluster
     numbers = sorted({b.fold for b in problem.blocks})
     solutions = [f.solve(support, left) for f in problem.training]
     xi = problem.factor.solve(support, left)
+    # A denominator may keep its sign in every block and yet change it from one recording to the next.
+    if len({float(np.sign(xi[list(problem.own)] @ m[:, 0])) for m in problem.multipliers}) > 1:
+        return None
     predictions = []
     for k, block in enumerate(problem.blocks):
         held_out = problem.residual(k, solutions[numbers.index(block.fold) % len(solutions)])

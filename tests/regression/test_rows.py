@@ -116,7 +116,9 @@ def test_cosine_rows_are_the_sums_they_say(count):
 
 def test_what_lies_above_the_cutoff_leaves_the_rows():
     t = 0.01 * np.arange(2000)
-    below, above = cosine_rows(5.0).rows(whole(2000), np.array([np.sin(2 * np.pi * 3 * t), np.sin(2 * np.pi * 9 * t)])).T
+    below, above = (
+        cosine_rows(5.0).rows(whole(2000), np.array([np.sin(2 * np.pi * 3 * t), np.sin(2 * np.pi * 9 * t)])).T
+    )
     assert np.sum(below**2) == pytest.approx(1000, rel=0.05)  # the energy of a sine, less the tapers
     assert np.sum(above**2) < 1e-4 * np.sum(below**2)
 

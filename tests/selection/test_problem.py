@@ -149,7 +149,9 @@ def test_the_relation_itself_is_no_dependence_to_be_left_out():
     for choice in (PlainRows(), NoiseWeighted()):
         posed = pose(signals_of(noise=0.0), "phi_ddot", 2, library, choice)
         assert posed.dependent == ()
-        support = [k for k, t in enumerate(posed.terms) if t.text in ("u", "sin(phi)", "phi_ddot", "phi_ddot*cos(phi)**2")]
+        support = [
+            k for k, t in enumerate(posed.terms) if t.text in ("u", "sin(phi)", "phi_ddot", "phi_ddot*cos(phi)**2")
+        ]
         xi = posed.factor.solve(support, posed.left)
         assert posed.factor.residual(xi) < 1e-12
 

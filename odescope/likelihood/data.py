@@ -1,0 +1,179 @@
+"""What the likelihood sees: block averages of the measured coordinates, cut into short segments.
+
+The signal ends at the cutoff, the noise does not: averages over blocks of k samples with a Nyquist frequency of several
+times the cutoff carry the same information (METHOD section 9). What averaging does to the signal itself is taken out with
+the filtered signal, whose own error does not matter there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.records import Coordinate, Input, Record, Records
+from odescope.signals.estimate import Channel, state_names
+from odescope.signals.spectral import bin_frequencies, differentiate
+
+OVERSAMPLING = 8  # block averages a period of the highest cutoff
+SEGMENT = 25  # block averages a segment
+LEAST_SEGMENT = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Block averages of all records end to end, and the segments they are cut into.
+
+    Shapes: measured (N, c) averages; inputs (N, 3, i) on the nodes of the step that begins at each average; filtered
+    (N, n) smoothed states; start, count (J,); joined (J,) whether a segment ends where the next begins; noise (c,) the
+    standard deviation of an average, spread (n,) that of the smoothing error of each state; step in seconds.
+    """
+
+    measured: FloatArray
+    inputs: FloatArray
+    filtered: FloatArray
+    start: IntArray
+    count: IntArray
+    joined: BoolArray
+    noise: FloatArray
+    spread: FloatArray
+    step: float
+    block: int
+
+    @property
+    def initial(self) -> FloatArray:
+        """Smoothed states at the first average of every segment, (J, n)."""
+        return self.filtered[self.start]
+
+
+def cut_segments(
+    records: Records, coordinates: Sequence[Coordinate], inputs: Sequence[Input], channels: Sequence[Channel]
+) -> Segments:
+    """Return the segments of uniformly sampled records.
+
+    Args:
+        records: what was measured.
+        coordinates: their coordinates.
+        inputs: their inputs.
+        channels: noise and cutoff of each coordinate, in order.
+    """
+    period = records.runs[0].sample_period
+    block = max(1, int(1.0 / (OVERSAMPLING * max(c.cutoff for c in channels) * period)))
+    block = max(1, min(block, min(len(r) for r in records) // (4 * LEAST_SEGMENT)))
+    states = state_names(coordinates)
+    measured, drive, filtered, start, count, joined = [], [], [], [], [], []
+    total = 0
+    for run in records:
+        y, u, x = _averages(run, coordinates, inputs, channels, states, period, block)
+        pieces = max(1, round(len(y) / SEGMENT))
+        edges = np.linspace(0, len(y), pieces + 1).astype(np.int64)
+        start += [total + int(e) for e in edges[:-1]]
+        count += np.diff(edges).tolist()
+        joined += [True] * (pieces - 1) + [False]
+        measured.append(y)
+        drive.append(u)
+        filtered.append(x)
+        total += len(y)
+    noise = np.array([max(c.noise, 1e-12 * float(np.ptp(np.concatenate(measured)[:, k]))) for k, c in enumerate(channels)])
+    return Segments(
+        np.concatenate(measured),
+        np.concatenate(drive),
+        np.concatenate(filtered),
+        np.array(start, dtype=np.int64),
+        np.array(count, dtype=np.int64),
+        np.array(joined, dtype=np.bool_),
+        noise / np.sqrt(block),
+        _smoothing_error(coordinates, channels, noise, period, states),
+        block * period,
+        block,
+    )
+
+
+def _averages(
+    run: Record,
+    coordinates: Sequence[Coordinate],
+    inputs: Sequence[Input],
+    channels: Sequence[Channel],
+    states: Sequence[str],
+    period: float,
+    block: int,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    blocks = len(run) // block
+    kept = blocks * block
+    centre = (block - 1) / 2.0 + block * np.arange(blocks)
+    smooth: dict[str, FloatArray] = {}
+    columns = []
+    for c, channel in zip(coordinates, channels, strict=True):
+        samples = run.column(c.name)
+        last = int(np.searchsorted(bin_frequencies(len(samples), period), channel.cutoff * (1 + 1e-12), "right")) - 1
+        values = differentiate(samples, period, max(last, 1), c.order - 1)
+        at_centre = [_at(v, centre) for v in values]
+        smooth |= {c.derivative(k): v for k, v in enumerate(at_centre)}
+        columns.append((samples - values[0])[:kept].reshape(blocks, block).mean(axis=1) + at_centre[0])
+    nodes = np.empty((blocks, 3, len(inputs)))
+    for j, i in enumerate(inputs):
+        nodes[:, :, j] = _on_nodes(run.column(i.name), i.hold, centre, block)
+    return np.column_stack(columns), nodes, np.column_stack([smooth[s] for s in states])
+
+
+def _at(values: FloatArray, place: FloatArray) -> FloatArray:
+    """Return values between samples; the place is a sample or half-way between two, the signal smooth there."""
+    below = np.floor(place).astype(np.int64)
+    above = np.minimum(below + 1, len(values) - 1)
+    share = place - below
+    result: FloatArray = (1.0 - share) * values[below] + share * values[above]
+    return result
+
+
+def _on_nodes(samples: FloatArray, hold: str, centre: FloatArray, block: int) -> FloatArray:
+    """Return the input at begin, middle and end of each step, (N, 3), averaged over the stretch each node stands for.
+
+    RK4 weighs its nodes 1, 4, 1: the middle stands for two thirds of the step and the ends for a sixth each. A held input
+    is averaged over just these, so that no switching is lost; a linear one about each node.
+    """
+    grid = np.arange(len(samples) + 1, dtype=np.float64)
+    if hold == "zero":
+        integral = np.concatenate([[0.0], np.cumsum(samples)])
+        lows, highs = (0.0, 1 / 6, 5 / 6), (1 / 6, 5 / 6, 1.0)
+    else:
+        padded = np.append(samples, samples[-1])
+        integral = np.concatenate([[0.0], np.cumsum(0.5 * (padded[1:] + padded[:-1]))])
+        lows, highs = (-1 / 12, 1 / 6, 11 / 12), (1 / 12, 5 / 6, 13 / 12)
+    result = np.empty((len(centre), 3))
+    for k, (low, high) in enumerate(zip(lows, highs, strict=True)):
+        a = np.clip(centre + low * block, 0.0, len(samples) - 1.0)
+        b = np.minimum(centre + high * block, float(len(samples)))
+        b = np.maximum(b, a + 1e-9)
+        if hold == "zero":
+            area = np.interp(b, grid, integral) - np.interp(a, grid, integral)
+        else:
+            area = _area(integral, padded, b) - _area(integral, padded, a)
+        result[:, k] = area / (b - a)
+    return result
+
+
+def _area(integral: FloatArray, samples: FloatArray, place: FloatArray) -> FloatArray:
+    """Return the integral of the broken line through the samples up to a place between them."""
+    below = np.minimum(np.floor(place).astype(np.int64), len(samples) - 2)
+    share = place - below
+    rise = samples[below + 1] - samples[below]
+    area: FloatArray = integral[below] + share * (samples[below] + 0.5 * share * rise)
+    return area
+
+
+def _smoothing_error(
+    coordinates: Sequence[Coordinate],
+    channels: Sequence[Channel],
+    noise: FloatArray,
+    period: float,
+    states: Sequence[str],
+) -> FloatArray:
+    """Return the standard deviation that white noise leaves in each filtered state below the cutoff."""
+    found = {}
+    for c, channel, sigma in zip(coordinates, channels, noise, strict=True):
+        for k in range(c.order):
+            power = (2.0 * np.pi) ** (2 * k) * channel.cutoff ** (2 * k + 1) / (2 * k + 1)
+            found[c.derivative(k)] = sigma * np.sqrt(2.0 * period * power)
+    return np.array([found[s] for s in states])

@@ -1,0 +1,216 @@
+"""Fits of one structure: Levenberg-Marquardt on coefficients and initial states together."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.library.expression import Term
+from odescope.library.tape import Tape, write_tape
+from odescope.likelihood.data import Segments
+from odescope.likelihood.kernel import eliminate, integrate, substitute
+
+ITERATIONS = 40
+CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit
+LARGEST_DAMPING = 1e8
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One term of one relation: coefficient * factor * term; `factor` is a target's number or -1 for none.
+
+    The coefficient of a fixed slot is 1 and no parameter.
+    """
+
+    relation: int
+    factor: int
+    term: Term
+    fixed: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Slots compiled for the kernel: a tape of their terms and gradients. Shapes: one entry a slot; grad (K, 3)."""
+
+    slots: tuple[Slot, ...]
+    tape: Tape
+    grad: IntArray
+    following: IntArray
+    measured: IntArray
+
+    @staticmethod
+    def of(slots: Sequence[Slot], variables: Sequence[str], following: IntArray, measured: IntArray) -> Program:
+        """Return the program; `following` and `measured` as in the kernel."""
+        states = variables[: len(following)]
+        gradients = []
+        for k, slot in enumerate(slots):
+            for i, state in enumerate(states):
+                if state in slot.term.names:
+                    combination = slot.term.gradient(state)
+                    if combination.parts:
+                        gradients.append((k, i, combination))
+        tape = write_tape(variables, [*(s.term for s in slots), *(g for _, _, g in gradients)])
+        places = tape.outputs[len(slots) :]
+        grad = np.array([(k, i, place) for (k, i, _), place in zip(gradients, places, strict=True)], dtype=np.int64)
+        return Program(tuple(slots), tape, grad.reshape(-1, 3), following, measured)
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """Cost and its quadratic expansion after the initial states are eliminated.
+
+    Shapes: information (p, p) reduced Gauss-Newton matrix, gradient (p,) reduced; both of half the cost.
+    """
+
+    data_cost: float
+    joint_cost: float
+    information: FloatArray
+    gradient: FloatArray
+    log_det: float
+    factor: FloatArray
+    border: FloatArray
+    carry: FloatArray
+
+    @property
+    def cost(self) -> float:
+        """Data and joints together."""
+        return self.data_cost + self.joint_cost
+
+
+class Evaluator:
+    """Evaluates segments in two or more threads; keeps the arrays that the kernel writes to."""
+
+    def __init__(self, segments: Segments, substeps: int = 1) -> None:
+        self.segments = segments
+        self.threads = os.cpu_count() or 1
+        self.substeps = substeps
+
+    def integrate(self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray) -> tuple[FloatArray, ...]:
+        """Return cost (J,), gradient, hessian, last, jacobian of every segment (see the kernel).
+
+        Args:
+            program: the slots.
+            theta: (slots,) coefficients.
+            free: slots that are parameters.
+            x0: (J, n) initial states.
+        """
+        data, tape = self.segments, program.tape
+        j, n, p = len(data.start), x0.shape[1], len(free)
+        param = np.full(len(program.slots), -1, dtype=np.int64)
+        param[free] = np.arange(p)
+        owner = np.array([s.relation for s in program.slots], dtype=np.int64)
+        factor = np.array([s.factor for s in program.slots], dtype=np.int64)
+        out = (np.empty(j), np.empty((j, n + p)), np.empty((j, n + p, n + p)), np.empty((j, n)), np.empty((j, n, n + p)))
+
+        def part(begin: int, end: int) -> None:
+            integrate(
+                tape.code, tape.left, tape.right, tape.constant, tape.outputs[: len(program.slots)], owner, factor,
+                param, theta, program.grad, program.following, program.measured, 1.0 / data.noise, data.step,
+                self.substeps, p, data.start, data.count, data.measured, data.inputs, x0, begin, end, *out,
+            )  # fmt: skip
+
+        edges = np.linspace(0, j, self.threads + 1).astype(int)
+        with ThreadPoolExecutor(self.threads) as pool:
+            list(pool.map(part, edges[:-1], edges[1:]))
+        return out
+
+    def expand(
+        self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray, gap: FloatArray, damping: float = 0.0,
+        integrated: tuple[FloatArray, ...] | None = None,
+    ) -> Expansion | None:
+        """Return cost and expansion, or None where a segment blows up or the states' block is singular."""
+        cost, gradient, hessian, last, jacobian = integrated or self.integrate(program, theta, free, x0)
+        if not np.isfinite(cost.sum()) or not np.all(np.isfinite(last)):
+            return None
+        joined: BoolArray = self.segments.joined & bool(np.all(np.isfinite(gap)))
+        joints, information, reduced, factor, border, carry, log_det, ok = eliminate(
+            hessian, gradient, last, jacobian, x0, joined, gap, damping, x0.shape[1], len(free)
+        )
+        if not ok:
+            return None
+        return Expansion(float(cost.sum()), joints, information, reduced, log_det, factor, border, carry)
+
+    def change(self, expansion: Expansion, gap: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Return the step of parameters and initial states that the expansion asks for."""
+        joined: BoolArray = self.segments.joined & bool(np.all(np.isfinite(gap)))
+        if len(expansion.gradient):
+            scale = np.sqrt(np.maximum(np.diag(expansion.information), 1e-300))
+            try:
+                solved = np.linalg.solve(expansion.information / np.outer(scale, scale), -expansion.gradient / scale)
+            except np.linalg.LinAlgError:
+                return None
+            step = solved / scale
+        else:
+            step = np.zeros(0)
+        return step, substitute(expansion.factor, expansion.border, expansion.carry, joined, step)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A converged structure: theta (slots,) zero where absent, present slots, initial states, cost and information."""
+
+    theta: FloatArray
+    present: IntArray
+    x0: FloatArray
+    cost: float
+    data_cost: float
+    information: FloatArray
+    converged: bool
+
+    @property
+    def variances(self) -> FloatArray:
+        """Variances of the present coefficients, (p,), at the noise that the costs were weighed with."""
+        scale = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
+        inverse = np.linalg.pinv(self.information / np.outer(scale, scale))
+        variances: FloatArray = np.diag(inverse) / scale**2
+        return variances
+
+
+def fit(
+    evaluator: Evaluator,
+    program: Program,
+    theta: FloatArray,
+    present: IntArray,
+    x0: FloatArray,
+    gap: FloatArray,
+    iterations: int = ITERATIONS,
+) -> Fit | None:
+    """Return the fit of the present slots from a start, or None where the start itself cannot be integrated.
+
+    Steps are accepted only when they lower the cost; `gap` (n,) are the standard deviations of the joints' gaps, infinite
+    for independent segments.
+    """
+    damping, converged = 1e-4, False
+    integrated = evaluator.integrate(program, theta, present, x0)
+    here = evaluator.expand(program, theta, present, x0, gap, 0.0, integrated)
+    if here is None:
+        return None
+    for _ in range(iterations):
+        damped = evaluator.expand(program, theta, present, x0, gap, damping, integrated)
+        step = None if damped is None else evaluator.change(damped, gap)
+        trial = None
+        if step is not None:
+            moved, started = theta.copy(), x0 + step[1]
+            moved[present] += step[0]
+            again = evaluator.integrate(program, moved, present, started)
+            trial = evaluator.expand(program, moved, present, started, gap, 0.0, again)
+        if trial is None or not trial.cost <= here.cost:
+            if trial is not None and trial.cost - here.cost < CONVERGED * 1e-3:
+                converged = True
+                break
+            damping *= 10.0
+            if damping > LARGEST_DAMPING:
+                break
+            continue
+        fall = here.cost - trial.cost
+        theta, x0, integrated, here = moved, started, again, trial
+        damping = max(damping / 10.0, 1e-9)
+        if fall < CONVERGED:
+            converged = True
+            break
+    return Fit(theta, present, x0, here.cost, here.data_cost, here.information, converged)

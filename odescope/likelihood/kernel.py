@@ -1,0 +1,357 @@
+"""The compiled kernel of the likelihood: segments integrated side by side with exact sensitivities.
+
+Every segment of a record has its own initial state x0. Its states x and their derivatives S with respect to x0 and the
+parameters follow from RK4 on x' = f and S' = f_x S + f_theta. Targets y solve A(x, u) y = b(x, u), so by the implicit
+function theorem A dy = -(d rho/dx dx + d rho/d theta), with rho = A y - b. Gradient and Gauss-Newton matrix of each segment
+are accumulated on the fly. Lanes are segments, innermost, so that the tape and the linear algebra vectorise.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from odescope.library.tape import run_tape
+
+LANES = 32  # segments side by side: states, sensitivities and tape of 32 lanes stay in a first- or second-level cache
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _slopes(code, left, right, constant, slot, owner, factor, param, weight, grad, following, n, targets, p, lanes,
+            x, s, u, work, a, inv, y, g, v, dx, ds):  # type: ignore[no-untyped-def]
+    """x' and S' of all lanes. Shapes: x, dx (n, L); s, ds (n, n + p, L); a, inv (T, T, L); y (T, L); g (T, n, L)."""
+    first = work.shape[0] - code.shape[0]
+    for i in range(n):
+        work[i, :lanes] = x[i, :lanes]
+    for i in range(first - n):
+        work[n + i, :lanes] = u[i, :lanes]
+    run_tape(code, left, right, constant, work, first, lanes)
+    a[:, :, :lanes] = 0.0
+    y[:, :lanes] = 0.0
+    for k in range(owner.shape[0]):
+        value, c, r = work[slot[k]], weight[k], owner[k]
+        if factor[k] >= 0:
+            row = a[r, factor[k]]
+            for l in range(lanes):
+                row[l] += c * value[l]
+        else:
+            row = y[r]
+            for l in range(lanes):
+                row[l] -= c * value[l]
+    _invert(a, inv, targets, lanes)
+    for l in range(lanes):
+        for t in range(targets):
+            total = 0.0
+            for r in range(targets):
+                total += inv[t, r, l] * y[r, l]
+            v[t, l] = total
+    for t in range(targets):
+        y[t, :lanes] = v[t, :lanes]
+    g[:, :, :lanes] = 0.0
+    for q in range(grad.shape[0]):
+        k, state, value = grad[q, 0], grad[q, 1], work[grad[q, 2]]
+        c, row = weight[k], g[owner[k], state]
+        if c == 0.0:
+            continue
+        if factor[k] >= 0:
+            by = y[factor[k]]
+            for l in range(lanes):
+                row[l] += c * by[l] * value[l]
+        else:
+            for l in range(lanes):
+                row[l] += c * value[l]
+    for i in range(n):
+        if following[i] >= 0:
+            dx[i, :lanes] = x[following[i], :lanes]
+            for j in range(n + p):
+                for l in range(lanes):
+                    ds[i, j, l] = s[following[i], j, l]
+        else:
+            t = -1 - following[i]
+            dx[i, :lanes] = y[t, :lanes]
+            for j in range(n + p):
+                for l in range(lanes):
+                    ds[i, j, l] = 0.0
+    # d rho / dx S, relation by relation, then through the inverse of A into the targets' rows.
+    for j in range(n + p):
+        for r in range(targets):
+            row = v[r]
+            row[:lanes] = 0.0
+            for i in range(n):
+                gr, si = g[r, i], s[i, j]
+                for l in range(lanes):
+                    row[l] += gr[l] * si[l]
+        for i in range(n):
+            if following[i] < 0:
+                t = -1 - following[i]
+                out = ds[i, j]
+                for r in range(targets):
+                    w, row = inv[t, r], v[r]
+                    for l in range(lanes):
+                        out[l] -= w[l] * row[l]
+    for k in range(owner.shape[0]):
+        if param[k] < 0:
+            continue
+        value, r = work[slot[k]], owner[k]
+        for i in range(n):
+            if following[i] < 0:
+                t = -1 - following[i]
+                w, out = inv[t, r], ds[i, n + param[k]]
+                if factor[k] >= 0:
+                    by = y[factor[k]]
+                    for l in range(lanes):
+                        out[l] -= w[l] * by[l] * value[l]
+                else:
+                    for l in range(lanes):
+                        out[l] -= w[l] * value[l]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _invert(a, inv, targets, lanes):  # type: ignore[no-untyped-def]
+    if targets == 1:
+        for l in range(lanes):
+            inv[0, 0, l] = 1.0 / a[0, 0, l]
+        return
+    if targets == 2:
+        for l in range(lanes):
+            d = 1.0 / (a[0, 0, l] * a[1, 1, l] - a[0, 1, l] * a[1, 0, l])
+            inv[0, 0, l], inv[1, 1, l] = a[1, 1, l] * d, a[0, 0, l] * d
+            inv[0, 1, l], inv[1, 0, l] = -a[0, 1, l] * d, -a[1, 0, l] * d
+        return
+    m = np.empty((targets, 2 * targets))
+    for l in range(lanes):
+        for i in range(targets):
+            for j in range(targets):
+                m[i, j] = a[i, j, l]
+                m[i, targets + j] = 1.0 if i == j else 0.0
+        for k in range(targets):
+            pivot = k
+            for i in range(k + 1, targets):
+                if abs(m[i, k]) > abs(m[pivot, k]):
+                    pivot = i
+            for j in range(2 * targets):
+                m[k, j], m[pivot, j] = m[pivot, j], m[k, j]
+            scale = 1.0 / m[k, k]
+            for j in range(2 * targets):
+                m[k, j] *= scale
+            for i in range(targets):
+                if i != k:
+                    f = m[i, k]
+                    for j in range(2 * targets):
+                        m[i, j] -= f * m[k, j]
+        for i in range(targets):
+            for j in range(targets):
+                inv[i, j, l] = m[i, targets + j]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def integrate(code, left, right, constant, slot, owner, factor, param, weight, grad, following, measured, inverse_noise,
+              h, substeps, p, start, count, y_data, u_data, x0, begin, end, cost, gradient, hessian, last, jacobian):
+    # type: ignore[no-untyped-def]
+    """Integrate segments begin to end - 1 and accumulate cost, gradient and Gauss-Newton matrix of each.
+
+    Shapes: start, count (J,) first sample and number of samples of each segment; y_data (N, c); u_data (N, 2 substeps + 1,
+    inputs) the inputs on the half steps of the step that begins at each sample; x0 (J, n); cost (J,); gradient
+    (J, n + p); hessian (J, n + p, n + p); last (J, n) the state at the first sample of the next segment; jacobian (J, n,
+    n + p) its derivatives. inverse_noise (c,) is 1 / sigma.
+    """
+    n, targets = x0.shape[1], 0
+    for i in range(n):
+        if following[i] < 0:
+            targets += 1
+    channels, inputs = y_data.shape[1], u_data.shape[2]
+    width = n + p
+    work = np.zeros((n + inputs + code.shape[0], LANES))
+    x, xs, dx, xa = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES))
+    s, ss = np.empty((n, width, LANES)), np.empty((n, width, LANES))
+    ds, sa = np.empty((n, width, LANES)), np.empty((n, width, LANES))
+    a, inv = np.empty((targets, targets, LANES)), np.empty((targets, targets, LANES))
+    y, g, v = np.empty((targets, LANES)), np.empty((targets, n, LANES)), np.empty((targets, LANES))
+    u, e = np.zeros((inputs, LANES)), np.empty(LANES)
+    step = h / substeps
+    for low in range(begin, end, LANES):
+        lanes = min(LANES, end - low)
+        longest = 0
+        for l in range(lanes):
+            longest = max(longest, count[low + l])
+            cost[low + l] = 0.0
+            gradient[low + l] = 0.0
+            hessian[low + l] = 0.0
+            for i in range(n):
+                x[i, l] = x0[low + l, i]
+        s[:] = 0.0
+        for i in range(n):
+            for l in range(lanes):
+                s[i, i, l] = 1.0
+        for k in range(longest):
+            for c in range(channels):
+                m = measured[c]
+                for l in range(lanes):
+                    inside = k < count[low + l]
+                    e[l] = (x[m, l] - y_data[start[low + l] + k, c]) * inverse_noise[c] if inside else 0.0
+                for l in range(lanes):
+                    if k < count[low + l]:
+                        cost[low + l] += e[l] * e[l]
+                        scale = inverse_noise[c]
+                        gl, hl = gradient[low + l], hessian[low + l]
+                        for i in range(width):
+                            si = scale * s[m, i, l]
+                            gl[i] += si * e[l]
+                            if si != 0.0:
+                                for j in range(i + 1):
+                                    hl[i, j] += si * scale * s[m, j, l]
+            for part in range(substeps):
+                for stage in range(4):
+                    node = 2 * part + (0 if stage == 0 else 1 if stage < 3 else 2)
+                    for j in range(inputs):
+                        for l in range(lanes):
+                            row = min(start[low + l] + k, u_data.shape[0] - 1)
+                            u[j, l] = u_data[row, node, j]
+                    if stage == 0:
+                        _slopes(code, left, right, constant, slot, owner, factor, param, weight, grad, following, n,
+                                targets, p, lanes, x, s, u, work, a, inv, y, g, v, dx, ds)
+                    else:
+                        f = step if stage == 3 else 0.5 * step
+                        for i in range(n):
+                            for l in range(lanes):
+                                xs[i, l] = x[i, l] + f * dx[i, l]
+                            for j in range(width):
+                                for l in range(lanes):
+                                    ss[i, j, l] = s[i, j, l] + f * ds[i, j, l]
+                        _slopes(code, left, right, constant, slot, owner, factor, param, weight, grad, following, n,
+                                targets, p, lanes, xs, ss, u, work, a, inv, y, g, v, dx, ds)
+                    share = step / 6.0 if stage == 0 or stage == 3 else step / 3.0
+                    for i in range(n):
+                        for l in range(lanes):
+                            xa[i, l] = share * dx[i, l] + (xa[i, l] if stage else x[i, l])
+                        for j in range(width):
+                            for l in range(lanes):
+                                sa[i, j, l] = share * ds[i, j, l] + (sa[i, j, l] if stage else s[i, j, l])
+                for i in range(n):
+                    for l in range(lanes):
+                        x[i, l] = xa[i, l]
+                    for j in range(width):
+                        for l in range(lanes):
+                            s[i, j, l] = sa[i, j, l]
+            for l in range(lanes):
+                if k == count[low + l] - 1:
+                    for i in range(n):
+                        last[low + l, i] = x[i, l]
+                        for j in range(width):
+                            jacobian[low + l, i, j] = s[i, j, l]
+        for l in range(lanes):
+            for i in range(width):
+                for j in range(i):
+                    hessian[low + l, j, i] = hessian[low + l, i, j]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def eliminate(hessian, gradient, last, jacobian, x0, joined, gap, damping, n, p):  # type: ignore[no-untyped-def]
+    """Eliminate the initial states: block-tridiagonal Cholesky with the parameters as border.
+
+    Joint j ties the end of segment j to the start of j + 1 where joined[j]; its gap is weighted by 1 / gap^2 a state.
+    Returns the joints' cost, the reduced matrix (p, p) and gradient (p,), what back-substitution needs, log det of the
+    states' block, and success. `damping` multiplies the diagonal (Levenberg-Marquardt), 0 for the plain matrix.
+    """
+    segments, width = x0.shape[0], n + p
+    diagonal = hessian.copy()
+    rhs = gradient.copy()
+    lower = np.zeros((segments, n, n))  # couples segment j + 1 (rows) to j (columns)
+    joints = 0.0
+    for j in range(segments - 1):
+        if not joined[j]:
+            continue
+        for i in range(n):
+            w = 1.0 / (gap[i] * gap[i])
+            d = last[j, i] - x0[j + 1, i]
+            joints += w * d * d
+            for c in range(width):
+                jc = jacobian[j, i, c]
+                rhs[j, c] += w * d * jc
+                for b in range(width):
+                    diagonal[j, c, b] += w * jc * jacobian[j, i, b]
+            diagonal[j + 1, i, i] += w
+            rhs[j + 1, i] -= w * d
+            for c in range(n):
+                lower[j, i, c] -= w * jacobian[j, i, c]
+            for c in range(p):
+                diagonal[j + 1, i, n + c] -= w * jacobian[j, i, n + c]
+                diagonal[j + 1, n + c, i] -= w * jacobian[j, i, n + c]
+    reduced, reduced_g = np.zeros((p, p)), np.zeros(p)
+    for j in range(segments):
+        for c in range(p):
+            reduced_g[c] += rhs[j, n + c]
+            for b in range(p):
+                reduced[c, b] += diagonal[j, n + c, n + b]
+        for i in range(n):
+            diagonal[j, i, i] *= 1.0 + damping
+    for c in range(p):
+        reduced[c, c] *= 1.0 + damping
+    # Forward: factor each block, solve for its border and right-hand side, pass the rest on.
+    factor = np.zeros((segments, n, n))
+    border = np.zeros((segments, n, p + 1))
+    carry = np.zeros((segments, n, n))
+    log_det = 0.0
+    for j in range(segments):
+        block = diagonal[j, :n, :n].copy()
+        edge = np.empty((n, p + 1))
+        edge[:, :p] = diagonal[j, :n, n:]
+        edge[:, p] = rhs[j, :n]
+        if j > 0 and joined[j - 1]:
+            block -= carry[j - 1] @ carry[j - 1].T
+            edge -= carry[j - 1] @ border[j - 1]
+        for i in range(n):
+            for k in range(i + 1):
+                total = block[i, k]
+                for m in range(k):
+                    total -= factor[j, i, m] * factor[j, k, m]
+                if i == k:
+                    if not total > 0.0:
+                        return joints, reduced, reduced_g, factor, border, carry, 0.0, False
+                    factor[j, i, i] = np.sqrt(total)
+                    log_det += 2.0 * np.log(factor[j, i, i])
+                else:
+                    factor[j, i, k] = total / factor[j, k, k]
+        for c in range(p + 1):
+            for i in range(n):
+                total = edge[i, c]
+                for m in range(i):
+                    total -= factor[j, i, m] * border[j, m, c]
+                border[j, i, c] = total / factor[j, i, i]
+        if j + 1 < segments and joined[j]:
+            for r in range(n):
+                for i in range(n):
+                    total = lower[j, r, i]
+                    for m in range(i):
+                        total -= factor[j, i, m] * carry[j, r, m]
+                    carry[j, r, i] = total / factor[j, i, i]
+        for c in range(p):
+            for i in range(n):
+                bc = border[j, i, c]
+                reduced_g[c] -= bc * border[j, i, p]
+                for b in range(p):
+                    reduced[c, b] -= bc * border[j, i, b]
+    return joints, reduced, reduced_g, factor, border, carry, log_det, True
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def substitute(factor, border, carry, joined, change):  # type: ignore[no-untyped-def]
+    """Return the change (J, n) of the initial states that goes with the change (p,) of the parameters."""
+    segments, n = factor.shape[0], factor.shape[1]
+    p = change.shape[0]
+    result = np.zeros((segments, n))
+    for j in range(segments - 1, -1, -1):
+        z = np.empty(n)
+        for i in range(n):
+            z[i] = -border[j, i, p]
+            for c in range(p):
+                z[i] -= border[j, i, c] * change[c]
+            if j + 1 < segments and joined[j]:
+                for r in range(n):
+                    z[i] -= carry[j, r, i] * result[j + 1, r]
+        for i in range(n - 1, -1, -1):
+            total = z[i]
+            for m in range(i + 1, n):
+                total -= factor[j, m, i] * result[j, m]
+            result[j, i] = total / factor[j, i, i]
+    return result
