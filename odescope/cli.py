@@ -29,6 +29,22 @@ app = typer.Typer(
 STOPPED = 130
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        from odescope import __version__
+
+        print(f"odescope {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None: ...
+
+
 def main() -> None:
     """Run the command line; wrong input ends with one message on standard error."""
     try:

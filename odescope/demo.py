@@ -118,7 +118,12 @@ def write_demo(folder: Path, seed: int, level: int, joint_friction: float) -> Pa
 
     log = simulate_log(seed, level, joint_friction)
     table = pyarrow.table({"t": log.t, "x": log.measured[:, 0], "phi": log.measured[:, 1], "u": log.force})
-    pyarrow.csv.write_csv(table, folder / "log.csv", pyarrow.csv.WriteOptions(quoting_style="none"))
+    partial = folder / ".log.csv.partial"
+    try:
+        pyarrow.csv.write_csv(table, partial, pyarrow.csv.WriteOptions(quoting_style="none"))
+        partial.replace(folder / "log.csv")
+    finally:
+        partial.unlink(missing_ok=True)
     (folder / "demo.toml").write_text(STUDY.format(seed=seed), encoding="utf-8")
     return folder / "demo.toml"
 

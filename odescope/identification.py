@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import permutations, product
 from pathlib import Path
 from typing import Any
 
@@ -96,14 +96,20 @@ def identify(study: Study, data: Any = None, watch: Watch = lambda _: None) -> I
     with stage("records"):
         records = _records(study, data)
         check_channels(records, coordinates, inputs)
+    with stage("library"):
+        libraries = [study.candidates(c.target) for c in coordinates]
+        for c, library in zip(coordinates, libraries, strict=True):
+            if records.samples < len(library):
+                raise InputError(
+                    f"{records.samples} samples cannot decide between {len(library)} candidate terms for {c.target}:"
+                    " record longer, or shrink the library ([library] degree, basis or rules)"
+                )
     with stage("signals"):
         signals = estimate_signals(
             records, coordinates, inputs, study.signals.differentiator, study.signals.margin, study.signals.thin
         )
     searches = []
-    for c in coordinates:
-        with stage("library"):
-            library = study.candidates(c.target)
+    for c, library in zip(coordinates, libraries, strict=True):
         with stage("regression"):
             problem = pose(signals, c.target, c.order, library, study.regression.rows)
             whole = (tuple(range(len(problem.terms))),)
@@ -145,16 +151,35 @@ def _choose(study: Study, signals: Signals, searches: Sequence[Search]) -> tuple
     coordinates, inputs = study.measured(), study.driven()
     heads = []
     for s in searches:
-        first = {c.family: c for c in reversed(s.ranked.candidates)}
+        first = {c.family: c for c in reversed(s.ranked.candidates) if c.explained >= study.selection.explain}
         heads.append([first[f] for f in sorted(first)][:TRIED])
     order = sorted(product(*(range(len(h)) for h in heads)), key=sum)
     for pick in order:
         chosen = tuple(h[k] for h, k in zip(heads, pick, strict=True))
+        pairs = permutations(zip(searches, chosen, strict=True), 2)
+        if any(_say_the_same(*one, *other) for one, other in pairs):
+            continue
         relations = tuple(to_relation(s.problem, c, signals.targets) for s, c in zip(searches, chosen, strict=True))
         model = Model(coordinates, inputs, relations)
         if _determined(model, signals):
             return chosen, model
     raise NoModelError("model", "the best relations of the targets do not determine them together: two say the same")
+
+
+def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other: Candidate) -> bool:
+    """Say whether another target's relation, solved for this target, is this relation again but for the noise.
+
+    As among families: their difference is no larger than one term more has to earn.
+    """
+    problem, factor = search.problem, search.problem.factor
+    xi = {other_search.problem.terms[j]: float(other.xi[j]) for j in other.support}
+    left = left_column(problem, chosen.support)
+    if not xi.get(problem.terms[left]) or not set(xi) <= set(problem.terms):
+        return False
+    same = np.array([xi.get(term, 0.0) for term in problem.terms]) / xi[problem.terms[left]]
+    noise = max(factor.residual(chosen.xi), 1e-10 * float(factor.scale[left]) / np.sqrt(factor.rows))
+    allowed = (np.log(factor.rows) + 2.0 * np.log(factor.width)) / factor.rows
+    return bool(factor.residual(chosen.xi - same) ** 2 <= allowed * noise**2)
 
 
 def _rows(signals: Signals, model: Model) -> list[FloatArray]:

@@ -27,6 +27,7 @@ def check_name(name: str, what: str) -> None:
         InputError: the name is not an ASCII Python identifier, is a keyword, or is longer than 64 characters.
     """
     plain = isinstance(name, str) and name.isascii() and name.isidentifier() and not keyword.iskeyword(name)
+    plain = plain and name != "__debug__"  # a constant to Python's compiler, whatever its syntax says
     if not plain or len(name) > LONGEST_NAME:
         shown = repr(name) if len(str(name)) <= LONGEST_NAME else f"{str(name)[:20]!r}... ({len(str(name))} characters)"
         raise InputError(
@@ -83,8 +84,8 @@ class Record:
 
     @property
     def sample_period(self) -> float:
-        """The median step of time, in the unit of time."""
-        return float(np.median(np.diff(self.t)))
+        """The mean step of time, in the unit of time: single steps of a clock that counts from 1970 are too coarse."""
+        return self.duration / (len(self) - 1)
 
     @property
     def duration(self) -> float:
@@ -193,7 +194,8 @@ def check_channels(records: Records, coordinates: Sequence[Coordinate], inputs: 
 
     Raises:
         InputError: a name used twice (derived names included) or without a column, a coordinate that changes in no
-            recording, an input that is one constant, an angle in degrees, values above 1e30.
+            recording, an input that is one constant, an angle in degrees, a wrapped angle
+            that is not declared as one, values above 1e30.
     """
     if not coordinates:
         raise InputError("no coordinate: expected at least one measured quantity to find an equation for")
@@ -207,6 +209,8 @@ def check_channels(records: Records, coordinates: Sequence[Coordinate], inputs: 
             raise InputError(f"coordinate {coordinate.name!r} is constant in every recording; leave it out")
         if coordinate.angle:
             _check_angle(coordinate, records)
+        else:
+            _check_wraps(coordinate, records)
     for driver in inputs:  # constant within each run but not across them, it is a parameter and does inform
         if _constant(np.concatenate([run.column(driver.name) for run in records])):
             raise InputError(f"input {driver.name!r} is constant in all recordings together; leave it out")
@@ -228,6 +232,18 @@ def _check_angle(angle: Coordinate, records: Records) -> None:
             raise InputError(_in_degrees(f"angle {angle.name!r} has the unit {unit!r}"))
     for run in records:
         check_radians(angle.name, run.column(angle.name), run.source)
+
+
+def _check_wraps(coordinate: Coordinate, records: Records) -> None:
+    """Refuse a coordinate that jumps by 2 pi and otherwise moves in small steps: an angle nobody declared."""
+    for run in records:
+        jumps = np.abs(np.diff(run.column(coordinate.name)))
+        wraps = np.abs(jumps - 2.0 * np.pi) < 0.5
+        if wraps.any() and not np.any(jumps[~wraps] > 0.25 * np.pi):
+            raise InputError(
+                f"coordinate {coordinate.name!r} jumps by about 2 pi{within(run.source)} ({int(wraps.sum())} times), so"
+                " it looks like a wrapped angle: declare it with angle = true (on the command line NAME:angle)"
+            )
 
 
 def check_radians(name: str, column: FloatArray, source: str) -> None:

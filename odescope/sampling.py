@@ -127,7 +127,7 @@ def uniform(record: Record, jitter: float = 0.05, held: frozenset[str] = frozens
     Raises:
         InputError: the jitter is above the tolerance, or a step is longer than 1.5 periods (see split_gaps).
     """
-    t, period = record.t, record.sample_period
+    t, period = record.t, float(np.median(np.diff(record.t)))
     if (longest := float(np.diff(t).max())) > GAP_PERIODS * period:
         raise InputError(f"time jumps by {longest:.6g}{within(record.source)}, the sample period being {period:.6g}")
     chord = np.linspace(t[0], t[-1], len(t))

@@ -14,7 +14,9 @@ ROOT = Path(__file__).parent.parent
 
 
 def blocks(path: str, language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return re.findall(
+        rf"^```{language}\n(.*?)^```", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
 
 
 def test_extending_runs_and_recovers_the_system(capsys: pytest.CaptureFixture[str]) -> None:
@@ -35,7 +37,9 @@ def test_extending_runs_and_recovers_the_system(capsys: pytest.CaptureFixture[st
     assert signals.names == smoothed.names  # type: ignore[attr-defined]
 
 
-def test_readme_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_readme_python_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     t = np.arange(0.0, 30.0, 0.01)
     omega, decay = 2.0, 0.05
     x = np.exp(-decay * t) * np.cos(np.sqrt(omega**2 - decay**2) * t)

@@ -213,6 +213,8 @@ def latex_name(name: str) -> str:
     derived = _DERIVED.match(name)
     base, order = (derived["base"], len(derived["order"])) if derived else (name, 0)
     stem, _, index = base.partition("_")
+    if not (stem and index) and "_" in base:
+        stem, index = base.replace("_", r"\_"), ""
     digits = re.match(r"^([A-Za-z]+)(\d+)$", stem)
     if digits:
         stem, index = digits[1], ",".join(filter(None, (digits[2], index)))

@@ -1,14 +1,16 @@
 """What the likelihood sees: block averages of the measured coordinates, cut into short segments.
 
 The signal ends at the cutoff, the noise does not: averages over blocks of k samples with a Nyquist frequency of several
-times the cutoff carry the same information (METHOD section 9). What averaging does to the signal itself is taken out with
-the filtered signal, whose own error does not matter there.
+times the cutoff carry the same information (METHOD section 9). What averaging does to the signal itself is taken out
+with the filtered signal, whose own error does not matter there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -76,7 +78,9 @@ def cut_segments(
         drive.append(u)
         filtered.append(x)
         total += len(y)
-    noise = np.array([max(c.noise, 1e-12 * float(np.ptp(np.concatenate(measured)[:, k]))) for k, c in enumerate(channels)])
+    noise = np.array(
+        [max(c.noise, 1e-12 * float(np.ptp(np.concatenate(measured)[:, k]))) for k, c in enumerate(channels)]
+    )
     return Segments(
         np.concatenate(measured),
         np.concatenate(drive),
@@ -102,7 +106,7 @@ def _averages(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     blocks = len(run) // block
     kept = blocks * block
-    centre = (block - 1) / 2.0 + block * np.arange(blocks)
+    centre = (block - 1) / 2.0 + block * np.arange(blocks, dtype=np.float64)
     smooth: dict[str, FloatArray] = {}
     columns = []
     for c, channel in zip(coordinates, channels, strict=True):
@@ -128,39 +132,35 @@ def _at(values: FloatArray, place: FloatArray) -> FloatArray:
 
 
 def _on_nodes(samples: FloatArray, hold: str, centre: FloatArray, block: int) -> FloatArray:
-    """Return the input at begin, middle and end of each step, (N, 3), averaged over the stretch each node stands for.
+    """Return the input at begin, middle and end of the step after each average, (N, 3).
 
-    RK4 weighs its nodes 1, 4, 1: the middle stands for two thirds of the step and the ends for a sixth each. A held input
-    is averaged over just these, so that no switching is lost; a linear one about each node.
+    The nodes are those of the parabola that is nearest to the input over the step: smooth inputs keep their values, and
+    of rough or switching ones RK4's Simpson rule sees the right mean.
     """
-    grid = np.arange(len(samples) + 1, dtype=np.float64)
-    if hold == "zero":
-        integral = np.concatenate([[0.0], np.cumsum(samples)])
-        lows, highs = (0.0, 1 / 6, 5 / 6), (1 / 6, 5 / 6, 1.0)
-    else:
-        padded = np.append(samples, samples[-1])
-        integral = np.concatenate([[0.0], np.cumsum(0.5 * (padded[1:] + padded[:-1]))])
-        lows, highs = (-1 / 12, 1 / 6, 11 / 12), (1 / 12, 5 / 6, 13 / 12)
-    result = np.empty((len(centre), 3))
-    for k, (low, high) in enumerate(zip(lows, highs, strict=True)):
-        a = np.clip(centre + low * block, 0.0, len(samples) - 1.0)
-        b = np.minimum(centre + high * block, float(len(samples)))
-        b = np.maximum(b, a + 1e-9)
-        if hold == "zero":
-            area = np.interp(b, grid, integral) - np.interp(a, grid, integral)
-        else:
-            area = _area(integral, padded, b) - _area(integral, padded, a)
-        result[:, k] = area / (b - a)
+    first = np.floor(centre).astype(np.int64)
+    reach = np.minimum(first[:, None] + np.arange(block + 2), len(samples) - 1)
+    nodes: FloatArray = samples[reach] @ _parabola(block, float(centre[0] - first[0]), hold).T
+    return nodes
+
+
+@lru_cache(maxsize=32)
+def _parabola(block: int, offset: float, hold: str) -> FloatArray:
+    """Return the weights (3, block + 2) of samples in the nodes of the nearest parabola over a step from `offset`."""
+    breaks = np.unique(np.clip([offset, offset + block, *range(block + 3)], offset, offset + block))
+    points, weights = np.polynomial.legendre.leggauss(4)
+    weights_of = np.zeros((3, block + 2))
+    for a, b in pairwise(breaks):
+        place = a + 0.5 * (b - a) * (points + 1.0)
+        s = 2.0 * (place - offset) / block - 1.0
+        legendre = np.array([np.ones_like(s), s, 1.5 * s**2 - 0.5])
+        share = 0.5 * (b - a) / block * weights * legendre * np.array([[1.0], [3.0], [5.0]])
+        below = int(np.floor(0.5 * (a + b)))
+        up = place - below if hold == "linear" else np.zeros_like(place)
+        weights_of[:, below] += share @ (1.0 - up)
+        weights_of[:, below + 1] += share @ up
+    at_nodes = np.array([[1.0, -1.0, 1.0], [1.0, 0.0, -0.5], [1.0, 1.0, 1.0]])
+    result: FloatArray = at_nodes @ weights_of
     return result
-
-
-def _area(integral: FloatArray, samples: FloatArray, place: FloatArray) -> FloatArray:
-    """Return the integral of the broken line through the samples up to a place between them."""
-    below = np.minimum(np.floor(place).astype(np.int64), len(samples) - 2)
-    share = place - below
-    rise = samples[below + 1] - samples[below]
-    area: FloatArray = integral[below] + share * (samples[below] + 0.5 * share * rise)
-    return area
 
 
 def _smoothing_error(

@@ -105,7 +105,13 @@ class Evaluator:
         param[free] = np.arange(p)
         owner = np.array([s.relation for s in program.slots], dtype=np.int64)
         factor = np.array([s.factor for s in program.slots], dtype=np.int64)
-        out = (np.empty(j), np.empty((j, n + p)), np.empty((j, n + p, n + p)), np.empty((j, n)), np.empty((j, n, n + p)))
+        out = (
+            np.empty(j),
+            np.empty((j, n + p)),
+            np.empty((j, n + p, n + p)),
+            np.empty((j, n)),
+            np.empty((j, n, n + p)),
+        )
 
         def part(begin: int, end: int) -> None:
             integrate(
@@ -120,7 +126,13 @@ class Evaluator:
         return out
 
     def expand(
-        self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray, gap: FloatArray, damping: float = 0.0,
+        self,
+        program: Program,
+        theta: FloatArray,
+        free: IntArray,
+        x0: FloatArray,
+        gap: FloatArray,
+        damping: float = 0.0,
         integrated: tuple[FloatArray, ...] | None = None,
     ) -> Expansion | None:
         """Return cost and expansion, or None where a segment blows up or the states' block is singular."""
@@ -182,8 +194,8 @@ def fit(
 ) -> Fit | None:
     """Return the fit of the present slots from a start, or None where the start itself cannot be integrated.
 
-    Steps are accepted only when they lower the cost; `gap` (n,) are the standard deviations of the joints' gaps, infinite
-    for independent segments.
+    Steps are accepted only when they lower the cost; `gap` (n,) are the standard deviations of the joints' gaps,
+    infinite for independent segments.
     """
     damping, converged = 1e-4, False
     integrated = evaluator.integrate(program, theta, present, x0)

@@ -2,8 +2,8 @@
 
 Every segment of a record has its own initial state x0. Its states x and their derivatives S with respect to x0 and the
 parameters follow from RK4 on x' = f and S' = f_x S + f_theta. Targets y solve A(x, u) y = b(x, u), so by the implicit
-function theorem A dy = -(d rho/dx dx + d rho/d theta), with rho = A y - b. Gradient and Gauss-Newton matrix of each segment
-are accumulated on the fly. Lanes are segments, innermost, so that the tape and the linear algebra vectorise.
+function theorem A dy = -(d rho/dx dx + d rho/d theta), with rho = A y - b. Gradient and Gauss-Newton matrix of each
+segment are accumulated on the fly. Lanes are segments, innermost, so that the tape and the linear algebra vectorise.
 """
 
 from __future__ import annotations
@@ -17,9 +17,38 @@ LANES = 32  # segments side by side: states, sensitivities and tape of 32 lanes 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _slopes(code, left, right, constant, slot, owner, factor, param, weight, grad, following, n, targets, p, lanes,
-            x, s, u, work, a, inv, y, g, v, dx, ds):  # type: ignore[no-untyped-def]
-    """x' and S' of all lanes. Shapes: x, dx (n, L); s, ds (n, n + p, L); a, inv (T, T, L); y (T, L); g (T, n, L)."""
+def _slopes(
+    code,
+    left,
+    right,
+    constant,
+    slot,
+    owner,
+    factor,
+    param,
+    weight,
+    grad,
+    following,
+    n,
+    targets,
+    p,
+    lanes,
+    x,
+    s,
+    u,
+    work,
+    a,
+    inv,
+    y,
+    g,
+    v,
+    dx,
+    ds,
+):
+    """Compute x' and S' of all lanes.
+
+    Shapes: x, dx (n, L); s, ds (n, n + p, L); a, inv (T, T, L); y, v (T, L); g (T, n, L).
+    """
     first = work.shape[0] - code.shape[0]
     for i in range(n):
         work[i, :lanes] = x[i, :lanes]
@@ -32,19 +61,19 @@ def _slopes(code, left, right, constant, slot, owner, factor, param, weight, gra
         value, c, r = work[slot[k]], weight[k], owner[k]
         if factor[k] >= 0:
             row = a[r, factor[k]]
-            for l in range(lanes):
-                row[l] += c * value[l]
+            for lane in range(lanes):
+                row[lane] += c * value[lane]
         else:
             row = y[r]
-            for l in range(lanes):
-                row[l] -= c * value[l]
+            for lane in range(lanes):
+                row[lane] -= c * value[lane]
     _invert(a, inv, targets, lanes)
-    for l in range(lanes):
+    for lane in range(lanes):
         for t in range(targets):
             total = 0.0
             for r in range(targets):
-                total += inv[t, r, l] * y[r, l]
-            v[t, l] = total
+                total += inv[t, r, lane] * y[r, lane]
+            v[t, lane] = total
     for t in range(targets):
         y[t, :lanes] = v[t, :lanes]
     g[:, :, :lanes] = 0.0
@@ -55,23 +84,23 @@ def _slopes(code, left, right, constant, slot, owner, factor, param, weight, gra
             continue
         if factor[k] >= 0:
             by = y[factor[k]]
-            for l in range(lanes):
-                row[l] += c * by[l] * value[l]
+            for lane in range(lanes):
+                row[lane] += c * by[lane] * value[lane]
         else:
-            for l in range(lanes):
-                row[l] += c * value[l]
+            for lane in range(lanes):
+                row[lane] += c * value[lane]
     for i in range(n):
         if following[i] >= 0:
             dx[i, :lanes] = x[following[i], :lanes]
             for j in range(n + p):
-                for l in range(lanes):
-                    ds[i, j, l] = s[following[i], j, l]
+                for lane in range(lanes):
+                    ds[i, j, lane] = s[following[i], j, lane]
         else:
             t = -1 - following[i]
             dx[i, :lanes] = y[t, :lanes]
             for j in range(n + p):
-                for l in range(lanes):
-                    ds[i, j, l] = 0.0
+                for lane in range(lanes):
+                    ds[i, j, lane] = 0.0
     # d rho / dx S, relation by relation, then through the inverse of A into the targets' rows.
     for j in range(n + p):
         for r in range(targets):
@@ -79,16 +108,16 @@ def _slopes(code, left, right, constant, slot, owner, factor, param, weight, gra
             row[:lanes] = 0.0
             for i in range(n):
                 gr, si = g[r, i], s[i, j]
-                for l in range(lanes):
-                    row[l] += gr[l] * si[l]
+                for lane in range(lanes):
+                    row[lane] += gr[lane] * si[lane]
         for i in range(n):
             if following[i] < 0:
                 t = -1 - following[i]
                 out = ds[i, j]
                 for r in range(targets):
                     w, row = inv[t, r], v[r]
-                    for l in range(lanes):
-                        out[l] -= w[l] * row[l]
+                    for lane in range(lanes):
+                        out[lane] -= w[lane] * row[lane]
     for k in range(owner.shape[0]):
         if param[k] < 0:
             continue
@@ -99,30 +128,30 @@ def _slopes(code, left, right, constant, slot, owner, factor, param, weight, gra
                 w, out = inv[t, r], ds[i, n + param[k]]
                 if factor[k] >= 0:
                     by = y[factor[k]]
-                    for l in range(lanes):
-                        out[l] -= w[l] * by[l] * value[l]
+                    for lane in range(lanes):
+                        out[lane] -= w[lane] * by[lane] * value[lane]
                 else:
-                    for l in range(lanes):
-                        out[l] -= w[l] * value[l]
+                    for lane in range(lanes):
+                        out[lane] -= w[lane] * value[lane]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _invert(a, inv, targets, lanes):  # type: ignore[no-untyped-def]
+def _invert(a, inv, targets, lanes):
     if targets == 1:
-        for l in range(lanes):
-            inv[0, 0, l] = 1.0 / a[0, 0, l]
+        for lane in range(lanes):
+            inv[0, 0, lane] = 1.0 / a[0, 0, lane]
         return
     if targets == 2:
-        for l in range(lanes):
-            d = 1.0 / (a[0, 0, l] * a[1, 1, l] - a[0, 1, l] * a[1, 0, l])
-            inv[0, 0, l], inv[1, 1, l] = a[1, 1, l] * d, a[0, 0, l] * d
-            inv[0, 1, l], inv[1, 0, l] = -a[0, 1, l] * d, -a[1, 0, l] * d
+        for lane in range(lanes):
+            d = 1.0 / (a[0, 0, lane] * a[1, 1, lane] - a[0, 1, lane] * a[1, 0, lane])
+            inv[0, 0, lane], inv[1, 1, lane] = a[1, 1, lane] * d, a[0, 0, lane] * d
+            inv[0, 1, lane], inv[1, 0, lane] = -a[0, 1, lane] * d, -a[1, 0, lane] * d
         return
     m = np.empty((targets, 2 * targets))
-    for l in range(lanes):
+    for lane in range(lanes):
         for i in range(targets):
             for j in range(targets):
-                m[i, j] = a[i, j, l]
+                m[i, j] = a[i, j, lane]
                 m[i, targets + j] = 1.0 if i == j else 0.0
         for k in range(targets):
             pivot = k
@@ -141,19 +170,46 @@ def _invert(a, inv, targets, lanes):  # type: ignore[no-untyped-def]
                         m[i, j] -= f * m[k, j]
         for i in range(targets):
             for j in range(targets):
-                inv[i, j, l] = m[i, targets + j]
+                inv[i, j, lane] = m[i, targets + j]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def integrate(code, left, right, constant, slot, owner, factor, param, weight, grad, following, measured, inverse_noise,
-              h, substeps, p, start, count, y_data, u_data, x0, begin, end, cost, gradient, hessian, last, jacobian):
-    # type: ignore[no-untyped-def]
+def integrate(
+    code,
+    left,
+    right,
+    constant,
+    slot,
+    owner,
+    factor,
+    param,
+    weight,
+    grad,
+    following,
+    measured,
+    inverse_noise,
+    h,
+    substeps,
+    p,
+    start,
+    count,
+    y_data,
+    u_data,
+    x0,
+    begin,
+    end,
+    cost,
+    gradient,
+    hessian,
+    last,
+    jacobian,
+):
     """Integrate segments begin to end - 1 and accumulate cost, gradient and Gauss-Newton matrix of each.
 
-    Shapes: start, count (J,) first sample and number of samples of each segment; y_data (N, c); u_data (N, 2 substeps + 1,
-    inputs) the inputs on the half steps of the step that begins at each sample; x0 (J, n); cost (J,); gradient
-    (J, n + p); hessian (J, n + p, n + p); last (J, n) the state at the first sample of the next segment; jacobian (J, n,
-    n + p) its derivatives. inverse_noise (c,) is 1 / sigma.
+    Shapes: start, count (J,) first sample and number of samples of each segment; y_data (N, c); u_data (N, 2 substeps
+    + 1, inputs) the inputs on the half steps of the step that begins at each sample; x0 (J, n); cost (J,); gradient
+    (J, n + p); hessian (J, n + p, n + p); last (J, n) the state at the first sample of the next segment; jacobian
+    (J, n, n + p) its derivatives. inverse_noise (c,) is 1 / sigma.
     """
     n, targets = x0.shape[1], 0
     for i in range(n):
@@ -172,81 +228,133 @@ def integrate(code, left, right, constant, slot, owner, factor, param, weight, g
     for low in range(begin, end, LANES):
         lanes = min(LANES, end - low)
         longest = 0
-        for l in range(lanes):
-            longest = max(longest, count[low + l])
-            cost[low + l] = 0.0
-            gradient[low + l] = 0.0
-            hessian[low + l] = 0.0
+        for lane in range(lanes):
+            longest = max(longest, count[low + lane])
+            cost[low + lane] = 0.0
+            gradient[low + lane] = 0.0
+            hessian[low + lane] = 0.0
             for i in range(n):
-                x[i, l] = x0[low + l, i]
+                x[i, lane] = x0[low + lane, i]
         s[:] = 0.0
         for i in range(n):
-            for l in range(lanes):
-                s[i, i, l] = 1.0
+            for lane in range(lanes):
+                s[i, i, lane] = 1.0
         for k in range(longest):
             for c in range(channels):
                 m = measured[c]
-                for l in range(lanes):
-                    inside = k < count[low + l]
-                    e[l] = (x[m, l] - y_data[start[low + l] + k, c]) * inverse_noise[c] if inside else 0.0
-                for l in range(lanes):
-                    if k < count[low + l]:
-                        cost[low + l] += e[l] * e[l]
+                for lane in range(lanes):
+                    inside = k < count[low + lane]
+                    e[lane] = (x[m, lane] - y_data[start[low + lane] + k, c]) * inverse_noise[c] if inside else 0.0
+                for lane in range(lanes):
+                    if k < count[low + lane]:
+                        cost[low + lane] += e[lane] * e[lane]
                         scale = inverse_noise[c]
-                        gl, hl = gradient[low + l], hessian[low + l]
+                        gl, hl = gradient[low + lane], hessian[low + lane]
                         for i in range(width):
-                            si = scale * s[m, i, l]
-                            gl[i] += si * e[l]
+                            si = scale * s[m, i, lane]
+                            gl[i] += si * e[lane]
                             if si != 0.0:
                                 for j in range(i + 1):
-                                    hl[i, j] += si * scale * s[m, j, l]
+                                    hl[i, j] += si * scale * s[m, j, lane]
             for part in range(substeps):
                 for stage in range(4):
                     node = 2 * part + (0 if stage == 0 else 1 if stage < 3 else 2)
                     for j in range(inputs):
-                        for l in range(lanes):
-                            row = min(start[low + l] + k, u_data.shape[0] - 1)
-                            u[j, l] = u_data[row, node, j]
+                        for lane in range(lanes):
+                            row = min(start[low + lane] + k, u_data.shape[0] - 1)
+                            u[j, lane] = u_data[row, node, j]
                     if stage == 0:
-                        _slopes(code, left, right, constant, slot, owner, factor, param, weight, grad, following, n,
-                                targets, p, lanes, x, s, u, work, a, inv, y, g, v, dx, ds)
+                        _slopes(
+                            code,
+                            left,
+                            right,
+                            constant,
+                            slot,
+                            owner,
+                            factor,
+                            param,
+                            weight,
+                            grad,
+                            following,
+                            n,
+                            targets,
+                            p,
+                            lanes,
+                            x,
+                            s,
+                            u,
+                            work,
+                            a,
+                            inv,
+                            y,
+                            g,
+                            v,
+                            dx,
+                            ds,
+                        )
                     else:
                         f = step if stage == 3 else 0.5 * step
                         for i in range(n):
-                            for l in range(lanes):
-                                xs[i, l] = x[i, l] + f * dx[i, l]
+                            for lane in range(lanes):
+                                xs[i, lane] = x[i, lane] + f * dx[i, lane]
                             for j in range(width):
-                                for l in range(lanes):
-                                    ss[i, j, l] = s[i, j, l] + f * ds[i, j, l]
-                        _slopes(code, left, right, constant, slot, owner, factor, param, weight, grad, following, n,
-                                targets, p, lanes, xs, ss, u, work, a, inv, y, g, v, dx, ds)
+                                for lane in range(lanes):
+                                    ss[i, j, lane] = s[i, j, lane] + f * ds[i, j, lane]
+                        _slopes(
+                            code,
+                            left,
+                            right,
+                            constant,
+                            slot,
+                            owner,
+                            factor,
+                            param,
+                            weight,
+                            grad,
+                            following,
+                            n,
+                            targets,
+                            p,
+                            lanes,
+                            xs,
+                            ss,
+                            u,
+                            work,
+                            a,
+                            inv,
+                            y,
+                            g,
+                            v,
+                            dx,
+                            ds,
+                        )
                     share = step / 6.0 if stage == 0 or stage == 3 else step / 3.0
                     for i in range(n):
-                        for l in range(lanes):
-                            xa[i, l] = share * dx[i, l] + (xa[i, l] if stage else x[i, l])
+                        for lane in range(lanes):
+                            xa[i, lane] = share * dx[i, lane] + (xa[i, lane] if stage else x[i, lane])
                         for j in range(width):
-                            for l in range(lanes):
-                                sa[i, j, l] = share * ds[i, j, l] + (sa[i, j, l] if stage else s[i, j, l])
+                            for lane in range(lanes):
+                                sa[i, j, lane] = share * ds[i, j, lane] + (sa[i, j, lane] if stage else s[i, j, lane])
                 for i in range(n):
-                    for l in range(lanes):
-                        x[i, l] = xa[i, l]
+                    for lane in range(lanes):
+                        x[i, lane] = xa[i, lane]
                     for j in range(width):
-                        for l in range(lanes):
-                            s[i, j, l] = sa[i, j, l]
-            for l in range(lanes):
-                if k == count[low + l] - 1:
+                        for lane in range(lanes):
+                            s[i, j, lane] = sa[i, j, lane]
+            for lane in range(lanes):
+                if k == count[low + lane] - 1:
                     for i in range(n):
-                        last[low + l, i] = x[i, l]
+                        last[low + lane, i] = x[i, lane]
                         for j in range(width):
-                            jacobian[low + l, i, j] = s[i, j, l]
-        for l in range(lanes):
+                            jacobian[low + lane, i, j] = s[i, j, lane]
+        for lane in range(lanes):
             for i in range(width):
                 for j in range(i):
-                    hessian[low + l, j, i] = hessian[low + l, i, j]
+                    hessian[low + lane, j, i] = hessian[low + lane, i, j]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def eliminate(hessian, gradient, last, jacobian, x0, joined, gap, damping, n, p):  # type: ignore[no-untyped-def]
+def eliminate(hessian, gradient, last, jacobian, x0, joined, gap, damping, n, p):
     """Eliminate the initial states: block-tridiagonal Cholesky with the parameters as border.
 
     Joint j ties the end of segment j to the start of j + 1 where joined[j]; its gap is weighted by 1 / gap^2 a state.
@@ -298,8 +406,13 @@ def eliminate(hessian, gradient, last, jacobian, x0, joined, gap, damping, n, p)
         edge[:, :p] = diagonal[j, :n, n:]
         edge[:, p] = rhs[j, :n]
         if j > 0 and joined[j - 1]:
-            block -= carry[j - 1] @ carry[j - 1].T
-            edge -= carry[j - 1] @ border[j - 1]
+            for i in range(n):
+                for m in range(n):
+                    cm = carry[j - 1, i, m]
+                    for k in range(n):
+                        block[i, k] -= cm * carry[j - 1, k, m]
+                    for k in range(p + 1):
+                        edge[i, k] -= cm * border[j - 1, m, k]
         for i in range(n):
             for k in range(i + 1):
                 total = block[i, k]
@@ -335,7 +448,7 @@ def eliminate(hessian, gradient, last, jacobian, x0, joined, gap, damping, n, p)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def substitute(factor, border, carry, joined, change):  # type: ignore[no-untyped-def]
+def substitute(factor, border, carry, joined, change):
     """Return the change (J, n) of the initial states that goes with the change (p,) of the parameters."""
     segments, n = factor.shape[0], factor.shape[1]
     p = change.shape[0]

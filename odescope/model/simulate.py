@@ -191,7 +191,7 @@ def solve_small(a: FloatArray, b: FloatArray) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _derivative(code, left, right, constant, outputs, following, x, work, a, b, out):  # type: ignore[no-untyped-def]
+def _derivative(code, left, right, constant, outputs, following, x, work, a, b, out):
     n, targets = x.shape[0], b.shape[0]
     for i in range(n):
         work[i] = x[i]
@@ -206,7 +206,7 @@ def _derivative(code, left, right, constant, outputs, following, x, work, a, b, 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _integrate(code, left, right, constant, outputs, following, held, t, u, initial, states, A, C, E, rtol, atol):  # type: ignore[no-untyped-def]
+def _integrate(code, left, right, constant, outputs, following, held, t, u, initial, states, A, C, E, rtol, atol):
     n, targets = initial.shape[0], 0
     while targets * targets + targets < outputs.shape[0]:
         targets += 1

@@ -148,8 +148,8 @@ class NullSpace(msgspec.Struct, frozen=True, tag="null_space", tag_field="kind",
     """
 
     ratios: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2)
-    gap: float = 10.0
-    iterations: int = 200
+    gap: Annotated[float, msgspec.Meta(ge=1.0)] = 10.0
+    iterations: Annotated[int, msgspec.Meta(ge=1, le=100_000)] = 200
 
     def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
         """Yield the supports that hold `left`, without it."""

@@ -137,7 +137,7 @@ class NoiseWeighted(msgspec.Struct, frozen=True, tag="noise_weighted", tag_field
     residual of a fit with as many candidates as the rows allow: noise of other coordinates has another colour.
     """
 
-    passes: Annotated[int, msgspec.Meta(ge=0)] = 1
+    passes: Annotated[int, msgspec.Meta(ge=0, le=10)] = 1
 
     def row_map(
         self, signals: Signals, order: int, blocks: Sequence[Block], values: Sequence[FloatArray], left: int

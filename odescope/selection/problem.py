@@ -17,6 +17,8 @@ from odescope.regression.factor import Factor, factorise, merge
 from odescope.regression.rows import Block, RowChoice, RowMap, cut_blocks
 from odescope.signals.estimate import Signals
 
+LARGEST_CANDIDATE = 1e140  # sums of squares must not overflow
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -82,8 +84,8 @@ def pose(signals: Signals, target: str, order: int, library: Library, choice: Ro
         raise InputError(f"no candidate term of the library holds the target {target}")
     if signals.samples < len(library):
         raise InputError(
-            f"{signals.samples} samples cannot decide between {len(library)} candidate terms for {target}:"
-            " record longer, or shrink the library ([library] degree, basis or rules)"
+            f"after filtering, {signals.samples} samples cannot decide between {len(library)} candidate terms for"
+            f" {target}: record longer, or shrink the library ([library] degree, basis or rules)"
         )
     blocks = cut_blocks(signals)
     held = [rest for name, rest in split if name == target]
@@ -142,6 +144,12 @@ def _usable(library: Library, whole: list[FloatArray]) -> tuple[int, ...]:
                 f"the candidate {term} has no finite value on {bad} samples: its functions do not suit the range of"
                 " the data; leave it out of the basis"
             )
-        if max(float(np.abs(w[j]).max()) for w in whole) > 0.0:
+        largest = max(float(np.abs(w[j]).max()) for w in whole)
+        if largest > LARGEST_CANDIDATE:
+            raise InputError(
+                f"the candidate {term} reaches {largest:.3g} on the data, too large to compute with:"
+                " measure in a larger unit, or leave it out of the basis"
+            )
+        if largest > 0.0:
             keep.append(j)
     return tuple(keep)

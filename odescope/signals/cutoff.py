@@ -83,9 +83,7 @@ class NoiseCeiling(msgspec.Struct, frozen=True, tag="noise_ceiling", tag_field="
         from scipy.signal import welch
 
         length = min(min(len(samples) for samples in channel), 4096)
-        periodograms = [
-            welch(samples, 1.0 / period, nperseg=length, detrend="linear") for samples in channel
-        ]
+        periodograms = [welch(samples, 1.0 / period, nperseg=length, detrend="linear") for samples in channel]
         frequency = periodograms[0][0]
         power = np.mean([p for _, p in periodograms], axis=0)
         smooth = np.convolve(power, np.ones(self.average) / self.average, mode="same")

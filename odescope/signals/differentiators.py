@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import msgspec
 import numpy as np
@@ -59,7 +59,7 @@ class SmoothingSpline(
     Meant for order 1: the second derivative of a cubic spline is piecewise linear.
     """
 
-    smoothing: float | None = None
+    smoothing: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
 
     def derivatives(self, channel: Sequence[FloatArray], period: float, order: int) -> Derivatives:
         """Return values and derivatives of one spline a record."""
@@ -76,8 +76,8 @@ class SmoothingSpline(
 class SavitzkyGolay(msgspec.Struct, frozen=True, tag="savitzky_golay", tag_field="kind", forbid_unknown_fields=True):
     """SciPy's Savitzky-Golay filter: local polynomials of `degree` over `window` samples."""
 
-    window: int
-    degree: int = 4
+    window: Annotated[int, msgspec.Meta(ge=3)]
+    degree: Annotated[int, msgspec.Meta(ge=1)] = 4
 
     def derivatives(self, channel: Sequence[FloatArray], period: float, order: int) -> Derivatives:
         """Return values and derivatives of the local polynomials."""

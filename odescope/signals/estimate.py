@@ -108,11 +108,19 @@ def estimate_signals(
         drop = min(round(margin / (lowest * period)), len(run) // 20)
         kept = slice(drop, len(run) - drop, stride)
         rows = {c.derivative(k): found[c.name].values[r][k] for c in coordinates for k in range(c.order + 1)}
-        rows |= {i.name: _held_back(run.column(i.name), stride) for i in inputs}
+        rows |= {i.name: _held_back(_centred(run.column(i.name), i.hold), stride) for i in inputs}
         columns.append(np.ascontiguousarray([rows[name][kept] for name in names]))
         start.append(float(run.t[drop]))
     channels = tuple(Channel(c.name, found[c.name].noise, found[c.name].cutoff) for c in coordinates)
     return Signals(names, tuple(columns), tuple(start), period * stride, channels, tuple(coordinates), tuple(inputs))
+
+
+def _centred(samples: FloatArray, hold: str) -> FloatArray:
+    # A held sample acts until the next one: at its own instant the input is, on average, half-way from the one before.
+    if hold == "linear":
+        return samples
+    centred: FloatArray = 0.5 * (samples + np.concatenate([samples[:1], samples[:-1]]))
+    return centred
 
 
 def _held_back(samples: FloatArray, stride: int) -> FloatArray:

@@ -196,6 +196,11 @@ def test_a_candidate_that_is_not_finite_is_named(signals, text):
     assert 0 < count < signals.samples
 
 
+def test_a_candidate_too_large_to_square_is_named(signals):
+    with pytest.raises(InputError, match=r"the candidate exp\(70.0\*phi_dot\) reaches \S+e\+\d+ on the data"):
+        pose(signals, "phi_ddot", 2, library_of("phi", "exp(70*phi_dot)", "phi_ddot"), PlainRows())
+
+
 def test_a_library_without_the_target_is_refused(signals):
     with pytest.raises(InputError, match="no candidate term of the library holds the target phi_ddot"):
         pose(signals, "phi_ddot", 2, library_of("phi", "u"), PlainRows())
