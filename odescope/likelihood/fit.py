@@ -89,6 +89,10 @@ class Evaluator:
         self.segments = segments
         self.threads = os.cpu_count() or 1
         self.substeps = substeps
+        # Inputs are parabolas over a step; finer steps take more of their values.
+        s = np.linspace(-1.0, 1.0, 2 * substeps + 1)
+        between = np.column_stack([0.5 * s * (s - 1.0), 1.0 - s**2, 0.5 * s * (s + 1.0)])
+        self.inputs = np.ascontiguousarray(np.einsum("kn,mni->mki", between, segments.inputs))
 
     def integrate(self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray) -> tuple[FloatArray, ...]:
         """Return cost (J,), gradient, hessian, last, jacobian of every segment (see the kernel).
@@ -117,7 +121,7 @@ class Evaluator:
             integrate(
                 tape.code, tape.left, tape.right, tape.constant, tape.outputs[: len(program.slots)], owner, factor,
                 param, theta, program.grad, program.following, program.measured, 1.0 / data.noise, data.step,
-                self.substeps, p, data.start, data.count, data.measured, data.inputs, x0, begin, end, *out,
+                self.substeps, p, data.start, data.count, data.measured, self.inputs, x0, begin, end, *out,
             )  # fmt: skip
 
         edges = np.linspace(0, j, self.threads + 1).astype(int)

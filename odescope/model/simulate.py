@@ -6,6 +6,7 @@ would take for ever ends the run and is reported: an outcome, not an exception a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -14,6 +15,8 @@ import numpy as np
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
 from odescope.model.model import Model
+from odescope.records import Coordinate
+from odescope.signals.estimate import state_names
 
 STEPS_A_SAMPLE = 2000  # more between two samples than this and the run has ended
 STEPS_ON_AVERAGE = 100  # and more than this on average over a long record
@@ -79,8 +82,7 @@ def simulate(
         raise InputError("time, inputs and initial states must be finite")
     if len(t) == 0 or np.any(np.diff(t) <= 0.0):
         raise InputError("sample times must ascend, and there must be at least one")
-    tape, index = model.tape, {s: k for k, s in enumerate(model.states)}
-    following = np.array([_following(model, index, s) for s in model.states], dtype=np.int64)
+    tape, following = model.tape, following_states(model.coordinates)
     held = np.array([i.hold == "zero" for i in model.inputs], dtype=np.bool_)
     states = np.empty((len(t), len(model.states)))
     # The tolerance is relative to the run, not to a value that happens to pass zero.
@@ -113,13 +115,15 @@ def simulate(
     return Trajectory(t[:reached].copy(), states[:reached].copy(), model.states, ended)
 
 
-def _following(model: Model, index: dict[str, int], state: str) -> int:
-    """Return the state that is the derivative of `state`, or -1 - (its target's number)."""
-    for k, c in enumerate(model.coordinates):
+def following_states(coordinates: Sequence[Coordinate]) -> IntArray:
+    """Return for each state the state that is its derivative, or -1 - (number of its target)."""
+    index = {s: k for k, s in enumerate(state_names(coordinates))}
+    following = np.empty(len(index), dtype=np.int64)
+    for k, c in enumerate(coordinates):
         for level in range(c.order):
-            if c.derivative(level) == state:
-                return index[c.derivative(level + 1)] if level + 1 < c.order else -1 - k
-    raise InputError(f"{state} is no state of the model")
+            last = level + 1 == c.order
+            following[index[c.derivative(level)]] = -1 - k if last else index[c.derivative(level + 1)]
+    return following
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

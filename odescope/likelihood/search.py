@@ -1,0 +1,245 @@
+"""Structure search by likelihood: score tests add, Wald tests drop, while continuity grows (METHOD section 9)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+
+from odescope.arrays import FloatArray, IntArray
+from odescope.library.expression import ONE, Term
+from odescope.likelihood.data import Segments
+from odescope.likelihood.fit import ITERATIONS, Evaluator, Fit, Program, Slot, fit
+
+GAPS = (np.inf, 1.0, 0.1, 0.01, 0.001)  # widths of the joints' gaps, in smoothing errors of each state
+NEAR_NOISE = 2.0  # residual variance over noise variance above which continuity is not tightened
+TRIALS = 3  # absent terms tried by refitting before a search for more is given up
+ROUNDS = 40  # additions and drops at one width
+
+
+class LikelihoodSearch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Options of the likelihood stage: `starts` families a target it begins from, `seconds` after which it stops."""
+
+    starts: int = 2
+    seconds: float = 120.0
+
+
+@dataclass(frozen=True)
+class Move:
+    """One step of the trail: what was tried, the score or Wald statistic that asked for it, and the cost after it."""
+
+    gap: float
+    action: str
+    relation: int
+    term: str
+    statistic: float
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The end of a search: the fit over all slots, the width of the gaps it holds for, and the trail.
+
+    `scale` is the residual variance over the noise variance; `criterion` what a term had to earn.
+    """
+
+    fit: Fit
+    gap: float
+    scale: float
+    criterion: float
+    trail: tuple[Move, ...]
+    finished: bool
+
+    @property
+    def penalised(self) -> float:
+        """Cost in units of the noise variance, plus the criterion for every term."""
+        return self.fit.cost + self.criterion * len(self.fit.present)
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Starts compete by how far continuity carried them, then by cost and number of terms; less is better."""
+        return self.gap, self.penalised
+
+
+def universe(libraries: Sequence[Sequence[tuple[int, Term]]]) -> tuple[Slot, ...]:
+    """Return the slots of all relations.
+
+    Args:
+        libraries: for each relation its candidates as (target's number or -1, product without the target). The target's
+            own bare term is fixed to 1.
+    """
+    return tuple(
+        Slot(r, factor, term, fixed=factor == r and term == ONE)
+        for r, candidates in enumerate(libraries)
+        for factor, term in candidates
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Searcher:
+    """Everything a search needs that does not change on the way."""
+
+    evaluator: Evaluator
+    slots: tuple[Slot, ...]
+    variables: tuple[str, ...]
+    following: IntArray
+    measured: IntArray
+    deadline: float
+
+    @property
+    def segments(self) -> Segments:
+        """The data."""
+        return self.evaluator.segments
+
+    @property
+    def free(self) -> IntArray:
+        """Slots that may be parameters."""
+        return np.array([k for k, s in enumerate(self.slots) if not s.fixed], dtype=np.int64)
+
+    @property
+    def criterion(self) -> float:
+        """What a term has to earn: 2 ln(candidates) + ln(samples)."""
+        return float(2.0 * np.log(len(self.free)) + np.log(self.segments.measured.size))
+
+    def fit(
+        self, theta: FloatArray, present: IntArray, x0: FloatArray, gap: FloatArray, iterations: int = ITERATIONS
+    ) -> Fit | None:
+        """Return the fit of the present slots; only they are on the tape."""
+        kept = np.array(sorted({*present.tolist(), *(k for k, s in enumerate(self.slots) if s.fixed)}), dtype=np.int64)
+        program = Program.of([self.slots[k] for k in kept], self.variables, self.following, self.measured)
+        place = {int(k): i for i, k in enumerate(kept)}
+        free = np.array([place[int(k)] for k in present], dtype=np.int64)
+        found = fit(self.evaluator, program, theta[kept], free, x0, gap, iterations)
+        if found is None:
+            return None
+        whole = np.zeros(len(self.slots))
+        whole[kept] = found.theta
+        return replace(found, theta=whole, present=present)
+
+    def scores(self, program: Program, found: Fit, gap: FloatArray) -> FloatArray:
+        """Return the score statistic of every slot, zero for those present or fixed."""
+        free = self.free
+        expansion = self.evaluator.expand(program, found.theta, free, found.x0, gap)
+        result = np.zeros(len(self.slots))
+        if expansion is None:
+            return result
+        here = np.isin(free, found.present)
+        scale = np.sqrt(np.maximum(np.diag(expansion.information), 1e-300))
+        information = expansion.information / np.outer(scale, scale)
+        gradient = expansion.gradient / scale
+        absent = np.flatnonzero(~here)
+        inner = information[np.ix_(here, here)]
+        cross = information[np.ix_(here, ~here)]
+        try:
+            solved = np.linalg.solve(inner, np.column_stack([cross, gradient[here]]))
+        except np.linalg.LinAlgError:
+            return result
+        own = np.diag(information)[absent] - np.einsum("ij,ij->j", cross, solved[:, :-1])
+        slope = gradient[absent] - cross.T @ solved[:, -1]
+        # A candidate with nothing of its own beside the present terms cannot be told from them.
+        result[free[absent]] = np.where(own > 1e-6, slope**2 / np.maximum(own, 1e-6), 0.0)
+        return result
+
+
+def search(searcher: Searcher, theta: FloatArray, present: Sequence[int]) -> Outcome | None:
+    """Return where a search from these slots ends, or None where the start cannot be integrated.
+
+    Args:
+        searcher: data and candidates.
+        theta: (slots,) coefficients to begin with, 1 in fixed slots.
+        present: the slots to begin with.
+    """
+    segments, trail = searcher.segments, list[Move]()
+    program = Program.of(searcher.slots, searcher.variables, searcher.following, searcher.measured)
+    spread = segments.spread
+    best: tuple[Fit, float, float] | None = None
+    here = searcher.fit(theta, np.array(sorted(present), dtype=np.int64), segments.initial, spread * np.inf)
+    if here is None:
+        return None
+    finished = True
+    for width in GAPS:
+        gap = spread * width
+        refitted = searcher.fit(here.theta, here.present, here.x0, gap)
+        if refitted is None:
+            break
+        here = _settle(searcher, program, refitted, width, trail)
+        scale = _scale(searcher, here, width)
+        if best is not None and (scale > NEAR_NOISE * max(best[2], 1.0) or _torn(searcher, here)):
+            break
+        best = (here, width, scale)
+        if time.monotonic() > searcher.deadline:
+            finished = False
+            break
+    if best is None:
+        best = (here, float(GAPS[0]), _scale(searcher, here, float(GAPS[0])))
+    return Outcome(best[0], best[1], best[2], searcher.criterion, tuple(trail), finished)
+
+
+def _torn(searcher: Searcher, found: Fit) -> bool:
+    """Say whether the joints are stretched beyond their width: the record does not support a tighter one."""
+    joints = int(searcher.segments.joined.sum()) * found.x0.shape[1]
+    return bool(joints > 0 and found.cost - found.data_cost > joints)
+
+
+def _scale(searcher: Searcher, found: Fit, width: float) -> float:
+    """Return the residual variance over the noise variance, degrees of freedom of loose initial states counted."""
+    segments = searcher.segments
+    states = found.x0.size if np.isinf(width) else found.x0.shape[1] * (1 + int((~segments.joined).sum()))
+    freedom = max(segments.measured.size - states - len(found.present), 1)
+    return max(found.data_cost / freedom, 1e-12)
+
+
+def _settle(searcher: Searcher, program: Program, here: Fit, width: float, trail: list[Move]) -> Fit:
+    """Add, drop and swap at one width until nothing moves."""
+    gap = searcher.segments.spread * width
+    for _ in range(ROUNDS):
+        if time.monotonic() > searcher.deadline:
+            return here
+        scale = max(_scale(searcher, here, width), 1.0)
+        moved = _drop(searcher, here, gap, width, scale, trail)
+        if moved is None:
+            moved = _add(searcher, program, here, gap, width, scale, trail)
+        if moved is None:
+            return here
+        here = moved
+    return here
+
+
+def _add(
+    searcher: Searcher, program: Program, here: Fit, gap: FloatArray, width: float, scale: float, trail: list[Move]
+) -> Fit | None:
+    scores = searcher.scores(program, here, gap) / scale
+    for k in np.argsort(scores)[::-1][:TRIALS]:
+        if scores[k] < searcher.criterion:
+            return None
+        present = np.array(sorted([*here.present.tolist(), int(k)]), dtype=np.int64)
+        trial = searcher.fit(here.theta, present, here.x0, gap)
+        if trial is not None and (here.cost - trial.cost) / scale > searcher.criterion:
+            trail.append(_move(searcher, width, "add", int(k), float(scores[k]), trial))
+            return trial
+    return None
+
+
+def _drop(searcher: Searcher, here: Fit, gap: FloatArray, width: float, scale: float, trail: list[Move]) -> Fit | None:
+    if not len(here.present):
+        return None
+    wald = here.theta[here.present] ** 2 / np.maximum(here.variances, 1e-300) / scale
+    weakest = int(np.argmin(wald))
+    if wald[weakest] >= searcher.criterion:
+        return None
+    k = int(here.present[weakest])
+    theta = here.theta.copy()
+    theta[k] = 0.0
+    trial = searcher.fit(theta, np.delete(here.present, weakest), here.x0, gap)
+    if trial is None or (trial.cost - here.cost) / scale > searcher.criterion:
+        return None
+    trail.append(_move(searcher, width, "drop", k, float(wald[weakest]), trial))
+    return trial
+
+
+def _move(searcher: Searcher, width: float, action: str, k: int, statistic: float, after: Fit) -> Move:
+    slot = searcher.slots[k]
+    return Move(width, action, slot.relation, f"{slot.factor}:{slot.term.text}", statistic, after.cost)
