@@ -267,6 +267,8 @@ def _identify_and_write(study: Study, folder: Path, out: Path, title: str, sourc
     placed = msgspec.structs.replace(
         study, data=msgspec.structs.replace(study.data, files=tuple(str(folder / f) for f in study.data.files))
     )
+    if study.likelihood.enabled and not _compiled():
+        print("compiling the kernels, once: this takes about a minute", file=sys.stderr)
     with _progress() as watch:
         result = run(placed, watch=watch)
         html = to_html(summary(result, title, study_toml(resolved)))
@@ -288,6 +290,16 @@ def _say(text: str) -> None:
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise InputError(f"cannot write to standard output: {error.strerror or error}") from error
+
+
+def _compiled() -> bool:
+    import odescope
+
+    package = Path(odescope.__file__).parent
+    cached = [package / "likelihood" / "__pycache__"]
+    if "NUMBA_CACHE_DIR" in os.environ:
+        cached += Path(os.environ["NUMBA_CACHE_DIR"]).glob("*likelihood*")
+    return any(any(folder.glob("kernel.integrate-*.nbi")) for folder in cached)
 
 
 @contextmanager

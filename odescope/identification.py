@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, NoModelError
+from odescope.likelihood.stage import Refinement, refine
 from odescope.model.explicit import denominator_ranges
 from odescope.model.model import Json, Model, Relation, RelationTerm
 from odescope.model.simulate import simulate
@@ -51,6 +53,7 @@ class Identification:
     searches: tuple[Search, ...]
     chosen: tuple[Candidate, ...]
     model: Model
+    refinement: Refinement | None
     seconds: dict[str, float]
 
     @property
@@ -67,6 +70,12 @@ class Identification:
             for target, score in targets.items()
             if score["denominator"]["box"][0] * score["denominator"]["box"][1] <= 0.0
         }
+        if self.refinement is not None and not self.refinement.follows:
+            notes[
+                f"no standard errors: even in short segments the best model misses the record by"
+                f" {self.refinement.outcome.scale**0.5:.2g} times its noise, so coefficients are the regression's;"
+                " look for missing physics, such as dry friction, a delay, or an input that was not recorded"
+            ] = None
         return tuple(notes)
 
 
@@ -83,6 +92,12 @@ def identify(study: Study, data: Any = None, watch: Watch = lambda _: None) -> I
         InputError: the data or the study are wrong.
         NoModelError: the data support no model; the error names the stage.
     """
+    # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
+    with threadpool_limits(1, "blas"):
+        return _identify(study, data, watch)
+
+
+def _identify(study: Study, data: Any, watch: Watch) -> Identification:
     seconds: dict[str, float] = {}
     coordinates, inputs = study.measured(), study.driven()
 
@@ -119,11 +134,18 @@ def identify(study: Study, data: Any = None, watch: Watch = lambda _: None) -> I
             searches.append(Search(problem, found, rank(problem, found, study.selection), library.removed))
     with stage("model"):
         chosen, model = _choose(study, signals, searches)
+    refinement = None
+    if study.likelihood.enabled:
+        with stage("likelihood"):
+            problems = [s.problem for s in searches]
+            refinement = refine(records, signals, problems, [model.relations], study.likelihood, watch)
+            model = _adopt(model, refinement, signals)
+    with stage("model"):
         model = replace(
             model, scores=_scores(model, signals, chosen, study.random.seed), domain=_domain(signals, model)
         )
         model = replace(model, provenance=_provenance(study, signals))
-    return Identification(study, records, signals, tuple(searches), chosen, model, seconds)
+    return Identification(study, records, signals, tuple(searches), chosen, model, refinement, seconds)
 
 
 def _records(study: Study, data: Any) -> Records:
@@ -180,6 +202,14 @@ def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other
     noise = max(factor.residual(chosen.xi), 1e-10 * float(factor.scale[left]) / np.sqrt(factor.rows))
     allowed = (np.log(factor.rows) + 2.0 * np.log(factor.width)) / factor.rows
     return bool(factor.residual(chosen.xi - same) ** 2 <= allowed * noise**2)
+
+
+def _adopt(model: Model, refinement: Refinement | None, signals: Signals) -> Model:
+    """Return the model of the likelihood stage where it follows the record, else that of the regression."""
+    if refinement is None or not refinement.follows:
+        return model
+    refined = replace(model, relations=refinement.relations)
+    return refined if _determined(refined, signals) else model
 
 
 def _rows(signals: Signals, model: Model) -> list[FloatArray]:

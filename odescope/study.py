@@ -18,6 +18,7 @@ from odescope.library.defaults import check_basis, default_library, default_rule
 from odescope.library.functions import FUNCTIONS
 from odescope.library.parse import Definition, Scope
 from odescope.library.rules import AnyRule
+from odescope.likelihood.search import LikelihoodSearch
 from odescope.readers import Layout
 from odescope.records import Coordinate, Input
 from odescope.regression.proposers import AnyProposer, EnergyThreshold
@@ -126,6 +127,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     signals: Filtering = Filtering()
     regression: Regression = Regression()
     selection: Ranking = Ranking()
+    likelihood: LikelihoodSearch = LikelihoodSearch()
     random: Random = Random()
 
     def measured(self) -> tuple[Coordinate, ...]:
@@ -246,6 +248,7 @@ _SECTIONS: dict[str, Any] = {
     "signals": Filtering,
     "regression": Regression,
     "selection": Ranking,
+    "likelihood": LikelihoodSearch,
     "random": Random,
 }
 _KINDS: dict[str, Any] = {

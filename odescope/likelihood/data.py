@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
@@ -64,6 +63,9 @@ def cut_segments(
     period = records.runs[0].sample_period
     block = max(1, int(1.0 / (OVERSAMPLING * max(c.cutoff for c in channels) * period)))
     block = max(1, min(block, min(len(r) for r in records) // (4 * LEAST_SEGMENT)))
+    block -= (block + 1) % 2  # the centre of an odd block is a sample, at which the filtered signal is known
+    if any(i.hold == "zero" for i in inputs):
+        block = 1  # what a held input does between its switches is not in an average over several of them
     states = state_names(coordinates)
     measured, drive, filtered, start, count, joined = [], [], [], [], [], []
     total = 0
@@ -106,14 +108,14 @@ def _averages(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     blocks = len(run) // block
     kept = blocks * block
-    centre = (block - 1) / 2.0 + block * np.arange(blocks, dtype=np.float64)
+    centre = (block - 1) // 2 + block * np.arange(blocks)
     smooth: dict[str, FloatArray] = {}
     columns = []
     for c, channel in zip(coordinates, channels, strict=True):
         samples = run.column(c.name)
         last = int(np.searchsorted(bin_frequencies(len(samples), period), channel.cutoff * (1 + 1e-12), "right")) - 1
         values = differentiate(samples, period, max(last, 1), c.order - 1)
-        at_centre = [_at(v, centre) for v in values]
+        at_centre = [v[centre] for v in values]
         smooth |= {c.derivative(k): v for k, v in enumerate(at_centre)}
         columns.append((samples - values[0])[:kept].reshape(blocks, block).mean(axis=1) + at_centre[0])
     nodes = np.empty((blocks, 3, len(inputs)))
@@ -122,44 +124,32 @@ def _averages(
     return np.column_stack(columns), nodes, np.column_stack([smooth[s] for s in states])
 
 
-def _at(values: FloatArray, place: FloatArray) -> FloatArray:
-    """Return values between samples; the place is a sample or half-way between two, the signal smooth there."""
-    below = np.floor(place).astype(np.int64)
-    above = np.minimum(below + 1, len(values) - 1)
-    share = place - below
-    result: FloatArray = (1.0 - share) * values[below] + share * values[above]
-    return result
-
-
-def _on_nodes(samples: FloatArray, hold: str, centre: FloatArray, block: int) -> FloatArray:
+def _on_nodes(samples: FloatArray, hold: str, centre: IntArray, block: int) -> FloatArray:
     """Return the input at begin, middle and end of the step after each average, (N, 3).
 
     The nodes are those of the parabola that is nearest to the input over the step: smooth inputs keep their values, and
     of rough or switching ones RK4's Simpson rule sees the right mean.
     """
-    first = np.floor(centre).astype(np.int64)
-    reach = np.minimum(first[:, None] + np.arange(block + 2), len(samples) - 1)
-    nodes: FloatArray = samples[reach] @ _parabola(block, float(centre[0] - first[0]), hold).T
+    reach = np.minimum(centre[:, None] + np.arange(block + 1), len(samples) - 1)
+    nodes: FloatArray = samples[reach] @ _parabola(block, hold).T
     return nodes
 
 
 @lru_cache(maxsize=32)
-def _parabola(block: int, offset: float, hold: str) -> FloatArray:
-    """Return the weights (3, block + 2) of samples in the nodes of the nearest parabola over a step from `offset`."""
-    breaks = np.unique(np.clip([offset, offset + block, *range(block + 3)], offset, offset + block))
+def _parabola(block: int, hold: str) -> FloatArray:
+    """Return the weights (3, block + 1) of samples in the nodes of the nearest parabola over a step of `block`."""
     points, weights = np.polynomial.legendre.leggauss(4)
-    weights_of = np.zeros((3, block + 2))
-    for a, b in pairwise(breaks):
-        place = a + 0.5 * (b - a) * (points + 1.0)
-        s = 2.0 * (place - offset) / block - 1.0
+    moments = np.zeros((3, block + 1))
+    for below in range(block):
+        up = 0.5 * (points + 1.0)
+        s = 2.0 * (below + up) / block - 1.0
         legendre = np.array([np.ones_like(s), s, 1.5 * s**2 - 0.5])
-        share = 0.5 * (b - a) / block * weights * legendre * np.array([[1.0], [3.0], [5.0]])
-        below = int(np.floor(0.5 * (a + b)))
-        up = place - below if hold == "linear" else np.zeros_like(place)
-        weights_of[:, below] += share @ (1.0 - up)
-        weights_of[:, below + 1] += share @ up
+        share = 0.5 / block * weights * legendre * np.array([[1.0], [3.0], [5.0]])
+        rise = up if hold == "linear" else np.zeros_like(up)
+        moments[:, below] += share @ (1.0 - rise)
+        moments[:, below + 1] += share @ rise
     at_nodes = np.array([[1.0, -1.0, 1.0], [1.0, 0.0, -0.5], [1.0, 1.0, 1.0]])
-    result: FloatArray = at_nodes @ weights_of
+    result: FloatArray = at_nodes @ moments
     return result
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -17,14 +18,21 @@ from odescope.likelihood.fit import ITERATIONS, Evaluator, Fit, Program, Slot, f
 GAPS = (np.inf, 1.0, 0.1, 0.01, 0.001)  # widths of the joints' gaps, in smoothing errors of each state
 NEAR_NOISE = 2.0  # residual variance over noise variance above which continuity is not tightened
 TRIALS = 3  # absent terms tried by refitting before a search for more is given up
+WHITE = 1.1  # residual variance over noise variance of a model that lacks nothing
+THIN = 4.0  # times the criterion: a term that earns less may be due to what else was chosen
 ROUNDS = 40  # additions and drops at one width
 
 
 class LikelihoodSearch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Options of the likelihood stage: `starts` families a target it begins from, `seconds` after which it stops."""
+    """Options of the likelihood stage.
 
-    starts: int = 2
-    seconds: float = 120.0
+    Without `enabled` the model is what regression proposes. `starts` are the proposals that searches begin from, beside
+    a sparse forward selection; after `seconds` the best model so far is returned.
+    """
+
+    enabled: bool = True
+    starts: Annotated[int, msgspec.Meta(ge=1)] = 1
+    seconds: Annotated[float, msgspec.Meta(gt=0.0)] = 120.0
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,13 @@ class Outcome:
     def penalised(self) -> float:
         """Cost in units of the noise variance, plus the criterion for every term."""
         return self.fit.cost + self.criterion * len(self.fit.present)
+
+    @property
+    def clear(self) -> bool:
+        """Whether another start is unlikely to end elsewhere: white residuals, and no term whose case is thin."""
+        wald = self.fit.theta[self.fit.present] ** 2 / np.maximum(self.fit.variances, 1e-300) / max(self.scale, 1.0)
+        tight = self.finished and self.gap == GAPS[-1] and self.scale < WHITE
+        return bool(tight and np.all(wald > THIN * self.criterion))
 
     @property
     def rank(self) -> tuple[float, float]:

@@ -23,6 +23,7 @@ from odescope.signals.estimate import Signals
 
 FORWARD_TERMS = 6  # of a sparse forward selection that a search may begin from
 FINEST = 8  # steps of RK4 a block average, at most
+FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
 STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that asks for steps half as long
 
 
@@ -34,6 +35,11 @@ class Refinement:
     outcome: Outcome
     searcher: Searcher
     starts: int
+
+    @property
+    def follows(self) -> bool:
+        """Whether the model follows the record to within its noise, segments joined: its errors can then be stated."""
+        return bool(np.isfinite(self.outcome.gap)) and self.outcome.scale < FOLLOWED
 
 
 def refine(
@@ -64,6 +70,7 @@ def refine(
         Evaluator(segments), slots, variables, following_states(signals.coordinates), measured,
         time.monotonic() + options.seconds,
     )  # fmt: skip
+    searcher = _fine_enough(searcher, *_slots_of(searcher, starts[0], signals.targets))
     begun = [_slots_of(searcher, relations, signals.targets) for relations in starts][: options.starts]
     begun.append(_forward(searcher, problems))
     outcomes = []
@@ -72,7 +79,7 @@ def refine(
         found = search(searcher, theta, present)
         if found is not None:
             outcomes.append(found)
-        if time.monotonic() > searcher.deadline:
+        if time.monotonic() > searcher.deadline or (found is not None and found.clear):
             break
     if not outcomes:
         return None
@@ -117,6 +124,20 @@ def _forward(searcher: Searcher, problems: Sequence[Problem]) -> tuple[FloatArra
             present.append(offset + j)
         offset += len(problem.terms)
     return theta, present
+
+
+def _fine_enough(searcher: Searcher, theta: FloatArray, present: list[int]) -> Searcher:
+    """Halve the steps of RK4 until that no longer changes the cost of the first start, fitted in loose segments."""
+    loose = np.full_like(searcher.segments.spread, np.inf)
+    kept = np.array(sorted(present), dtype=np.int64)
+    found = searcher.fit(theta, kept, searcher.segments.initial, loose)
+    while found is not None and searcher.evaluator.substeps < FINEST:
+        finer = replace(searcher, evaluator=Evaluator(searcher.segments, 2 * searcher.evaluator.substeps))
+        again = finer.fit(found.theta, kept, found.x0, loose, iterations=0)
+        if again is not None and abs(again.cost - found.cost) < STEP_ERROR:
+            return searcher
+        searcher, found = finer, finer.fit(found.theta, kept, found.x0, loose)
+    return searcher
 
 
 def _finer(searcher: Searcher, outcome: Outcome) -> tuple[Searcher, Outcome]:

@@ -195,6 +195,31 @@ def test_more_columns_than_cosines_still_leave_a_residual_to_learn_from():
     assert inside.min() > 0.1
 
 
+def test_the_noise_is_learnt_where_a_fit_on_all_columns_would_leave_none():
+    rng = np.random.default_rng(4)
+    columns = planted(4, lambda f: np.where(f < 2.0, 0.1, 0.4) * (f < 8.0), count=900)
+    columns = [np.vstack([c, rng.standard_normal((400, c.shape[1]))]) for c in columns]
+    signals = signals_of([c[:2] for c in columns], cutoffs=(7.0,))
+    blocks = cut_blocks(signals)
+    values = [columns[b.record][:, b.start : b.stop] for b in blocks]
+    rows = NoiseWeighted().row_map(signals, 1, blocks, values, 2)
+    assert sum(len(rows.rows(b, v)) for b, v in zip(blocks, values, strict=True)) < 403
+    bands = (np.linspace(0.3, 1.2, 50), np.linspace(3.0, 6.5, 50))
+    low, high = (np.median(np.interp(band, rows.frequency, rows.weight)) for band in bands)
+    assert 3.0 < low / high < 10.0  # 4, and what a pursuit among so many columns fits of the noise
+
+
+def test_nothing_above_the_lowest_cutoff_is_fitted():
+    columns = [c[:2] for c in planted(2, deviation)]
+    signals = signals_of(columns, cutoffs=(6.0, 20.0))
+    blocks = cut_blocks(signals)
+    values = [columns[b.record][:, b.start : b.stop] for b in blocks]
+    rows = NoiseWeighted().row_map(signals, 1, blocks, values, 0)
+    waves = np.sin(2 * np.pi * np.array([[4.0], [9.0]]) * 0.01 * np.arange(values[0].shape[1]))
+    below, above = np.sum(rows.rows(blocks[0], waves) ** 2, axis=0)
+    assert above < 1e-3 * below
+
+
 def test_an_exact_relation_leaves_weights_that_can_be_used():
     columns = planted(1, lambda f: 0.0 * f)
     signals = signals_of([c[:2] for c in columns], cutoffs=(7.0,))

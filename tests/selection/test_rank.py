@@ -247,6 +247,9 @@ def test_among_exact_relations_the_simplest_comes_first(problem):
     result = rank(exact, given_supports(exact, richer, truth), LOOSE)
     assert [c.support for c in result.candidates] == [truth, richer]
     assert [c.family for c in result.candidates] == [0, 0]
+    # Their errors are rounding, which says nothing: only the terms tell them apart.
+    simple, rich = (c.criterion for c in result.candidates)
+    assert rich - simple == pytest.approx(2 * (np.log(exact.samples) + 2 * np.log(len(exact.terms))), rel=1e-6)
     assert result.candidates[0].target_r2 == pytest.approx(1.0, abs=1e-12)
 
 

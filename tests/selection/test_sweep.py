@@ -82,6 +82,13 @@ def test_two_laws_and_their_neighbours_are_two_clusters():
     assert labels[0] != labels[1]
 
 
+def test_a_chain_of_neighbours_is_not_one_cluster():
+    chain = [tuple(range(2 * k)) for k in range(1, 7)]
+    labels = of(chain).clusters(2.0)
+    assert labels[0] == labels[1]
+    assert labels[0] != labels[-1]
+
+
 def test_restricting_keeps_supports_with_their_guesses():
     found = Sweep(((0, 1), (2, 3), (4, 5)), ((0,), (2, 3), (4,)), 6).restrict([2, 1])
     assert found == Sweep(((4, 5), (2, 3)), ((4,), (2, 3)), 6)
