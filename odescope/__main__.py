@@ -1,5 +1,5 @@
 """`python -m odescope`."""
 
-from odescope.cli import main
+from odescope.cli import entry
 
-main()
+entry()

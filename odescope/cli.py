@@ -37,6 +37,24 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def entry() -> None:
+    """Run `main` as a program, and exit without taking down modules one by one, which costs half a second."""
+    code: int | str | None = 0
+    try:
+        main()
+    except SystemExit as end:
+        code = end.code
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        pass
+    except OSError as error:
+        print(f"odescope: {error.strerror or error}", file=sys.stderr)
+        code = 2
+    sys.stderr.flush()
+    os._exit(code if isinstance(code, int) else 0 if code is None else 1)
+
+
 @app.callback()
 def _options(
     version: Annotated[

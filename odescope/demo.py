@@ -113,14 +113,12 @@ def simulate_log(seed: int, level: int = 1, joint_friction: float = PAPER_JOINT_
 
 def write_demo(folder: Path, seed: int, level: int, joint_friction: float) -> Path:
     """Write log.csv and demo.toml to a folder and return the path of the study."""
-    import pyarrow
-    import pyarrow.csv
-
     log = simulate_log(seed, level, joint_friction)
-    table = pyarrow.table({"t": log.t, "x": log.measured[:, 0], "phi": log.measured[:, 1], "u": log.force})
+    columns = np.column_stack([log.t, log.measured, log.force])
+    rows = [",".join(map(repr, row)) for row in columns.tolist()]
     partial = folder / ".log.csv.partial"
     try:
-        pyarrow.csv.write_csv(table, partial, pyarrow.csv.WriteOptions(quoting_style="none"))
+        partial.write_text("\n".join(["t,x,phi,u", *rows, ""]), encoding="utf-8", newline="\n")
         partial.replace(folder / "log.csv")
     finally:
         partial.unlink(missing_ok=True)
