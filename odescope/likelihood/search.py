@@ -20,6 +20,10 @@ NEAR_NOISE = 2.0  # residual variance over noise variance above which continuity
 TRIALS = 3  # absent terms tried by refitting before a search for more is given up
 WHITE = 1.1  # residual variance over noise variance of a model that lacks nothing
 THIN = 4.0  # times the criterion: a term that earns less may be due to what else was chosen
+LOOK_BACK = 0.1  # width of the gaps from which on the search looks back and swaps
+LOOK_ALIKE = 40.0  # times the criterion: a term that earns more is not swapped
+PROMISING = 0.5  # of what a term was worth, the score a look-alike must show to be tried
+GAIN = 0.5  # fall of the cost that makes a swap
 ROUNDS = 40  # additions and drops at one width
 
 
@@ -217,6 +221,8 @@ def _settle(searcher: Searcher, program: Program, here: Fit, width: float, trail
         moved = _drop(searcher, here, gap, width, scale, trail)
         if moved is None:
             moved = _add(searcher, program, here, gap, width, scale, trail)
+        if moved is None and width <= LOOK_BACK:
+            moved = _swap(searcher, program, here, gap, width, scale, trail)
         if moved is None:
             return here
         here = moved
@@ -253,6 +259,37 @@ def _drop(searcher: Searcher, here: Fit, gap: FloatArray, width: float, scale: f
         return None
     trail.append(_move(searcher, width, "drop", k, float(wald[weakest]), trial))
     return trial
+
+
+def _swap(
+    searcher: Searcher, program: Program, here: Fit, gap: FloatArray, width: float, scale: float, trail: list[Move]
+) -> Fit | None:
+    """Put a look-alike in the place of a present term whose case is thin, if that lowers the cost.
+
+    A term that came early may hold the place of another; once it is gone, the score of the right one stands out.
+    """
+    wald = here.theta[here.present] ** 2 / np.maximum(here.variances, 1e-300) / scale
+    for weak in np.argsort(wald):
+        if wald[weak] > LOOK_ALIKE * searcher.criterion or time.monotonic() > searcher.deadline:
+            return None
+        k = int(here.present[weak])
+        theta = here.theta.copy()
+        theta[k] = 0.0
+        without = searcher.fit(theta, np.delete(here.present, weak), here.x0, gap)
+        if without is None:
+            continue
+        scores = searcher.scores(program, without, gap) / scale
+        scores[k] = 0.0
+        for other in np.argsort(scores)[::-1][:TRIALS]:
+            # A swap keeps the number of terms: it has to gain, by more than the fits are accurate to.
+            if scores[other] < (without.cost - here.cost) / scale * PROMISING:
+                break
+            present = np.array(sorted([*without.present.tolist(), int(other)]), dtype=np.int64)
+            trial = searcher.fit(without.theta, present, without.x0, gap)
+            if trial is not None and trial.cost < here.cost - GAIN * scale:
+                trail.append(_move(searcher, width, "swap", int(other), float(scores[other]), trial))
+                return trial
+    return None
 
 
 def _move(searcher: Searcher, width: float, action: str, k: int, statistic: float, after: Fit) -> Move:
