@@ -21,6 +21,7 @@ from odescope.signals.spectral import bin_frequencies, differentiate
 OVERSAMPLING = 8  # block averages a period of the highest cutoff
 SEGMENT = 25  # block averages a segment
 LEAST_SEGMENT = 4
+LARGEST = 60_000  # averages in all: of longer logs the likelihood takes the first part of every record, to bound memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +70,11 @@ def cut_segments(
     states = state_names(coordinates)
     measured, drive, filtered, start, count, joined = [], [], [], [], [], []
     total = 0
+    share = min(1.0, LARGEST * block / sum(len(r) for r in records))
     for run in records:
         y, u, x = _averages(run, coordinates, inputs, channels, states, period, block)
+        kept = max(round(share * len(y)), min(len(y), LEAST_SEGMENT))
+        y, u, x = y[:kept], u[:kept], x[:kept]
         pieces = max(1, round(len(y) / SEGMENT))
         edges = np.linspace(0, len(y), pieces + 1).astype(np.int64)
         start += [total + int(e) for e in edges[:-1]]

@@ -18,6 +18,7 @@ from odescope.likelihood.kernel import eliminate, integrate, substitute
 ITERATIONS = 40
 CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit
 LARGEST_DAMPING = 1e8
+SINGULAR = 1e-10  # least eigenvalue of a scaled information matrix, over the largest, that is not rounding
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,11 @@ class Expansion:
     def cost(self) -> float:
         """Data and joints together."""
         return self.data_cost + self.joint_cost
+
+    @property
+    def finite(self) -> bool:
+        """Whether no sensitivity overflowed."""
+        return bool(np.isfinite(self.information).all() and np.isfinite(self.gradient).all())
 
 
 class Evaluator:
@@ -182,8 +188,10 @@ class Fit:
     def variances(self) -> FloatArray:
         """Variances of the present coefficients, (p,), at the noise that the costs were weighed with."""
         scale = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
-        inverse = np.linalg.pinv(self.information / np.outer(scale, scale))
-        variances: FloatArray = np.diag(inverse) / scale**2
+        values, vectors = np.linalg.eigh(self.information / np.outer(scale, scale))
+        # What two terms cannot be told apart by is rounding, of either sign: large variances, never negative ones.
+        values = np.maximum(values, SINGULAR * values.max(initial=0.0))
+        variances: FloatArray = (vectors**2 @ (1.0 / values)) / scale**2
         return variances
 
 
@@ -204,7 +212,7 @@ def fit(
     damping, converged = 1e-4, False
     integrated = evaluator.integrate(program, theta, present, x0)
     here = evaluator.expand(program, theta, present, x0, gap, 0.0, integrated)
-    if here is None:
+    if here is None or not here.finite:
         return None
     for _ in range(iterations):
         damped = evaluator.expand(program, theta, present, x0, gap, damping, integrated)
@@ -215,6 +223,8 @@ def fit(
             moved[present] += step[0]
             again = evaluator.integrate(program, moved, present, started)
             trial = evaluator.expand(program, moved, present, started, gap, 0.0, again)
+        if trial is not None and not trial.finite:
+            trial = None
         if trial is None or not trial.cost <= here.cost:
             if trial is not None and trial.cost - here.cost < CONVERGED * 1e-3:
                 converged = True

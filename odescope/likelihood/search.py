@@ -24,6 +24,9 @@ LOOK_BACK = 0.1  # width of the gaps from which on the search looks back and swa
 LOOK_ALIKE = 40.0  # times the criterion: a term that earns more is not swapped
 PROMISING = 0.5  # of what a term was worth, the score a look-alike must show to be tried
 GAIN = 0.5  # fall of the cost that makes a swap
+PATIENCE = 4  # rounds a relation after which a search ends
+HOPELESS = 10.0  # if the residual variance is still above this many times that of the noise
+MOST_TERMS = 15  # a relation: a search that wants more is explaining something that is not in the library
 ROUNDS = 40  # additions and drops at one width
 
 
@@ -36,7 +39,7 @@ class LikelihoodSearch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     enabled: bool = True
     starts: Annotated[int, msgspec.Meta(ge=1)] = 1
-    seconds: Annotated[float, msgspec.Meta(gt=0.0)] = 120.0
+    seconds: Annotated[float, msgspec.Meta(gt=0.0)] = 60.0
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,11 @@ class Searcher:
         return np.array([k for k, s in enumerate(self.slots) if not s.fixed], dtype=np.int64)
 
     @property
+    def relations(self) -> int:
+        """Number of relations."""
+        return 1 + max(s.relation for s in self.slots)
+
+    @property
     def criterion(self) -> float:
         """What a term has to earn: 2 ln(candidates) + ln(samples)."""
         return float(2.0 * np.log(len(self.free)) + np.log(self.segments.measured.size))
@@ -189,6 +197,8 @@ def search(searcher: Searcher, theta: FloatArray, present: Sequence[int]) -> Out
         if best is not None and (scale > NEAR_NOISE * max(best[2], 1.0) or _torn(searcher, here)):
             break
         best = (here, width, scale)
+        if scale > NEAR_NOISE:
+            break  # nothing that is absent explains the record: joining segments would only invent terms
         if time.monotonic() > searcher.deadline:
             finished = False
             break
@@ -214,10 +224,12 @@ def _scale(searcher: Searcher, found: Fit, width: float) -> float:
 def _settle(searcher: Searcher, program: Program, here: Fit, width: float, trail: list[Move]) -> Fit:
     """Add, drop and swap at one width until nothing moves."""
     gap = searcher.segments.spread * width
-    for _ in range(ROUNDS):
-        if time.monotonic() > searcher.deadline:
-            return here
+    for round_ in range(ROUNDS):
         scale = max(_scale(searcher, here, width), 1.0)
+        lost = round_ >= PATIENCE * searcher.relations and scale > HOPELESS
+        full = len(here.present) > MOST_TERMS * searcher.relations
+        if lost or full or time.monotonic() > searcher.deadline:
+            return here
         moved = _drop(searcher, here, gap, width, scale, trail)
         if moved is None:
             moved = _add(searcher, program, here, gap, width, scale, trail)
