@@ -1,0 +1,163 @@
+import numpy as np
+import pytest
+from small_systems import CART, RING, UPTAKE, drive
+
+from odescope.likelihood.data import Segments
+from odescope.likelihood.fit import Evaluator
+from odescope.likelihood.kernel import eliminate, substitute
+
+CASES = {
+    "order 1, rational": (UPTAKE, [[0.4], [1.5], [0.1]]),
+    "order 2, Lagrange": (CART, [[0.1, 2.5, -0.4, 1.0], [0.0, -0.3, 0.2, -3.0], [0.5, 3.3, 1.0, 4.0]]),
+    "three targets in a ring": (RING, [[0.6, -0.4, 0.8], [0.3, 0.5, -0.5], [-0.4, 0.2, 0.3]]),
+}
+
+
+def segments(system, nodes, measured, start, count, step):
+    joined = np.zeros(len(start), dtype=bool)
+    noise = 0.1 * 2.0 ** np.arange(measured.shape[1])
+    n = len(system.following)
+    return Segments(measured, nodes, np.zeros((len(measured), n)), start, count, joined, noise, np.ones(n), step, 1)
+
+
+def differences(system, x0, nodes, step):
+    """Return the states of a segment and their central differences with respect to x0 and the free coefficients."""
+    here = np.concatenate([x0, system.theta[system.free]])
+
+    def run(z):
+        theta = system.theta.copy()
+        theta[system.free] = z[len(x0) :]
+        return system.trajectory(theta, z[: len(x0)], nodes, step)
+
+    columns = []
+    for k in range(len(here)):
+        moved = 1e-5 * np.eye(len(here))[k]
+        columns.append((run(here + moved) - run(here - moved)) / 2e-5)
+    return run(here), np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("hold", ["linear", "zero"])
+@pytest.mark.parametrize("name", CASES)
+def test_segments_agree_with_finite_differences_of_tightly_solved_trajectories(name, hold):
+    system, starts = CASES[name]
+    rng = np.random.default_rng(5)
+    step, count = 0.04, np.array([4, 7, 5])
+    start = np.array([0, 4, 11])
+    nodes = drive(16, step, len(system.inputs))
+    if hold == "zero":
+        nodes = np.repeat(nodes[:, :1], 3, axis=1)
+    else:
+        nodes[:, 1] = 0.5 * (nodes[:, 0] + nodes[:, 2])
+    measured = rng.standard_normal((16, len(system.measured)))
+    data = segments(system, nodes, measured, start, count, step)
+    found = Evaluator(data, substeps=8).integrate(system.program, system.theta, system.free, np.array(starts))
+    for j, (cost, gradient, hessian, last, jacobian) in enumerate(zip(*found, strict=True)):
+        rows = slice(start[j], start[j] + count[j])
+        states, slopes = differences(system, np.array(starts[j]), nodes[rows], step)
+        error = (states[:-1, system.measured] - measured[rows]) / data.noise
+        weighed = (slopes[:-1, system.measured] / data.noise[:, None]).reshape(-1, slopes.shape[-1])
+        np.testing.assert_allclose(cost, np.sum(error**2), rtol=1e-7)
+        np.testing.assert_allclose(gradient, weighed.T @ error.ravel(), rtol=1e-5, atol=1e-5 * np.abs(gradient).max())
+        np.testing.assert_allclose(hessian, weighed.T @ weighed, rtol=1e-5, atol=1e-7 * np.abs(hessian).max())
+        np.testing.assert_allclose(last, states[-1], rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(jacobian, slopes[-1], rtol=1e-5, atol=1e-6)
+
+
+def test_halving_the_step_divides_the_error_by_sixteen():
+    nodes = drive(16, 0.2)
+    nodes[:, 1] = 0.5 * (nodes[:, 0] + nodes[:, 2])
+    data = segments(CART, nodes, np.zeros((16, 2)), np.array([0]), np.array([15]), 0.2)
+    start = np.array([[0.1, 2.5, -0.4, 1.0]])
+    exact = CART.trajectory(CART.theta, start[0], nodes[:15], 0.2)[-1]
+    error = [
+        np.linalg.norm(Evaluator(data, k).integrate(CART.program, CART.theta, CART.free, start)[3][0] - exact)
+        for k in (8, 16, 32)
+    ]
+    assert 10 < error[0] / error[1] < 22
+    assert 14 < error[1] / error[2] < 18
+
+
+def test_a_segment_does_not_depend_on_its_lane_or_its_neighbours():
+    rng = np.random.default_rng(1)
+    count = rng.integers(2, 9, 75)
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    nodes, measured = drive(count.sum(), 0.05), rng.standard_normal((count.sum(), 2))
+    x0 = rng.standard_normal((75, 4))
+    together = Evaluator(segments(CART, nodes, measured, start, count, 0.05)).integrate(
+        CART.program, CART.theta, CART.free, x0
+    )
+    for j in (0, 31, 32, 37, 74):
+        rows = slice(start[j], start[j] + count[j])
+        data = segments(CART, nodes[rows], measured[rows], np.array([0]), count[j : j + 1], 0.05)
+        alone = Evaluator(data).integrate(CART.program, CART.theta, CART.free, x0[j : j + 1])
+        for one, all_ in zip(alone, together, strict=True):
+            np.testing.assert_allclose(one[0], all_[j], rtol=1e-11, atol=1e-11)
+
+
+def problem(rng, segments_, n, p):
+    width = n + p
+    roots = rng.standard_normal((segments_, 2 * width, width))
+    hessian = np.einsum("jkr,jkc->jrc", roots, roots)
+    jacobian = rng.standard_normal((segments_, n, width))
+    last, x0 = rng.standard_normal((2, segments_, n))
+    return hessian, rng.standard_normal((segments_, width)), last, jacobian, x0
+
+
+def dense(hessian, gradient, last, jacobian, x0, joined, gap, damping):
+    """Return matrix and right-hand side over all initial states, then the parameters, and the joints' cost."""
+    j, n = x0.shape
+    p = hessian.shape[1] - n
+    matrix, rhs, cost = np.zeros((j * n + p, j * n + p)), np.zeros(j * n + p), 0.0
+    for k in range(j):
+        place = np.r_[k * n : k * n + n, j * n : j * n + p]
+        matrix[np.ix_(place, place)] += hessian[k]
+        rhs[place] += gradient[k]
+        if k + 1 < j and joined[k]:
+            row = np.zeros((n, j * n + p))
+            row[:, place] = jacobian[k]
+            row[:, k * n + n : k * n + 2 * n] -= np.eye(n)
+            row /= gap[:, None]
+            error = (last[k] - x0[k + 1]) / gap
+            matrix += row.T @ row
+            rhs += row.T @ error
+            cost += error @ error
+    return matrix + damping * np.diag(np.diag(matrix)), rhs, cost
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+@pytest.mark.parametrize("joined", ["none", "all", "two recordings"])
+@pytest.mark.parametrize(("n", "p"), [(1, 1), (2, 0), (4, 7), (3, 2)])
+def test_elimination_agrees_with_a_dense_system(n, p, joined, damping):
+    rng = np.random.default_rng(10 * n + p)
+    j = 9
+    ties = np.full(j, joined != "none")
+    ties[-1] = False
+    if joined == "two recordings":
+        ties[3] = False
+    gap = np.exp(rng.standard_normal(n))
+    parts = problem(rng, j, n, p)
+    matrix, rhs, cost = dense(*parts, ties, gap, damping)
+    joints, information, reduced, *factors, log_det, fine = eliminate(*parts, ties, gap, damping, n, p)
+    assert fine
+    states = slice(0, j * n), slice(j * n, None)
+    block, edge = matrix[states[0], states[0]], matrix[states[0], states[1]]
+    inner = np.linalg.solve(block, np.column_stack([edge, rhs[states[0]]]))
+    assert joints == pytest.approx(cost, rel=1e-12)
+    assert log_det == pytest.approx(np.linalg.slogdet(block)[1], rel=1e-11)
+    np.testing.assert_allclose(information, matrix[states[1], states[1]] - edge.T @ inner[:, :p], rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(reduced, rhs[states[1]] - edge.T @ inner[:, p], rtol=1e-8, atol=1e-9)
+    step = -np.linalg.solve(matrix, rhs)
+    change = substitute(*factors, ties, np.ascontiguousarray(step[states[1]]))
+    np.testing.assert_allclose(change.ravel(), step[states[0]], rtol=1e-8, atol=1e-9)
+
+
+def test_a_block_that_is_not_positive_definite_is_reported():
+    parts = problem(np.random.default_rng(0), 4, 2, 1)
+    parts[0][2, :2, :2] = [[1.0, 2.0], [2.0, 1.0]]
+    assert not eliminate(*parts, np.zeros(4, dtype=bool), np.ones(2), 0.0, 2, 1)[-1]
+
+
+def test_a_block_that_is_not_a_number_is_reported():
+    parts = problem(np.random.default_rng(0), 4, 2, 1)
+    parts[0][1, 0, 0] = np.nan
+    assert not eliminate(*parts, np.zeros(4, dtype=bool), np.ones(2), 0.0, 2, 1)[-1]

@@ -1,0 +1,106 @@
+import time
+
+import numpy as np
+import pytest
+from small_systems import SPRING, SPRING_PRESENT, SPRING_STEP, drive, shots, spring_run
+
+from odescope.likelihood.fit import Evaluator
+from odescope.likelihood.search import Searcher, search
+
+NOISE = 0.02
+SPREAD = np.array([0.01, 0.05])
+
+
+@pytest.fixture(scope="module")
+def states():
+    return spring_run()
+
+
+def searcher(states, seed, seconds=1000.0):
+    data = shots(states, drive(), SPRING_STEP, NOISE, np.random.default_rng(seed), SPREAD)
+    return Searcher(
+        Evaluator(data, substeps=2), SPRING.slots, SPRING.variables, SPRING.following, SPRING.measured,
+        time.monotonic() + seconds,
+    )  # fmt: skip
+
+
+def begin(present):
+    theta = SPRING.theta.copy()
+    theta[[k for k in range(1, len(theta)) if k not in present]] = 0.0
+    for k in set(present) - set(SPRING_PRESENT.tolist()):
+        theta[k] = 0.05
+    return theta, present
+
+
+STARTS = {
+    "the truth": [1, 2, 3, 4],
+    "one dropped": [1, 2, 4],
+    "one invented": [1, 2, 3, 4, 6],
+    "dropped and invented": [1, 3, 4, 5, 9],
+    "x**2 for x**3, and a denominator": [1, 2, 4, 5, 8],
+    "almost nothing": [1],
+}
+
+
+@pytest.mark.parametrize("name", STARTS)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_truth_is_found_from_starts_that_lack_terms_or_have_more(states, name, seed):
+    found = search(searcher(states, seed), *begin(STARTS[name]))
+    assert found is not None
+    assert sorted(found.fit.present) == SPRING_PRESENT.tolist()
+    assert found.finished
+    error = (found.fit.theta - SPRING.theta)[found.fit.present] / np.sqrt(found.fit.variances)
+    assert np.abs(error).max() < 4.0
+    assert found.scale == pytest.approx(1.0, abs=0.2)
+
+
+def test_all_starts_end_in_the_same_fit(states):
+    ends = [search(searcher(states, 3), *begin(present)) for present in STARTS.values()]
+    for end in ends[1:]:
+        np.testing.assert_allclose(end.fit.theta, ends[0].fit.theta, atol=0.03 * np.sqrt(end.fit.variances.max()))
+        assert end.fit.cost == pytest.approx(ends[0].fit.cost, abs=0.1)
+
+
+def test_the_trail_says_what_moved(states):
+    found = search(searcher(states, 0), *begin(STARTS["dropped and invented"]))
+    now = set(STARTS["dropped and invented"])
+    names = {f"{s.factor}:{s.term.text}": k for k, s in enumerate(SPRING.slots)}
+    for move in found.trail:
+        k = names[move.term]
+        assert (k in now) == (move.action == "drop")
+        now ^= {k}
+    assert now == set(found.fit.present.tolist())
+
+
+@pytest.mark.slow
+def test_over_seeds_the_truth_is_found_and_nothing_else(states):
+    ends = [search(searcher(states, seed), *begin(STARTS["one dropped"])) for seed in range(1000, 1060)]
+    assert sum(sorted(e.fit.present) == SPRING_PRESENT.tolist() for e in ends) >= 59
+
+
+def test_searches_repeat_to_the_last_bit(states):
+    one, two = (search(searcher(states, 5), *begin(STARTS["almost nothing"])) for _ in range(2))
+    assert np.array_equal(one.fit.theta, two.fit.theta)
+    assert one.trail == two.trail
+
+
+def test_a_start_that_blows_up_gives_none_without_a_warning(states):
+    theta, present = begin([1, 2, 3, 4])
+    theta[3] = -1e8
+    assert search(searcher(states, 0), theta, present) is None
+
+
+def test_a_pole_inside_the_data_neither_raises_nor_passes_for_a_fit(states):
+    theta, present = begin([1, 2, 3, 4, 8])
+    theta[8] = -1.0 / np.quantile(states[:, 0] ** 2, 0.7)
+    found = search(searcher(states, 0), theta, present)
+    if found is not None:
+        denominator = 1.0 + found.fit.theta[8] * states[:, 0] ** 2
+        assert found.scale > 2.0 or np.all(denominator > 0.0)
+
+
+def test_out_of_time_the_fit_so_far_is_returned(states):
+    found = search(searcher(states, 0, seconds=0.0), *begin([1, 2, 3, 4]))
+    assert found is not None
+    assert not found.finished
+    assert np.isfinite(found.fit.cost)
