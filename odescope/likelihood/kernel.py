@@ -224,6 +224,7 @@ def integrate(
     a, inv = np.empty((targets, targets, LANES)), np.empty((targets, targets, LANES))
     y, g, v = np.empty((targets, LANES)), np.empty((targets, n, LANES)), np.empty((targets, LANES))
     u, e = np.zeros((inputs, LANES)), np.empty(LANES)
+    slope = np.empty(width)
     step = h / substeps
     for low in range(begin, end, LANES):
         lanes = min(LANES, end - low)
@@ -251,11 +252,14 @@ def integrate(
                         scale = inverse_noise[c]
                         gl, hl = gradient[low + lane], hessian[low + lane]
                         for i in range(width):
-                            si = scale * s[m, i, lane]
+                            slope[i] = scale * s[m, i, lane]
+                        for i in range(width):
+                            si = slope[i]
                             gl[i] += si * e[lane]
                             if si != 0.0:
+                                hi = hl[i]
                                 for j in range(i + 1):
-                                    hl[i, j] += si * scale * s[m, j, lane]
+                                    hi[j] += si * slope[j]
             for part in range(substeps):
                 for stage in range(4):
                     node = 2 * part + (0 if stage == 0 else 1 if stage < 3 else 2)
