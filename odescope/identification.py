@@ -142,7 +142,9 @@ def _identify(study: Study, data: Any, watch: Watch) -> Identification:
             model = _adopt(model, refinement, signals)
     with stage("model"):
         model = replace(
-            model, scores=_scores(model, signals, chosen, study.random.seed), domain=_domain(signals, model)
+            model,
+            scores=_scores(model, signals, searches, chosen, refinement, study.random.seed),
+            domain=_domain(signals, model),
         )
         model = replace(model, provenance=_provenance(study, signals))
     return Identification(study, records, signals, tuple(searches), chosen, model, refinement, seconds)
@@ -231,20 +233,49 @@ def _domain(signals: Signals, model: Model) -> dict[str, tuple[float, float]]:
     return {name: (float(row.min()), float(row.max())) for name, row in zip(model.variables, joined, strict=True)}
 
 
-def _scores(model: Model, signals: Signals, chosen: Sequence[Candidate], seed: int) -> dict[str, Json]:
+def _scores(
+    model: Model,
+    signals: Signals,
+    searches: Sequence[Search],
+    chosen: Sequence[Candidate],
+    refinement: Refinement | None,
+    seed: int,
+) -> dict[str, Json]:
     rows = _rows(signals, model)
     ranges = denominator_ranges(model, np.concatenate(rows, axis=1), np.random.default_rng(seed))
     targets: dict[str, Json] = {}
-    for c in chosen:
+    for c, s in zip(chosen, searches, strict=True):
         denominator: dict[str, Json] = {where: list[Json](ends) for where, ends in ranges[c.target].items()}
         targets[c.target] = {
             "r2_held_out": c.target_r2,
             "rmse_held_out": c.target_rmse,
             "explained_held_out": c.explained,
+            "condition": s.problem.factor.condition(c.support),
             "denominator": denominator,
         }
     longest = max(rows, key=lambda r: r.shape[1])
-    return {"targets": targets, "free_run": _free_run(model, signals, longest)}
+    scores: dict[str, Json] = {"targets": targets, "free_run": _free_run(model, signals, longest)}
+    if refinement is not None:
+        scores["likelihood"] = _likelihood_scores(refinement)
+    return scores
+
+
+def _likelihood_scores(refinement: Refinement) -> dict[str, Json]:
+    """Return how the likelihood stage went: residual variance over that of the noise, criterion, and the trail."""
+    outcome = refinement.outcome
+    trail: list[Json] = [
+        {"gap": m.gap, "action": m.action, "relation": m.relation, "term": m.term, "statistic": m.statistic}
+        for m in outcome.trail
+    ]
+    return {
+        "follows": refinement.follows,
+        "residual_variance": outcome.scale,
+        "criterion": outcome.criterion,
+        "gap": outcome.gap,
+        "finished": outcome.finished,
+        "starts": refinement.starts,
+        "trail": trail,
+    }
 
 
 def _free_run(model: Model, signals: Signals, variables: FloatArray) -> dict[str, Json]:

@@ -306,4 +306,5 @@ def _swap(
 
 def _move(searcher: Searcher, width: float, action: str, k: int, statistic: float, after: Fit) -> Move:
     slot = searcher.slots[k]
-    return Move(width, action, slot.relation, f"{slot.factor}:{slot.term.text}", statistic, after.cost)
+    text = slot.term.text if slot.factor < 0 else f"target {slot.factor + 1} * {slot.term.text}"
+    return Move(width, action, slot.relation, text, statistic, after.cost)

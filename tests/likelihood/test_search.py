@@ -64,7 +64,8 @@ def test_all_starts_end_in_the_same_fit(states):
 def test_the_trail_says_what_moved(states):
     found = search(searcher(states, 0), *begin(STARTS["dropped and invented"]))
     now = set(STARTS["dropped and invented"])
-    names = {f"{s.factor}:{s.term.text}": k for k, s in enumerate(SPRING.slots)}
+    named = [s.term.text if s.factor < 0 else f"target {s.factor + 1} * {s.term.text}" for s in SPRING.slots]
+    names = {name: k for k, name in enumerate(named)}
     for move in found.trail:
         k = names[move.term]
         assert (k in now) == (move.action == "drop")
