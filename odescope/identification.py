@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, NoModelError
+from odescope.library.expression import Term
 from odescope.likelihood.stage import Refinement, refine
 from odescope.model.explicit import denominator_ranges
 from odescope.model.model import Json, Model, Relation, RelationTerm
@@ -140,6 +141,9 @@ def _identify(study: Study, data: Any, watch: Watch) -> Identification:
             problems = [s.problem for s in searches]
             refinement = refine(records, signals, problems, [model.relations], study.likelihood, watch)
             model = _adopt(model, refinement, signals)
+            chosen = tuple(
+                _as_adopted(s, c, r, signals.targets) for s, c, r in zip(searches, chosen, model.relations, strict=True)
+            )
     with stage("model"):
         model = replace(
             model,
@@ -212,6 +216,19 @@ def _adopt(model: Model, refinement: Refinement | None, signals: Signals) -> Mod
         return model
     refined = replace(model, relations=refinement.relations)
     return refined if _determined(refined, signals) else model
+
+
+def _as_adopted(search: Search, chosen: Candidate, relation: Relation, targets: Sequence[str]) -> Candidate:
+    """Return the candidate with the terms of the model's relation; where none has them, the one chosen before."""
+    adopted = {(t.factor, t.term) for t in relation.terms}
+
+    def products(candidate: Candidate) -> set[tuple[str | None, Term]]:
+        return {
+            (min(search.problem.terms[j].names & set(targets), default=None), search.problem.rests[j])
+            for j in candidate.support
+        }
+
+    return next((c for c in search.ranked.candidates if products(c) == adopted), chosen)
 
 
 def _rows(signals: Signals, model: Model) -> list[FloatArray]:
