@@ -267,71 +267,41 @@ def integrate(
                         for lane in range(lanes):
                             row = min(start[low + lane] + k, u_data.shape[0] - 1)
                             u[j, lane] = u_data[row, node, j]
-                    if stage == 0:
-                        _slopes(
-                            code,
-                            left,
-                            right,
-                            constant,
-                            slot,
-                            owner,
-                            factor,
-                            param,
-                            weight,
-                            grad,
-                            following,
-                            n,
-                            targets,
-                            p,
-                            lanes,
-                            x,
-                            s,
-                            u,
-                            work,
-                            a,
-                            inv,
-                            y,
-                            g,
-                            v,
-                            dx,
-                            ds,
-                        )
-                    else:
-                        f = step if stage == 3 else 0.5 * step
-                        for i in range(n):
+                    f = 0.0 if stage == 0 else step if stage == 3 else 0.5 * step
+                    for i in range(n):
+                        for lane in range(lanes):
+                            xs[i, lane] = x[i, lane] + (f * dx[i, lane] if stage else 0.0)
+                        for j in range(width):
                             for lane in range(lanes):
-                                xs[i, lane] = x[i, lane] + f * dx[i, lane]
-                            for j in range(width):
-                                for lane in range(lanes):
-                                    ss[i, j, lane] = s[i, j, lane] + f * ds[i, j, lane]
-                        _slopes(
-                            code,
-                            left,
-                            right,
-                            constant,
-                            slot,
-                            owner,
-                            factor,
-                            param,
-                            weight,
-                            grad,
-                            following,
-                            n,
-                            targets,
-                            p,
-                            lanes,
-                            xs,
-                            ss,
-                            u,
-                            work,
-                            a,
-                            inv,
-                            y,
-                            g,
-                            v,
-                            dx,
-                            ds,
-                        )
+                                ss[i, j, lane] = s[i, j, lane] + (f * ds[i, j, lane] if stage else 0.0)
+                    _slopes(
+                        code,
+                        left,
+                        right,
+                        constant,
+                        slot,
+                        owner,
+                        factor,
+                        param,
+                        weight,
+                        grad,
+                        following,
+                        n,
+                        targets,
+                        p,
+                        lanes,
+                        xs,
+                        ss,
+                        u,
+                        work,
+                        a,
+                        inv,
+                        y,
+                        g,
+                        v,
+                        dx,
+                        ds,
+                    )
                     share = step / 6.0 if stage == 0 or stage == 3 else step / 3.0
                     for i in range(n):
                         for lane in range(lanes):
