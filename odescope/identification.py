@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, NoModelError
 from odescope.library.expression import Term
+from odescope.likelihood.account import likelihood_notes, likelihood_scores
 from odescope.likelihood.stage import Refinement, refine
 from odescope.model.explicit import denominator_ranges
 from odescope.model.model import Json, Model, Relation, RelationTerm
@@ -71,12 +72,8 @@ class Identification:
             for target, score in targets.items()
             if score["denominator"]["box"][0] * score["denominator"]["box"][1] <= 0.0
         }
-        if self.refinement is not None and not self.refinement.follows:
-            notes[
-                f"no standard errors: even in short segments the best model misses the record by"
-                f" {self.refinement.outcome.scale**0.5:.2g} times its noise, so coefficients are the regression's;"
-                " look for missing physics, such as dry friction, a delay, or an input that was not recorded"
-            ] = None
+        if self.refinement is not None:
+            notes |= dict.fromkeys(likelihood_notes(self.refinement, self.model.targets))
         return tuple(notes)
 
 
@@ -273,26 +270,8 @@ def _scores(
     longest = max(rows, key=lambda r: r.shape[1])
     scores: dict[str, Json] = {"targets": targets, "free_run": _free_run(model, signals, longest)}
     if refinement is not None:
-        scores["likelihood"] = _likelihood_scores(refinement)
+        scores["likelihood"] = likelihood_scores(refinement, signals.targets)
     return scores
-
-
-def _likelihood_scores(refinement: Refinement) -> dict[str, Json]:
-    """Return how the likelihood stage went: residual variance over that of the noise, criterion, and the trail."""
-    outcome = refinement.outcome
-    trail: list[Json] = [
-        {"gap": m.gap, "action": m.action, "relation": m.relation, "term": m.term, "statistic": m.statistic}
-        for m in outcome.trail
-    ]
-    return {
-        "follows": refinement.follows,
-        "residual_variance": outcome.scale,
-        "criterion": outcome.criterion,
-        "gap": outcome.gap,
-        "finished": outcome.finished,
-        "starts": refinement.starts,
-        "trail": trail,
-    }
 
 
 def _free_run(model: Model, signals: Signals, variables: FloatArray) -> dict[str, Json]:

@@ -30,7 +30,8 @@ class Segments:
 
     Shapes: measured (N, c) averages; inputs (N, 3, i) on the nodes of the step that begins at each average; filtered
     (N, n) smoothed states; start, count (J,); joined (J,) whether a segment ends where the next begins; noise (c,) the
-    standard deviation of an average, spread (n,) that of the smoothing error of each state; step in seconds.
+    standard deviation of an average, spread (n,) that of the smoothing error of each state; step in
+    seconds; runs the first average of every record and the one after its last.
     """
 
     measured: FloatArray
@@ -43,6 +44,12 @@ class Segments:
     spread: FloatArray
     step: float
     block: int
+    runs: tuple[tuple[int, int], ...]
+
+    @property
+    def samples(self) -> int:
+        """Number of averages that the segments see, over all channels."""
+        return int(self.count.sum()) * len(self.noise)
 
     @property
     def initial(self) -> FloatArray:
@@ -51,7 +58,11 @@ class Segments:
 
 
 def cut_segments(
-    records: Records, coordinates: Sequence[Coordinate], inputs: Sequence[Input], channels: Sequence[Channel]
+    records: Records,
+    coordinates: Sequence[Coordinate],
+    inputs: Sequence[Input],
+    channels: Sequence[Channel],
+    length: int = SEGMENT,
 ) -> Segments:
     """Return the segments of uniformly sampled records.
 
@@ -60,6 +71,7 @@ def cut_segments(
         coordinates: their coordinates.
         inputs: their inputs.
         channels: noise and cutoff of each coordinate, in order.
+        length: averages a segment.
     """
     period = records.runs[0].sample_period
     block = max(1, int(1.0 / (OVERSAMPLING * max(c.cutoff for c in channels) * period)))
@@ -69,13 +81,13 @@ def cut_segments(
         block = 1  # what a held input does between its switches is not in an average over several of them
     states = state_names(coordinates)
     measured, drive, filtered, start, count, joined = [], [], [], [], [], []
-    total = 0
+    runs, total = list[tuple[int, int]](), 0
     share = min(1.0, LARGEST * block / sum(len(r) for r in records))
     for run in records:
         y, u, x = _averages(run, coordinates, inputs, channels, states, period, block)
         kept = max(round(share * len(y)), min(len(y), LEAST_SEGMENT))
         y, u, x = y[:kept], u[:kept], x[:kept]
-        pieces = max(1, round(len(y) / SEGMENT))
+        pieces = max(1, round(len(y) / length))
         edges = np.linspace(0, len(y), pieces + 1).astype(np.int64)
         start += [total + int(e) for e in edges[:-1]]
         count += np.diff(edges).tolist()
@@ -83,6 +95,7 @@ def cut_segments(
         measured.append(y)
         drive.append(u)
         filtered.append(x)
+        runs.append((total, total + len(y)))
         total += len(y)
     noise = np.array(
         [max(c.noise, 1e-12 * float(np.ptp(np.concatenate(measured)[:, k]))) for k, c in enumerate(channels)]
@@ -98,6 +111,7 @@ def cut_segments(
         _smoothing_error(coordinates, channels, noise, period, states),
         block * period,
         block,
+        tuple(runs),
     )
 
 

@@ -129,14 +129,18 @@ class Searcher:
     @property
     def criterion(self) -> float:
         """What a term has to earn: 2 ln(candidates) + ln(samples)."""
-        return float(2.0 * np.log(len(self.free)) + np.log(self.segments.measured.size))
+        return float(2.0 * np.log(len(self.free)) + np.log(self.segments.samples))
+
+    def program(self, present: IntArray) -> tuple[Program, IntArray]:
+        """Return the program of these and the fixed slots alone, and their numbers."""
+        kept = np.array(sorted({*present.tolist(), *(k for k, s in enumerate(self.slots) if s.fixed)}), dtype=np.int64)
+        return Program.of([self.slots[k] for k in kept], self.variables, self.following, self.measured), kept
 
     def fit(
         self, theta: FloatArray, present: IntArray, x0: FloatArray, gap: FloatArray, iterations: int = ITERATIONS
     ) -> Fit | None:
         """Return the fit of the present slots; only they are on the tape."""
-        kept = np.array(sorted({*present.tolist(), *(k for k, s in enumerate(self.slots) if s.fixed)}), dtype=np.int64)
-        program = Program.of([self.slots[k] for k in kept], self.variables, self.following, self.measured)
+        program, kept = self.program(present)
         place = {int(k): i for i, k in enumerate(kept)}
         free = np.array([place[int(k)] for k in present], dtype=np.int64)
         found = fit(self.evaluator, program, theta[kept], free, x0, gap, iterations)
@@ -145,6 +149,12 @@ class Searcher:
         whole = np.zeros(len(self.slots))
         whole[kept] = found.theta
         return replace(found, theta=whole, present=present)
+
+    def move(self, width: float, action: str, k: int, statistic: float, cost: float) -> Move:
+        """Return the step of the trail that did something to slot k."""
+        slot = self.slots[k]
+        text = slot.term.text if slot.factor < 0 else f"target {slot.factor + 1} * {slot.term.text}"
+        return Move(width, action, slot.relation, text, statistic, cost)
 
     def scores(self, program: Program, found: Fit, gap: FloatArray) -> FloatArray:
         """Return the score statistic of every slot, zero for those present or fixed."""
@@ -217,7 +227,7 @@ def _scale(searcher: Searcher, found: Fit, width: float) -> float:
     """Return the residual variance over the noise variance, degrees of freedom of loose initial states counted."""
     segments = searcher.segments
     states = found.x0.size if np.isinf(width) else found.x0.shape[1] * (1 + int((~segments.joined).sum()))
-    freedom = max(segments.measured.size - states - len(found.present), 1)
+    freedom = max(segments.samples - states - len(found.present), 1)
     return max(found.data_cost / freedom, 1e-12)
 
 
@@ -251,7 +261,7 @@ def _add(
         present = np.array(sorted([*here.present.tolist(), int(k)]), dtype=np.int64)
         trial = searcher.fit(here.theta, present, here.x0, gap)
         if trial is not None and (here.cost - trial.cost) / scale > searcher.criterion:
-            trail.append(_move(searcher, width, "add", int(k), float(scores[k]), trial))
+            trail.append(searcher.move(width, "add", int(k), float(scores[k]), trial.cost))
             return trial
     return None
 
@@ -269,7 +279,7 @@ def _drop(searcher: Searcher, here: Fit, gap: FloatArray, width: float, scale: f
     trial = searcher.fit(theta, np.delete(here.present, weakest), here.x0, gap)
     if trial is None or (trial.cost - here.cost) / scale > searcher.criterion:
         return None
-    trail.append(_move(searcher, width, "drop", k, float(wald[weakest]), trial))
+    trail.append(searcher.move(width, "drop", k, float(wald[weakest]), trial.cost))
     return trial
 
 
@@ -299,12 +309,6 @@ def _swap(
             present = np.array(sorted([*without.present.tolist(), int(other)]), dtype=np.int64)
             trial = searcher.fit(without.theta, present, without.x0, gap)
             if trial is not None and trial.cost < here.cost - GAIN * scale:
-                trail.append(_move(searcher, width, "swap", int(other), float(scores[other]), trial))
+                trail.append(searcher.move(width, "swap", int(other), float(scores[other]), trial.cost))
                 return trial
     return None
-
-
-def _move(searcher: Searcher, width: float, action: str, k: int, statistic: float, after: Fit) -> Move:
-    slot = searcher.slots[k]
-    text = slot.term.text if slot.factor < 0 else f"target {slot.factor + 1} * {slot.term.text}"
-    return Move(width, action, slot.relation, text, statistic, after.cost)

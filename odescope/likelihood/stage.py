@@ -12,8 +12,16 @@ from odescope.arrays import FloatArray
 from odescope.library.candidates import split_target
 from odescope.library.expression import Term
 from odescope.likelihood.data import cut_segments
-from odescope.likelihood.fit import Evaluator
-from odescope.likelihood.search import LikelihoodSearch, Outcome, Searcher, search, universe
+from odescope.likelihood.evidence import Evidence, weigh
+from odescope.likelihood.fit import Evaluator, Fit, Program
+from odescope.likelihood.process import (
+    PIECE,
+    Noisy,
+    cost_without_process_noise,
+    free_run_error,
+    search_with_process_noise,
+)
+from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, Searcher, search, universe
 from odescope.model.model import Relation, RelationTerm
 from odescope.model.simulate import following_states
 from odescope.records import Records
@@ -23,23 +31,40 @@ from odescope.signals.estimate import Signals
 
 FORWARD_TERMS = 6  # of a sparse forward selection that a search may begin from
 FINEST = 8  # steps of RK4 a block average, at most
+JOINED_SHARE = 0.6  # of the time, at most, for the search without process noise
+NO_WORSE_THAN_PROPOSED = 1.5  # free-run error over that of the regression's model, which has seen the held-out stretch
 FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
-STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that asks for steps half as long
+STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that does not ask for shorter steps
+STEP_SHARE = 0.01  # of the cost, and
+STEP_MOVE = 0.2  # standard errors of any coefficient: changes of a refit that do not ask for shorter steps still
 
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """The relations at the end of the likelihood stage, and how it went."""
+    """The relations at the end of the likelihood stage, and how it went.
+
+    `outcome` is the search for a model that follows the record to within its noise; where there is none, `process` is
+    the model with process noise. `fit` and `searcher` are those of the relations, `evidence` what the record says of
+    every term.
+    """
 
     relations: tuple[Relation, ...]
     outcome: Outcome
+    process: Noisy | None
+    fit: Fit
     searcher: Searcher
+    evidence: Evidence | None
     starts: int
 
     @property
     def follows(self) -> bool:
-        """Whether the model follows the record to within its noise, segments joined: its errors can then be stated."""
-        return bool(np.isfinite(self.outcome.gap)) and self.outcome.scale < FOLLOWED
+        """Whether the model, with process noise if it has any, describes the record: its errors can then be stated."""
+        return self.process is not None or _joined(self.outcome)
+
+
+def _joined(outcome: Outcome) -> bool:
+    """Say whether the model of a search follows the record to within its noise, segments joined."""
+    return bool(np.isfinite(outcome.gap)) and outcome.scale < FOLLOWED
 
 
 def refine(
@@ -66,16 +91,17 @@ def refine(
         return None  # a library without the bare target has nothing that could be 1 throughout a search
     variables = (*signals.states, *(i.name for i in signals.inputs))
     measured = np.array([signals.states.index(c.name) for c in signals.coordinates], dtype=np.int64)
+    begun_at = time.monotonic()
     searcher = Searcher(
         Evaluator(segments), slots, variables, following_states(signals.coordinates), measured,
-        time.monotonic() + options.seconds,
+        begun_at + JOINED_SHARE * options.seconds,
     )  # fmt: skip
     searcher = _fine_enough(searcher, *_slots_of(searcher, starts[0], signals.targets))
-    begun = [_slots_of(searcher, relations, signals.targets) for relations in starts][: options.starts]
-    begun.append(_forward(searcher, problems))
+    proposed = [_slots_of(searcher, relations, signals.targets) for relations in starts][: options.starts]
+    forward = _forward(searcher, problems)
     outcomes = []
-    for number, (theta, present) in enumerate(begun, start=1):
-        watch(f"likelihood: search {number} of {len(begun)}")
+    for number, (theta, present) in enumerate([*proposed, forward], start=1):
+        watch(f"likelihood: search {number} of {len(proposed) + 1}")
         found = search(searcher, theta, present)
         if found is not None:
             outcomes.append(found)
@@ -84,8 +110,50 @@ def refine(
     if not outcomes:
         return None
     best = min(outcomes, key=lambda o: o.rank)
-    searcher, best = _finer(searcher, best)
-    return Refinement(_relations(searcher, best, signals.targets), best, searcher, len(outcomes))
+    process = None
+    if _joined(best):
+        searcher, best = _finer(searcher, best)
+    if not _joined(best) or best.scale > WHITE:
+        watch("likelihood: process noise")
+        segments = cut_segments(records, signals.coordinates, signals.inputs, signals.channels, PIECE)
+        pieces = replace(
+            searcher,
+            evaluator=Evaluator(segments, searcher.evaluator.substeps),
+            deadline=begun_at + options.seconds,
+        )
+        process = _with_process_noise(pieces, best, [*proposed, forward])
+    if process is not None:
+        relations = _relations(searcher, process.fit, np.sqrt(process.evidence.variances), signals.targets)
+        return Refinement(relations, best, process, process.fit, process.searcher, process.evidence, len(outcomes))
+    relations = _relations(searcher, best.fit, np.sqrt(best.fit.variances * best.scale), signals.targets)
+    return Refinement(relations, best, None, best.fit, searcher, _evidence(searcher, best), len(outcomes))
+
+
+def _with_process_noise(
+    searcher: Searcher, best: Outcome, starts: Sequence[tuple[FloatArray, list[int]]]
+) -> Noisy | None:
+    """Return the model with process noise, or None where the record is better, or as well, described without it."""
+    begun = [(theta, np.array(sorted(present), dtype=np.int64)) for theta, present in starts]
+    if np.isfinite(best.gap):
+        begun.append((best.fit.theta, best.fit.present))
+    process = search_with_process_noise(searcher, begun)
+    if process is None:
+        return None
+    if _joined(best) and cost_without_process_noise(searcher, best) < process.penalised:
+        return None
+    if process.held_out > NO_WORSE_THAN_PROPOSED * free_run_error(searcher, starts[0][0]):
+        return None
+    return process
+
+
+def _evidence(searcher: Searcher, outcome: Outcome) -> Evidence | None:
+    """Return the evidence at the end of a search without process noise, variances at the residuals' level."""
+    program = Program.of(searcher.slots, searcher.variables, searcher.following, searcher.measured)
+    fit, gap = outcome.fit, searcher.segments.spread * outcome.gap
+    expansion = searcher.evaluator.expand(program, fit.theta, searcher.free, fit.x0, gap)
+    if expansion is None or not expansion.finite:
+        return None
+    return weigh(searcher, fit, expansion.information / outcome.scale, expansion.gradient[None] / outcome.scale)
 
 
 def _products(problem: Problem, targets: Sequence[str]) -> list[tuple[int, Term]]:
@@ -127,38 +195,42 @@ def _forward(searcher: Searcher, problems: Sequence[Problem]) -> tuple[FloatArra
 
 
 def _fine_enough(searcher: Searcher, theta: FloatArray, present: list[int]) -> Searcher:
-    """Halve the steps of RK4 until that no longer changes the cost of the first start, fitted in loose segments."""
+    """Halve the steps of RK4 until that no longer matters to the first start, fitted in loose segments."""
     loose = np.full_like(searcher.segments.spread, np.inf)
-    kept = np.array(sorted(present), dtype=np.int64)
-    found = searcher.fit(theta, kept, searcher.segments.initial, loose)
-    while found is not None and searcher.evaluator.substeps < FINEST:
-        finer = replace(searcher, evaluator=Evaluator(searcher.segments, 2 * searcher.evaluator.substeps))
-        again = finer.fit(found.theta, kept, found.x0, loose, iterations=0)
-        if again is not None and abs(again.cost - found.cost) < STEP_ERROR:
-            return searcher
-        searcher, found = finer, finer.fit(found.theta, kept, found.x0, loose)
-    return searcher
+    found = searcher.fit(theta, np.array(sorted(present), dtype=np.int64), searcher.segments.initial, loose)
+    return searcher if found is None else _halve(searcher, found, loose)[0]
 
 
 def _finer(searcher: Searcher, outcome: Outcome) -> tuple[Searcher, Outcome]:
-    """Halve the steps until that no longer changes the cost, refitting each time it did."""
-    gap = searcher.segments.spread * outcome.gap
-    found = outcome.fit
+    """Halve the steps until that no longer matters at the end of a search."""
+    searcher, found = _halve(searcher, outcome.fit, searcher.segments.spread * outcome.gap)
+    return searcher, replace(outcome, fit=found)
+
+
+def _halve(searcher: Searcher, found: Fit, gap: FloatArray) -> tuple[Searcher, Fit]:
+    """Return searcher and fit with steps so short that halving them moves no coefficient by its standard error.
+
+    Where the cost itself hardly changes nothing is refitted. It always does where a term jumps, such as dry friction.
+    """
     while searcher.evaluator.substeps < FINEST:
         finer = replace(searcher, evaluator=Evaluator(searcher.segments, 2 * searcher.evaluator.substeps))
         again = finer.fit(found.theta, found.present, found.x0, gap, iterations=0)
-        if again is None or abs(again.cost - found.cost) < STEP_ERROR:
+        if again is not None and abs(again.cost - found.cost) < STEP_ERROR:
             break
         refitted = finer.fit(found.theta, found.present, found.x0, gap)
         if refitted is None:
             break
+        moved = (refitted.theta - found.theta)[found.present] ** 2
+        variances = refitted.variances * max(refitted.data_cost / searcher.segments.samples, 1.0)
+        same = abs(refitted.cost - found.cost) < STEP_SHARE * found.cost
         searcher, found = finer, refitted
-    return searcher, replace(outcome, fit=found)
+        if same and bool(np.all(moved < STEP_MOVE**2 * variances)):
+            break
+    return searcher, found
 
 
-def _relations(searcher: Searcher, outcome: Outcome, targets: Sequence[str]) -> tuple[Relation, ...]:
-    errors = np.sqrt(outcome.fit.variances * max(outcome.scale, 1e-300))
-    of_slot = dict(zip(outcome.fit.present.tolist(), errors.tolist(), strict=True))
+def _relations(searcher: Searcher, fit: Fit, errors: FloatArray, targets: Sequence[str]) -> tuple[Relation, ...]:
+    of_slot = dict(zip(fit.present.tolist(), errors.tolist(), strict=True))
     relations = []
     for r in range(len(targets)):
         own = [k for k, s in enumerate(searcher.slots) if s.relation == r and (s.fixed or k in of_slot)]
@@ -169,7 +241,7 @@ def _relations(searcher: Searcher, outcome: Outcome, targets: Sequence[str]) -> 
                     RelationTerm(
                         None if searcher.slots[k].factor < 0 else targets[searcher.slots[k].factor],
                         searcher.slots[k].term,
-                        float(outcome.fit.theta[k]),
+                        float(fit.theta[k]),
                         of_slot.get(k),
                     )
                     for k in own

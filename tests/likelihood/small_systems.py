@@ -187,5 +187,5 @@ def shots(states, nodes, step, noise, rng, spread, length=25):
     joined = np.arange(len(edges) - 1) < len(edges) - 2
     measured = states[:, :1] + noise * rng.standard_normal((count, 1))
     return Segments(
-        measured, nodes, states, edges[:-1], np.diff(edges), joined, np.array([noise]), spread, step, 1
+        measured, nodes, states, edges[:-1], np.diff(edges), joined, np.array([noise]), spread, step, 1, ((0, count),)
     )  # fmt: skip

@@ -17,7 +17,9 @@ def segments(system, nodes, measured, start, count, step):
     joined = np.zeros(len(start), dtype=bool)
     noise = 0.1 * 2.0 ** np.arange(measured.shape[1])
     n = len(system.following)
-    return Segments(measured, nodes, np.zeros((len(measured), n)), start, count, joined, noise, np.ones(n), step, 1)
+    return Segments(
+        measured, nodes, np.zeros((len(measured), n)), start, count, joined, noise, np.ones(n), step, 1, ()
+    )  # fmt: skip
 
 
 def differences(system, x0, nodes, step):

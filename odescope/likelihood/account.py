@@ -1,0 +1,171 @@
+"""What the likelihood stage has to say, as plain data and as sentences (METHOD sections 9 and 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.library.expression import Term
+from odescope.likelihood.fit import Slot
+from odescope.likelihood.process import Noisy
+from odescope.likelihood.search import MOST_TERMS, THIN
+from odescope.likelihood.stage import Refinement
+from odescope.model.model import Json
+
+NORMAL = 1.959963984540054  # of a standard normal, 97.5 %
+CORRELATED = 0.5  # least correlation of two estimates that is listed
+CLEAR = 0.1  # least correlation of what is missing with its cause that is worth a word
+SURE = 12.0  # least squared ratio of that correlation to its spread between blocks of the record
+
+
+def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[str, Json]:
+    """Return how the stage went: noise, trail of the search, intervals, correlations, limits of detection.
+
+    `limits` are the coefficients from which on an absent term would probably have been found at this noise; null where
+    these data cannot tell it from the terms that are there.
+    """
+    outcome, process, searcher = refinement.outcome, refinement.process, refinement.searcher
+    moves = outcome.trail if process is None else process.trail
+    trail: list[Json] = [
+        {
+            "gap": m.gap if np.isfinite(m.gap) else None,
+            "action": m.action,
+            "target": targets[m.relation],
+            "term": m.term,
+            "statistic": m.statistic,
+            "cost": m.cost,
+        }
+        for m in moves
+    ]
+    scores: dict[str, Json] = {
+        "follows": refinement.follows,
+        "residual_variance": outcome.scale,
+        "criterion": searcher.criterion,
+        "gap": outcome.gap if np.isfinite(outcome.gap) else None,
+        "finished": outcome.finished,
+        "starts": refinement.starts,
+        "process_noise": None,
+        "trail": trail,
+    }
+    if process is not None:
+        scores["process_noise"] = dict(zip(targets, process.unexplained.tolist(), strict=True))
+        scores["held_out_free_run"] = process.held_out
+    if refinement.evidence is None or not refinement.follows:
+        return scores
+    present, slots = refinement.fit.present, searcher.slots
+    errors = np.sqrt(refinement.evidence.variances)
+    scores["intervals"] = [
+        _named(slots[k], targets) | {"interval": [float(c - NORMAL * e), float(c + NORMAL * e)]}
+        for k, c, e in zip(present, refinement.fit.theta[present], errors, strict=True)
+    ]
+    correlation = refinement.evidence.correlation
+    scores["correlations"] = [
+        {"one": _named(slots[present[i]], targets), "other": _named(slots[present[j]], targets)}
+        | {"correlation": float(correlation[i, j])}
+        for i, j in zip(*np.nonzero(np.abs(np.tril(correlation, -1)) > CORRELATED), strict=True)
+    ]
+    limits = refinement.evidence.limits
+    scores["limits"] = [
+        _named(slots[k], targets) | {"limit": float(limits[k]) if np.isfinite(limits[k]) else None}
+        for k in np.flatnonzero(limits)
+    ]
+    return scores
+
+
+def _named(slot: Slot, targets: Sequence[str]) -> dict[str, Json]:
+    factor = None if slot.factor < 0 else targets[slot.factor]
+    return {"target": targets[slot.relation], "factor": factor, "term": slot.term.text}
+
+
+def likelihood_notes(refinement: Refinement, targets: Sequence[str]) -> list[str]:
+    """Return what the user should know of the stage: what the model does not explain, and where evidence is thin."""
+    outcome, process = refinement.outcome, refinement.process
+    notes = []
+    if not outcome.finished:
+        notes.append("the search ended with its time: allow it more, [likelihood] seconds, for what it may have missed")
+    if len(refinement.fit.present) > MOST_TERMS * len(targets):
+        notes.append(
+            "the search stopped at its largest number of terms: the library lacks what would explain the record in few"
+        )
+    if not refinement.follows:
+        notes.append(
+            f"no standard errors: even in short segments the best model misses the record by {outcome.scale**0.5:.2g}"
+            " times its noise, so coefficients are the regression's; look for missing physics, such as dry friction,"
+            " a delay, or an input that was not recorded"
+        )
+        return notes
+    if process is not None:
+        sizes = ", ".join(f"{q:.2g} of {t}" for q, t in zip(process.unexplained, targets, strict=True))
+        notes.append(f"the model leaves {sizes} unexplained (root mean square); standard errors allow for it")
+        notes += missing_physics(process, targets)
+    if refinement.evidence is not None:
+        weak = refinement.evidence.wald < THIN * refinement.searcher.criterion
+        thin = [
+            f"{_text(refinement.searcher.slots[k], targets)} in {targets[refinement.searcher.slots[k].relation]}"
+            f" ({np.sqrt(w):.1f} standard errors)"
+            for k, w in zip(refinement.fit.present[weak], refinement.evidence.wald[weak], strict=True)
+        ]
+        if thin:
+            notes.append(f"thin evidence, more data would decide: {', '.join(thin)}")
+    return notes
+
+
+def _text(slot: Slot, targets: Sequence[str]) -> str:
+    return slot.term.text if slot.factor < 0 else f"{targets[slot.factor]}*{slot.term.text}"
+
+
+def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
+    """Return sentences about what the unexplained part of each target goes with.
+
+    The gaps of the highest state of every coordinate are what its target lacks, summed over a segment. What goes with
+    the sign of a velocity is dry friction; what goes with the rate of an input is a delay.
+    """
+    searcher, segments = process.searcher, process.searcher.segments
+    names, following = searcher.variables, searcher.following
+    program, kept = searcher.program(process.fit.present)
+    none = np.zeros(0, dtype=np.int64)
+    *_, last, _ = searcher.evaluator.integrate(program, process.fit.theta[kept], none, process.fit.x0)
+    joints = np.flatnonzero(segments.joined)
+    begin = process.fit.x0[joints + 1]
+    lacking = begin - last[joints]
+    present = [searcher.slots[k].term for k in kept]
+    velocities = [int(np.flatnonzero(following == j)[0]) for j in range(len(following)) if (following == j).any()]
+    sentences = []
+    for i in np.flatnonzero(following < 0):
+        target = targets[-1 - following[i]]
+        for j in (following[v] for v in velocities):
+            share = _goes_with(lacking[:, i], np.sign(begin[:, j]))
+            if share is not None and not _has_sign(present, names[j]):
+                sentences.append(
+                    f"what is unexplained of {target} goes with the sign of {names[j]} (correlation {share:.2g}), as"
+                    f" dry friction does: try sign({names[j]}) in the library's basis"
+                )
+        for k in range(segments.inputs.shape[2]):
+            rate = np.diff(segments.inputs[segments.start, 0, k], append=0.0)[joints]
+            share = _goes_with(lacking[:, i], rate)
+            if share is not None:
+                sentences.append(
+                    f"what is unexplained of {target} goes with the rate of {names[len(following) + k]} (correlation"
+                    f" {share:.2g}), as with a delay between what was recorded and what acted"
+                )
+    return sentences
+
+
+def _goes_with(lacking: FloatArray, cause: FloatArray) -> float | None:
+    """Return the correlation if it is clear, and much the same between blocks of the record."""
+    lacking, cause = lacking - lacking.mean(), cause - cause.mean()
+    scale = np.sqrt((lacking @ lacking) * (cause @ cause))
+    if not scale > 0.0:
+        return None
+    edges = np.linspace(0, len(lacking), int(np.sqrt(len(lacking))) + 1).astype(np.int64)
+    blocks = np.add.reduceat(lacking * cause, edges[:-1]) / scale
+    correlation = float(blocks.sum())
+    sure = correlation**2 > SURE * float(blocks @ blocks)
+    return correlation if sure and abs(correlation) > CLEAR else None
+
+
+def _has_sign(terms: list[Term], velocity: str) -> bool:
+    """Say whether some term changes sign with the velocity alone, abruptly or smoothly."""
+    return any(velocity in t.names and any(f in t.text for f in ("sign(", "tanh(")) for t in terms)

@@ -1,0 +1,316 @@
+"""Process noise: the likelihood of a record that no model in the library follows exactly (METHOD section 9).
+
+On a real rig the gaps between segments are not driven to zero: their widths are estimated together with the noise of
+the measurement, by expectation-maximisation, and models compare by the marginal likelihood over the states. Gaps that a
+missing term leaves are not white, so scores and variances are checked against those between blocks of the record.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from odescope.arrays import FloatArray, IntArray
+from odescope.likelihood.data import Segments
+from odescope.likelihood.evidence import Evidence, weigh
+from odescope.likelihood.fit import Evaluator, Fit, Program
+from odescope.likelihood.posterior import joint_covariances
+from odescope.likelihood.search import THIN, Move, Outcome, Searcher
+
+PIECE = 5  # averages a segment: what a model lacks may change within a fraction of the shortest period in the record
+HELD_OUT = 0.2  # of every record, its end, that the search does not see
+WINDOWS = 4  # free runs a held-out stretch that begin at its parts; one more runs through all of it
+EM_ITERATIONS = 30
+EM_CONVERGED = 1.0  # fall of the marginal cost, in units of chi-squared
+EM_FITS = 4  # Levenberg-Marquardt steps between two estimates of the noise
+EM_STRIDE = 3.0  # change of a standard deviation in one step, at most, as a factor
+LEAST_NOISE = 1e-4  # of the first guess: standard deviations do not shrink below
+ALTERNATIONS = 5  # of search and noise
+STEPS = 40
+NO_WORSE = 1.02  # held-out error over the least: a term that buys less is left out
+
+
+@dataclass(frozen=True, eq=False)
+class Noisy:
+    """A model with process noise. Shapes: measurement (c,) standard deviation of an average, process (n,) of a gap.
+
+    `marginal` is -2 log of the marginal likelihood less a constant; `held_out` the error of free runs on the stretch
+    that the search did not see (`free_run_error`).
+    """
+
+    fit: Fit
+    searcher: Searcher
+    measurement: FloatArray
+    process: FloatArray
+    marginal: float
+    evidence: Evidence
+    held_out: float
+    trail: tuple[Move, ...]
+
+    @property
+    def penalised(self) -> float:
+        """Marginal cost plus the criterion for every term."""
+        return self.marginal + self.searcher.criterion * len(self.fit.present)
+
+    @property
+    def unexplained(self) -> FloatArray:
+        """Root mean square of what the model does not explain of each target, averaged over a segment, (targets,)."""
+        following = self.searcher.following
+        states = [int(np.flatnonzero(following == -1 - t)[0]) for t in range(int((following < 0).sum()))]
+        rms: FloatArray = self.process[states] / (PIECE * self.searcher.segments.step)
+        return rms
+
+
+def with_noise(searcher: Searcher, measurement: FloatArray, process: FloatArray) -> Searcher:
+    """Return the searcher that weighs by these standard deviations; its `spread` is then the width of a gap."""
+    segments = replace(searcher.segments, noise=measurement, spread=process)
+    return replace(searcher, evaluator=Evaluator(segments, searcher.evaluator.substeps))
+
+
+def estimate_noise(searcher: Searcher, found: Fit) -> tuple[Searcher, Fit, float]:
+    """Estimate both noises by expectation-maximisation around a structure; return searcher, fit and marginal cost."""
+    floor = LEAST_NOISE * searcher.segments.spread, LEAST_NOISE * searcher.segments.noise
+    marginal = np.inf
+    for _ in range(EM_ITERATIONS):
+        process, measurement, cost = _expected_squares(searcher, found)
+        if not cost < marginal - EM_CONVERGED:
+            break
+        segments = searcher.segments
+        moved = with_noise(
+            searcher,
+            np.maximum(segments.noise * np.clip(measurement / segments.noise, 1.0 / EM_STRIDE, EM_STRIDE), floor[1]),
+            np.maximum(segments.spread * np.clip(process / segments.spread, 1.0 / EM_STRIDE, EM_STRIDE), floor[0]),
+        )
+        again = moved.fit(found.theta, found.present, found.x0, moved.segments.spread, EM_FITS)
+        if again is None:
+            break
+        searcher, found, marginal = moved, again, cost
+    return searcher, found, _expected_squares(searcher, found)[2]
+
+
+def _expected_squares(searcher: Searcher, found: Fit) -> tuple[FloatArray, FloatArray, float]:
+    """Return root mean squares of gaps (n,) and residuals (c,), as the posterior of the states expects them.
+
+    And the marginal cost: -2 log of the likelihood, by Laplace's approximation over the states, less a constant.
+    """
+    segments, evaluator = searcher.segments, searcher.evaluator
+    n, none = found.x0.shape[1], np.zeros(0, dtype=np.int64)
+    program, kept = searcher.program(found.present)
+    theta = found.theta[kept]
+    integrated = evaluator.integrate(program, theta, none, found.x0)
+    expansion = evaluator.expand(program, theta, none, found.x0, segments.spread, 0.0, integrated)
+    if expansion is None:
+        return segments.spread, segments.noise, np.inf
+    own, following = joint_covariances(expansion.factor, expansion.carry, segments.joined)
+    joints = np.flatnonzero(segments.joined)
+    gaps = integrated[3][joints] - found.x0[joints + 1]
+    across = integrated[4][joints][:, :, :n]
+    spread = (
+        np.einsum("jik,jkl,jil->ji", across, own[joints], across)
+        + np.einsum("jii->ji", own[joints + 1])
+        - 2.0 * np.einsum("jik,jik->ji", across, following[joints])
+    )
+    # MacKay's form of the step: the same fixed point as the mean of squares plus variances, reached in a few steps.
+    known = np.maximum(len(joints) - spread.sum(axis=0) / segments.spread**2, 1e-3 * len(joints))
+    process = np.sqrt((gaps**2).sum(axis=0) / known) if len(joints) else segments.spread
+    samples = segments.samples // len(segments.noise)
+    measurement = np.empty(len(segments.noise))
+    for c in range(len(measurement)):
+        alone = np.full(len(measurement), np.inf)
+        alone[c] = 1.0
+        only = Evaluator(replace(segments, noise=alone), evaluator.substeps)
+        cost, _, hessian, _, _ = only.integrate(program, theta, none, found.x0)
+        taken = float(np.einsum("jik,jki->", hessian, own)) / segments.noise[c] ** 2
+        measurement[c] = np.sqrt(cost.sum() / max(samples - taken, 1e-3 * samples))
+    marginal = (
+        expansion.cost
+        + expansion.log_det
+        + 2.0 * samples * float(np.log(segments.noise).sum())
+        + 2.0 * len(joints) * float(np.log(segments.spread).sum())
+    )
+    return process, measurement, float(marginal)
+
+
+def robust_evidence(searcher: Searcher, program: Program, found: Fit) -> Evidence | None:
+    """Return evidence that does not take coloured gaps for information, None where there is no expansion.
+
+    By Fisher's identity the gradient of the marginal likelihood is that of the complete one at the smoothed states: a
+    sum over segments. Sums over square-root-many blocks of segments are nearly independent, whatever the colour.
+    """
+    segments, free = searcher.segments, searcher.free
+    n = found.x0.shape[1]
+    integrated = searcher.evaluator.integrate(program, found.theta, free, found.x0)
+    expansion = searcher.evaluator.expand(program, found.theta, free, found.x0, segments.spread, 0.0, integrated)
+    if expansion is None or not expansion.finite:
+        return None
+    gradient = integrated[1][:, n:].copy()
+    joints = np.flatnonzero(segments.joined)
+    weighted = (integrated[3][joints] - found.x0[joints + 1]) / segments.spread**2
+    gradient[joints] += np.einsum("ji,jip->jp", weighted, integrated[4][joints][:, :, n:])
+    edges = np.linspace(0, len(gradient), int(np.sqrt(len(gradient))) + 1).astype(np.int64)
+    blocks = np.add.reduceat(gradient, edges[:-1], axis=0)
+    return weigh(searcher, found, expansion.information, blocks)
+
+
+def cost_without_process_noise(searcher: Searcher, outcome: Outcome) -> float:
+    """Return the penalised marginal cost of a model that follows its record, on the cut that `searcher` has."""
+    segments = searcher.segments
+    strict = with_noise(searcher, segments.noise * np.sqrt(max(outcome.scale, 1.0)), segments.spread * outcome.gap)
+    found = strict.fit(outcome.fit.theta, outcome.fit.present, segments.initial, strict.segments.spread)
+    if found is None:
+        return np.inf
+    return _expected_squares(strict, found)[2] + searcher.criterion * len(found.present)
+
+
+def search_with_process_noise(searcher: Searcher, starts: Sequence[tuple[FloatArray, IntArray]]) -> Noisy | None:
+    """Return the best model with process noise that searches end at, or None where none can start.
+
+    The searches see the first part of every record; along the way back from their ends, term by term, the free run of
+    the rest says where to stop. The best is then fitted to all.
+
+    Args:
+        searcher: data cut into segments of `PIECE` averages, and candidates.
+        starts: (slots,) coefficients to begin with, 1 in fixed slots, and the slots present.
+    """
+    program = Program.of(searcher.slots, searcher.variables, searcher.following, searcher.measured)
+    first = first_part(searcher.segments, 1.0 - HELD_OUT)
+    seen = replace(searcher, evaluator=Evaluator(first, searcher.evaluator.substeps))
+    ends = []
+    for theta, present in starts:
+        end = _search(seen, program, theta, present)
+        if end is not None:
+            ends.append(end)
+            seen = end[0]  # the next start begins with the noise that this one found
+        if time.monotonic() > searcher.deadline:
+            break
+    if not ends:
+        return None
+    seen, here, _, trail = min(ends, key=lambda end: end[2])
+    begun = with_noise(searcher, seen.segments.noise, seen.segments.spread)
+    found = begun.fit(here.theta, here.present, begun.segments.initial, begun.segments.spread)
+    if found is None:
+        return None
+    fitted, found, marginal = estimate_noise(begun, found)
+    evidence = robust_evidence(fitted, program, found)
+    if evidence is None:
+        return None
+    noise = fitted.segments.noise, fitted.segments.spread
+    return Noisy(found, fitted, *noise, marginal, evidence, free_run_error(seen, here.theta), trail)
+
+
+def _search(
+    seen: Searcher, program: Program, theta: FloatArray, present: IntArray
+) -> tuple[Searcher, Fit, float, tuple[Move, ...]] | None:
+    """Return the end of one search: the searcher with its noise, the fit, its penalised cost, the trail."""
+    here = seen.fit(theta, np.sort(present), seen.segments.initial, seen.segments.spread)
+    if here is None:
+        return None
+    trail = list[Move]()
+    for _ in range(ALTERNATIONS):
+        seen, here, marginal = estimate_noise(seen, here)
+        before = here.present
+        here = _settle(seen, program, here, trail)
+        if np.array_equal(before, here.present) or time.monotonic() > seen.deadline:
+            break
+    here = _shortest(seen, program, here, trail)
+    return seen, here, marginal + seen.criterion * len(here.present), tuple(trail)
+
+
+def _settle(searcher: Searcher, program: Program, here: Fit, trail: list[Move]) -> Fit:
+    """Drop and add by the robust evidence until nothing moves."""
+    refused = set[int]()
+    gap = searcher.segments.spread
+    for _ in range(STEPS):
+        evidence = robust_evidence(searcher, program, here)
+        if evidence is None or time.monotonic() > searcher.deadline:
+            return here
+        if len(here.present) and evidence.wald.min() < searcher.criterion:
+            shorter = _without(searcher, here, int(np.argmin(evidence.wald)))
+            if shorter is None:
+                return here
+            k = int(here.present[np.argmin(evidence.wald)])
+            trail.append(searcher.move(1.0, "drop", k, float(evidence.wald.min()), shorter.cost))
+            refused.add(k)  # what was dropped once does not come back: the two tests need not agree
+            here = shorter
+            continue
+        scores = evidence.scores.copy()
+        scores[list(refused)] = 0.0
+        k = int(np.argmax(scores))
+        if scores[k] < searcher.criterion:
+            return here
+        present = np.array(sorted([*here.present.tolist(), k]), dtype=np.int64)
+        longer = searcher.fit(here.theta, present, here.x0, gap)
+        if longer is None or here.cost - longer.cost < searcher.criterion:
+            refused.add(k)
+            continue
+        trail.append(searcher.move(1.0, "add", k, float(scores[k]), longer.cost))
+        here = longer
+    return here
+
+
+def _without(searcher: Searcher, here: Fit, place: int) -> Fit | None:
+    theta = here.theta.copy()
+    theta[here.present[place]] = 0.0
+    return searcher.fit(theta, np.delete(here.present, place), here.x0, searcher.segments.spread)
+
+
+def _shortest(searcher: Searcher, program: Program, here: Fit, trail: list[Move]) -> Fit:
+    """Return the shortest model, on the way back from `here`, whose free run of what it has not seen is no worse."""
+    path, moves = [here], list[Move]()
+    while len(path[-1].present) > 1 and time.monotonic() < searcher.deadline:
+        evidence = robust_evidence(searcher, program, path[-1])
+        if evidence is None or evidence.wald.min() > THIN * searcher.criterion:
+            break
+        place = int(np.argmin(evidence.wald))
+        shorter = _without(searcher, path[-1], place)
+        if shorter is None:
+            break
+        k = int(path[-1].present[place])
+        moves.append(searcher.move(1.0, "leave out", k, float(evidence.wald[place]), shorter.cost))
+        path.append(shorter)
+    errors = np.array([free_run_error(searcher, f.theta) for f in path])
+    last = int(np.flatnonzero(errors <= NO_WORSE * errors.min())[-1])
+    trail.extend(moves[:last])
+    return path[last]
+
+
+def first_part(segments: Segments, share: float) -> Segments:
+    """Return the segments that lie in the first part of their record; every record keeps one."""
+    keep = np.zeros(len(segments.start), dtype=np.bool_)
+    joined = segments.joined.copy()
+    first = 0
+    for end in np.flatnonzero(~segments.joined):
+        last = first + max(int(share * (end + 1 - first)), 1) - 1
+        keep[first : last + 1] = True
+        joined[last] = False
+        first = int(end) + 1
+    return replace(segments, start=segments.start[keep], count=segments.count[keep], joined=joined[keep])
+
+
+def free_run_error(searcher: Searcher, theta: FloatArray) -> float:
+    """Return the mean squared error of free runs over the last part of every record, saturating at 1.
+
+    They begin at the smoothed states, at the parts of the stretch, and last until its end; errors are in units of the
+    channel's variance over all records.
+    """
+    segments = searcher.segments
+    starts, counts = [], []
+    filtered, measured = segments.filtered, segments.measured
+    for begin, end in segments.runs:
+        low = begin + int((1.0 - HELD_OUT) * (end - begin))
+        for k in range(WINDOWS):
+            at = low + k * (end - low) // WINDOWS
+            if end - at > 1:
+                starts.append(at)
+                counts.append(end - at)
+    start, count = np.array(starts, dtype=np.int64), np.array(counts, dtype=np.int64)
+    spread = np.maximum(measured.std(axis=0), 1e-300)
+    windows = replace(segments, start=start, count=count, joined=np.zeros(len(start), dtype=np.bool_), noise=spread)
+    program, kept = searcher.program(np.flatnonzero(theta))
+    evaluator = Evaluator(windows, searcher.evaluator.substeps)
+    cost, *_ = evaluator.integrate(program, theta[kept], np.zeros(0, dtype=np.int64), filtered[start])
+    error = cost / (count * measured.shape[1])
+    return float(np.mean(np.where(np.isfinite(error), error / (1.0 + error), 1.0)))
