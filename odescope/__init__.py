@@ -35,6 +35,7 @@ _HOMES = {
     "model.explicit": ("explicit",),
     "model.simulate": ("Trajectory", "simulate"),
     "model.initial": ("initial_state",),
+    "likelihood.search": ("LikelihoodSearch",),
     "export.text": ("to_latex", "to_text"),
     "export.code": ("to_python",),
     "export.modelfile": ("from_json", "read_model", "to_json"),

@@ -21,8 +21,8 @@ from odescope.likelihood.posterior import joint_covariances
 from odescope.likelihood.search import THIN, Move, Outcome, Searcher
 
 PIECE = 5  # averages a segment: what a model lacks may change within a fraction of the shortest period in the record
-HELD_OUT = 0.2  # of every record, its end, that the search does not see
-WINDOWS = 4  # free runs a held-out stretch that begin at its parts; one more runs through all of it
+FIFTH = 5  # one record in so many is held out from searches; of fewer records, that part of each
+WINDOWS = 4  # free runs a stretch that is held out
 EM_ITERATIONS = 30
 EM_CONVERGED = 1.0  # fall of the marginal cost, in units of chi-squared
 EM_FITS = 4  # Levenberg-Marquardt steps between two estimates of the noise
@@ -37,8 +37,8 @@ NO_WORSE = 1.02  # held-out error over the least: a term that buys less is left 
 class Noisy:
     """A model with process noise. Shapes: measurement (c,) standard deviation of an average, process (n,) of a gap.
 
-    `marginal` is -2 log of the marginal likelihood less a constant; `held_out` the error of free runs on the stretch
-    that the search did not see (`free_run_error`).
+    `marginal` is -2 log of the marginal likelihood less a constant; `held_out` the error of free runs on what the
+    search did not see (`free_run_error`).
     """
 
     fit: Fit
@@ -168,15 +168,15 @@ def cost_without_process_noise(searcher: Searcher, outcome: Outcome) -> float:
 def search_with_process_noise(searcher: Searcher, starts: Sequence[tuple[FloatArray, IntArray]]) -> Noisy | None:
     """Return the best model with process noise that searches end at, or None where none can start.
 
-    The searches see the first part of every record; along the way back from their ends, term by term, the free run of
-    the rest says where to stop. The best is then fitted to all.
+    Some of the data are held out from the searches; along the way back from their ends, term by term, free runs of
+    that say where to stop. The best is then fitted to all.
 
     Args:
         searcher: data cut into segments of `PIECE` averages, and candidates.
         starts: (slots,) coefficients to begin with, 1 in fixed slots, and the slots present.
     """
     program = Program.of(searcher.slots, searcher.variables, searcher.following, searcher.measured)
-    first = first_part(searcher.segments, 1.0 - HELD_OUT)
+    first = without_held_out(searcher.segments)
     seen = replace(searcher, evaluator=Evaluator(first, searcher.evaluator.substeps))
     ends = []
     for theta, present in starts:
@@ -277,40 +277,47 @@ def _shortest(searcher: Searcher, program: Program, here: Fit, trail: list[Move]
     return path[last]
 
 
-def first_part(segments: Segments, share: float) -> Segments:
-    """Return the segments that lie in the first part of their record; every record keeps one."""
-    keep = np.zeros(len(segments.start), dtype=np.bool_)
-    joined = segments.joined.copy()
-    first = 0
-    for end in np.flatnonzero(~segments.joined):
-        last = first + max(int(share * (end + 1 - first)), 1) - 1
-        keep[first : last + 1] = True
-        joined[last] = False
-        first = int(end) + 1
-    return replace(segments, start=segments.start[keep], count=segments.count[keep], joined=joined[keep])
+def held_out(segments: Segments) -> list[tuple[int, int]]:
+    """Return begin and end, in averages, of what searches do not see: every fifth record, or the end of each if few."""
+    if len(segments.runs) >= FIFTH:
+        return list(segments.runs[FIFTH - 1 :: FIFTH])
+    return [(end - (end - begin) // FIFTH, end) for begin, end in segments.runs]
+
+
+def without_held_out(segments: Segments) -> Segments:
+    """Return the segments that have nothing in common with what is held out."""
+    begin, end = segments.start, segments.start + segments.count
+    keep = np.ones(len(begin), dtype=np.bool_)
+    for low, high in held_out(segments):
+        keep &= (end <= low) | (begin >= high)
+    joined = segments.joined & np.append(keep[1:], False)
+    return replace(segments, start=begin[keep], count=segments.count[keep], joined=joined[keep])
 
 
 def free_run_error(searcher: Searcher, theta: FloatArray) -> float:
-    """Return the mean squared error of free runs over the last part of every record, saturating at 1.
+    """Return the mean squared error of free runs over what is held out, saturating at 1.
 
-    They begin at the smoothed states, at the parts of the stretch, and last until its end; errors are in units of the
-    channel's variance over all records.
+    They begin at smoothed states within every stretch, away from its edges where smoothing is poor, and last until its
+    end; errors are in units of the channel's variance over all records.
     """
     segments = searcher.segments
-    starts, counts = [], []
-    filtered, measured = segments.filtered, segments.measured
-    for begin, end in segments.runs:
-        low = begin + int((1.0 - HELD_OUT) * (end - begin))
-        for k in range(WINDOWS):
-            at = low + k * (end - low) // WINDOWS
-            if end - at > 1:
-                starts.append(at)
-                counts.append(end - at)
-    start, count = np.array(starts, dtype=np.int64), np.array(counts, dtype=np.int64)
-    spread = np.maximum(measured.std(axis=0), 1e-300)
-    windows = replace(segments, start=start, count=count, joined=np.zeros(len(start), dtype=np.bool_), noise=spread)
+    measured = segments.measured
+    windows = [
+        (low + (2 * k + 1) * (high - low) // (2 * WINDOWS + 2), high)
+        for low, high in held_out(segments)
+        for k in range(WINDOWS)
+    ]
+    start, end = np.array(windows, dtype=np.int64).T
+    loose = replace(
+        segments,
+        start=start,
+        count=end - start,
+        joined=np.zeros(len(start), dtype=np.bool_),
+        noise=np.maximum(measured.std(axis=0), 1e-300),
+    )
     program, kept = searcher.program(np.flatnonzero(theta))
-    evaluator = Evaluator(windows, searcher.evaluator.substeps)
-    cost, *_ = evaluator.integrate(program, theta[kept], np.zeros(0, dtype=np.int64), filtered[start])
-    error = cost / (count * measured.shape[1])
+    evaluator = Evaluator(loose, searcher.evaluator.substeps)
+    none = np.zeros(0, dtype=np.int64)
+    cost, *_ = evaluator.integrate(program, theta[kept], none, segments.filtered[start])
+    error = cost / (loose.count * measured.shape[1])
     return float(np.mean(np.where(np.isfinite(error), error / (1.0 + error), 1.0)))

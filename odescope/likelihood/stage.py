@@ -32,7 +32,8 @@ from odescope.signals.estimate import Signals
 FORWARD_TERMS = 6  # of a sparse forward selection that a search may begin from
 FINEST = 8  # steps of RK4 a block average, at most
 JOINED_SHARE = 0.6  # of the time, at most, for the search without process noise
-NO_WORSE_THAN_PROPOSED = 1.5  # free-run error over that of the regression's model, which has seen the held-out stretch
+NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
+NEGLIGIBLE = 1e-3  # of the variance
 FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
 STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that does not ask for shorter steps
 STEP_SHARE = 0.01  # of the cost, and
@@ -141,9 +142,9 @@ def _with_process_noise(
         return None
     if _joined(best) and cost_without_process_noise(searcher, best) < process.penalised:
         return None
-    if process.held_out > NO_WORSE_THAN_PROPOSED * free_run_error(searcher, starts[0][0]):
-        return None
-    return process
+    # Compared as fitted to all: the proposal has seen what was held out too.
+    proposed, found = (free_run_error(searcher, theta) for theta in (starts[0][0], process.fit.theta))
+    return process if found < max(NO_WORSE_THAN_PROPOSED * proposed, NEGLIGIBLE) else None
 
 
 def _evidence(searcher: Searcher, outcome: Outcome) -> Evidence | None:
