@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.delays import delayed
 from odescope.errors import InputError, nearest
 from odescope.export.modelfile import read_model
 from odescope.model.initial import initial_state
@@ -49,7 +50,7 @@ def free_runs(
         held=frozenset(i.name for i in model.inputs if i.hold == "zero"),
         recording=recording,
     )
-    records = read_records([data_path], layout)
+    records = delayed(read_records([data_path], layout), model.inputs)
     out, notes = io.StringIO(), []
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow((*(() if recording is None else (recording,)), time or "t", *model.states))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import permutations, product
@@ -14,7 +14,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from odescope.arrays import FloatArray
+from odescope.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
 from odescope.errors import InputError, NoModelError
+from odescope.library.candidates import Library
 from odescope.library.expression import Term
 from odescope.likelihood.account import likelihood_notes, likelihood_scores
 from odescope.likelihood.stage import Refinement, refine
@@ -22,11 +24,12 @@ from odescope.model.explicit import denominator_ranges
 from odescope.model.model import Json, Model, Relation, RelationTerm
 from odescope.model.simulate import simulate
 from odescope.readers import read_records, records_from
-from odescope.records import Records, check_channels
+from odescope.records import Coordinate, Input, Records, check_channels
 from odescope.selection.problem import Problem, pose
 from odescope.selection.rank import Candidate, Ranked, left_column, rank
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
 from odescope.signals.estimate import Signals, estimate_signals
+from odescope.signals.outliers import clip_outliers
 from odescope.study import Study
 
 TRIED = 4  # families a target that are tried when the best do not determine the targets together
@@ -72,6 +75,16 @@ class Identification:
             for target, score in targets.items()
             if score["denominator"]["box"][0] * score["denominator"]["box"][1] <= 0.0
         }
+        delays: Any = self.model.scores.get("delays", {})
+        notes |= {
+            f"{name} acts {d['delay']:.4g} s after it was recorded"
+            + ("" if d["std_error"] is None else f" (standard error {d['std_error']:.2g} s)"): None
+            for name, d in delays.items()
+        }
+        outliers: Any = self.model.scores.get("outliers", {})
+        notes |= {
+            f"{count} samples of {name} were clipped as outliers": None for name, count in outliers.items() if count
+        }
         if self.refinement is not None:
             notes |= dict.fromkeys(likelihood_notes(self.refinement, self.model.targets))
         return tuple(notes)
@@ -97,7 +110,7 @@ def identify(study: Study, data: Any = None, watch: Watch = lambda _: None) -> I
 
 def _identify(study: Study, data: Any, watch: Watch) -> Identification:
     seconds: dict[str, float] = {}
-    coordinates, inputs = study.measured(), study.driven()
+    coordinates = study.measured()
 
     @contextmanager
     def stage(name: str) -> Any:
@@ -107,27 +120,33 @@ def _identify(study: Study, data: Any, watch: Watch) -> Identification:
         seconds[name] = seconds.get(name, 0.0) + time.perf_counter() - begin
 
     with stage("records"):
-        records = _records(study, data)
-        check_channels(records, coordinates, inputs)
+        recorded = _records(study, data)
+        check_channels(recorded, coordinates, study.driven())
     with stage("library"):
         libraries = [study.candidates(c.target) for c in coordinates]
         for c, library in zip(coordinates, libraries, strict=True):
-            if records.samples < len(library):
+            if recorded.samples < len(library):
                 raise InputError(
-                    f"{records.samples} samples cannot decide between {len(library)} candidate terms for {c.target}:"
+                    f"{recorded.samples} samples cannot decide between {len(library)} candidate terms for {c.target}:"
                     " record longer, or shrink the library ([library] degree, basis or rules)"
                 )
+    records, outliers = recorded, dict[str, int]()
+    if study.signals.outliers == "clip":
+        with stage("signals"):
+            records, outliers = clip_outliers(recorded, coordinates, study.signals.differentiator)
+    inputs, delays = study.driven(), dict[str, Delay]()
+    wanted = [name for name, i in study.inputs.items() if i.delay == "estimate"]
+    if wanted:
+        with stage("delays"):
+            delays = _delays(study, records, libraries, wanted)
+        inputs = with_delays(inputs, {name: d.seconds for name, d in delays.items()})
     with stage("signals"):
-        signals = estimate_signals(
-            records, coordinates, inputs, study.signals.differentiator, study.signals.margin, study.signals.thin
-        )
+        records = delayed(records, inputs, max((abs(i.delay) for i in inputs), default=0.0) or None)
+        signals = _signals(study, records, inputs)
     searches = []
     for c, library in zip(coordinates, libraries, strict=True):
         with stage("regression"):
-            problem = pose(signals, c.target, c.order, library, study.regression.rows)
-            whole = (tuple(range(len(problem.terms))),)
-            nested = nested_libraries(problem.rests, problem.own) if study.regression.nested else whole
-            found = sweep(problem.factor, problem.terms, nested, study.regression.proposers)
+            problem, found = _swept(study, signals, c, library)
         with stage("selection"):
             searches.append(Search(problem, found, rank(problem, found, study.selection), library.removed))
     with stage("model"):
@@ -142,13 +161,14 @@ def _identify(study: Study, data: Any, watch: Watch) -> Identification:
                 _as_adopted(s, c, r, signals.targets) for s, c, r in zip(searches, chosen, model.relations, strict=True)
             )
     with stage("model"):
-        model = replace(
-            model,
-            scores=_scores(model, signals, searches, chosen, refinement, study.random.seed),
-            domain=_domain(signals, model),
-        )
+        scores = _scores(model, signals, searches, chosen, refinement, study.random.seed)
+        if outliers:
+            scores["outliers"] = dict[str, Json](outliers)
+        if delays:
+            scores["delays"] = {n: {"delay": d.seconds, "std_error": d.std_error} for n, d in delays.items()}
+        model = replace(model, scores=scores, domain=_domain(signals, model))
         model = replace(model, provenance=_provenance(study, signals))
-    return Identification(study, records, signals, tuple(searches), chosen, model, refinement, seconds)
+    return Identification(study, recorded, signals, tuple(searches), chosen, model, refinement, seconds)
 
 
 def _records(study: Study, data: Any) -> Records:
@@ -159,6 +179,39 @@ def _records(study: Study, data: Any) -> Records:
     if isinstance(data, Records):
         return data
     return records_from(data, study.layout())
+
+
+def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals:
+    options = study.signals
+    return estimate_signals(records, study.measured(), inputs, options.differentiator, options.margin, options.thin)
+
+
+def _swept(study: Study, signals: Signals, coordinate: Coordinate, library: Library) -> tuple[Problem, Sweep]:
+    """Return the regression problem of a target, and all the supports that are found for it."""
+    problem = pose(signals, coordinate.target, coordinate.order, library, study.regression.rows)
+    whole = (tuple(range(len(problem.terms))),)
+    nested = nested_libraries(problem.rests, problem.own) if study.regression.nested else whole
+    return problem, sweep(problem.factor, problem.terms, nested, study.regression.proposers)
+
+
+def _delays(study: Study, records: Records, libraries: Sequence[Library], wanted: Sequence[str]) -> dict[str, Delay]:
+    """Return the delays for which the criterion, summed over the targets, is least."""
+    inputs = study.driven()
+    period = 1.0 / max(c.cutoff for c in _signals(study, records, inputs).channels)
+    lead = (LARGEST + 1.0) * period + max(abs(i.delay) for i in inputs)
+
+    def cost(delays: Mapping[str, float]) -> float:
+        signals = _signals(study, delayed(records, with_delays(inputs, delays), lead), inputs)
+        total = 0.0
+        for c, library in zip(study.measured(), libraries, strict=True):
+            problem, found = _swept(study, signals, c, library)
+            try:
+                total += min(x.criterion for x in rank(problem, found, study.selection).candidates)
+            except NoModelError:  # far from the delay nothing fits
+                return np.inf
+        return total
+
+    return estimate_delays(cost, wanted, period)
 
 
 def to_relation(problem: Problem, candidate: Candidate, targets: Sequence[str]) -> Relation:
@@ -173,7 +226,6 @@ def to_relation(problem: Problem, candidate: Candidate, targets: Sequence[str]) 
 
 def _choose(study: Study, signals: Signals, searches: Sequence[Search]) -> tuple[tuple[Candidate, ...], Model]:
     """Return the best relations that together determine the targets, and their model."""
-    coordinates, inputs = study.measured(), study.driven()
     heads = []
     for s in searches:
         first = {c.family: c for c in reversed(s.ranked.candidates) if c.explained >= study.selection.explain}
@@ -185,7 +237,7 @@ def _choose(study: Study, signals: Signals, searches: Sequence[Search]) -> tuple
         if any(_say_the_same(*one, *other) for one, other in pairs):
             continue
         relations = tuple(to_relation(s.problem, c, signals.targets) for s, c in zip(searches, chosen, strict=True))
-        model = Model(coordinates, inputs, relations)
+        model = Model(signals.coordinates, signals.inputs, relations)
         if _determined(model, signals):
             return chosen, model
     raise NoModelError("model", "the best relations of the targets do not determine them together: two say the same")

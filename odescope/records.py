@@ -177,16 +177,22 @@ class Coordinate:
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """A quantity that drives the system, and how it runs between samples: linearly, or held ("zero" order)."""
+    """A quantity that drives the system, and how it runs between samples: linearly, or held ("zero" order).
+
+    It acts `delay` seconds after it was recorded.
+    """
 
     name: str
     hold: Hold = "linear"
     unit: str | None = None
+    delay: float = 0.0
 
     def __post_init__(self) -> None:
         check_name(self.name, "input")
         if self.hold not in ("linear", "zero"):
             raise InputError(f"input {self.name!r}: hold must be 'linear' or 'zero', got {self.hold!r}")
+        if not np.isfinite(self.delay):
+            raise InputError(f"input {self.name!r}: delay must be a number of seconds, got {self.delay!r}")
 
 
 def check_channels(records: Records, coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> None:

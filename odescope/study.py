@@ -50,11 +50,16 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A recorded input; its name is its key in the study."""
+    """A recorded input; its name is its key in the study. It acts `delay` seconds late, or as late as fits best."""
 
     column: str | None = None
     hold: Literal["linear", "zero"] = "linear"
     unit: str | None = None
+    delay: float | Literal["estimate"] = 0.0
+
+    def __post_init__(self) -> None:
+        if self.delay != "estimate" and not math.isfinite(self.delay):
+            raise InputError(f'delay must be a number of seconds or "estimate", got {self.delay!r}')
 
 
 class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -84,11 +89,15 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class Filtering(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How signals are filtered and differentiated; `margin` is in periods of the lowest cutoff, at each end."""
+    """How signals are filtered and differentiated; `margin` is in periods of the lowest cutoff, at each end.
+
+    `outliers` are kept, or clipped to three standard deviations about the filtered signal, which is Huber's loss.
+    """
 
     differentiator: AnyDifferentiator = Spectral()
     margin: Annotated[float, msgspec.Meta(ge=0.0)] = 0.5
     thin: bool = True
+    outliers: Literal["keep", "clip"] = "keep"
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.margin < math.inf:
@@ -151,8 +160,10 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         return found
 
     def driven(self) -> tuple[Input, ...]:
-        """Return the inputs."""
-        return tuple(Input(name, i.hold, i.unit) for name, i in self.inputs.items())
+        """Return the inputs, those whose delay is to be estimated without one."""
+        return tuple(
+            Input(name, i.hold, i.unit, 0.0 if i.delay == "estimate" else i.delay) for name, i in self.inputs.items()
+        )
 
     def layout(self) -> Layout:
         """Return how the recordings are laid out."""

@@ -23,10 +23,11 @@ class _Coordinate(msgspec.Struct, forbid_unknown_fields=True):
     unit: str | None
 
 
-class _Input(msgspec.Struct, forbid_unknown_fields=True):
+class _Input(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     name: str
     hold: Literal["linear", "zero"]
     unit: str | None
+    delay: float | None = None  # written only where there is one
 
 
 class _Term(msgspec.Struct, forbid_unknown_fields=True):
@@ -60,7 +61,7 @@ def to_json(model: Model) -> str:
         format="odescope/model",
         version=1,
         coordinates=[_Coordinate(c.name, c.order, c.angle, c.cyclic, c.unit) for c in model.coordinates],
-        inputs=[_Input(i.name, i.hold, i.unit) for i in model.inputs],
+        inputs=[_Input(i.name, i.hold, i.unit, i.delay or None) for i in model.inputs],
         states=list(model.states),
         targets=list(model.targets),
         relations=[
@@ -111,7 +112,7 @@ def from_json(data: bytes | str) -> Model:
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(_explained(str(error))) from error
     coordinates = tuple(Coordinate(c.name, c.order, c.angle, c.cyclic, c.unit) for c in file.coordinates)
-    inputs = tuple(Input(i.name, i.hold, i.unit) for i in file.inputs)
+    inputs = tuple(Input(i.name, i.hold, i.unit, i.delay or 0.0) for i in file.inputs)
     if not coordinates:
         raise InputError("it has no coordinate")
     names = [n for c in coordinates for n in (*c.states, c.target)] + [i.name for i in inputs]
