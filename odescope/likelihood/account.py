@@ -132,38 +132,44 @@ def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
     lacking = begin - last[joints]
     present = [searcher.slots[k].term for k in kept]
     velocities = [int(np.flatnonzero(following == j)[0]) for j in range(len(following)) if (following == j).any()]
+    moving = [int(following[v]) for v in velocities if not _has_sign(present, names[following[v]])]
+    rates = np.diff(segments.inputs[segments.start, 0], axis=0, append=0.0)[joints]
+    causes = np.column_stack([*(np.sign(begin[:, j]) for j in moving), rates])
     sentences = []
     for i in np.flatnonzero(following < 0):
-        target = targets[-1 - following[i]]
-        for j in (following[v] for v in velocities):
-            share = _goes_with(lacking[:, i], np.sign(begin[:, j]))
-            if share is not None and not _has_sign(present, names[j]):
+        target, shares = targets[-1 - following[i]], _goes_with(lacking[:, i], causes)
+        for j, share in zip(moving, shares, strict=False):
+            if share is not None:
                 sentences.append(
                     f"what is unexplained of {target} goes with the sign of {names[j]} (correlation {share:.2g}), as"
                     f" dry friction does: try sign({names[j]}) in the library's basis"
                 )
-        for k in range(segments.inputs.shape[2]):
-            rate = np.diff(segments.inputs[segments.start, 0, k], append=0.0)[joints]
-            share = _goes_with(lacking[:, i], rate)
+        for name, share in zip(names[len(following) :], shares[len(moving) :], strict=True):
             if share is not None:
                 sentences.append(
-                    f"what is unexplained of {target} goes with the rate of {names[len(following) + k]} (correlation"
-                    f" {share:.2g}), as with a delay between what was recorded and what acted"
+                    f"what is unexplained of {target} goes with the rate of {name} (correlation {share:.2g}), as with"
+                    " a delay between what was recorded and what acted"
                 )
     return sentences
 
 
-def _goes_with(lacking: FloatArray, cause: FloatArray) -> float | None:
-    """Return the correlation if it is clear, and much the same between blocks of the record."""
-    lacking, cause = lacking - lacking.mean(), cause - cause.mean()
-    scale = np.sqrt((lacking @ lacking) * (cause @ cause))
-    if not scale > 0.0:
-        return None
-    edges = np.linspace(0, len(lacking), int(np.sqrt(len(lacking))) + 1).astype(np.int64)
-    blocks = np.add.reduceat(lacking * cause, edges[:-1]) / scale
-    correlation = float(blocks.sum())
-    sure = correlation**2 > SURE * float(blocks @ blocks)
-    return correlation if sure and abs(correlation) > CLEAR else None
+def _goes_with(lacking: FloatArray, causes: FloatArray) -> list[float | None]:
+    """Return the correlation with each cause, the others taken out, where it is clear and alike between blocks."""
+    shares: list[float | None] = []
+    for k in range(causes.shape[1]):
+        others = np.column_stack([np.ones(len(causes)), np.delete(causes, k, axis=1)])
+        both = np.column_stack([lacking, causes[:, k]])
+        rest = both - others @ np.linalg.lstsq(others, both, rcond=None)[0]
+        scale = float(np.sqrt(np.prod(np.sum(rest**2, axis=0))))
+        if not scale > 0.0:
+            shares.append(None)
+            continue
+        edges = np.linspace(0, len(rest), int(np.sqrt(len(rest))) + 1).astype(np.int64)
+        blocks = np.add.reduceat(rest[:, 0] * rest[:, 1], edges[:-1]) / scale
+        share = float(blocks.sum())
+        sure = len(blocks) > 1 and share**2 > SURE * len(blocks) * float(blocks.var(ddof=1))
+        shares.append(share if sure and abs(share) > CLEAR else None)
+    return shares
 
 
 def _has_sign(terms: list[Term], velocity: str) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.likelihood.fit import Fit
+from odescope.likelihood.fit import SINGULAR, Fit
 from odescope.likelihood.search import Searcher
 
 TOLD_APART = 1e-6  # share of a candidate's information that the present terms leave to it, at least
@@ -41,15 +41,17 @@ def weigh(searcher: Searcher, found: Fit, information: FloatArray, blocks: Float
     here = np.isin(free, found.present)
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled, slopes = information / np.outer(scale, scale), blocks / scale
-    inverse = np.linalg.pinv(scaled[np.ix_(here, here)], rcond=1e-10, hermitian=True)
+    values, vectors = np.linalg.eigh(scaled[np.ix_(here, here)])
+    # What two terms cannot be told apart by is rounding, of either sign: large variances, never negative or small ones.
+    inverse = (vectors / np.maximum(values, SINGULAR * values.max(initial=0.0))) @ vectors.T
     cross = scaled[np.ix_(here, ~here)]
     influence = slopes[:, here] @ inverse
     left = np.diag(scaled)[~here] - np.einsum("ij,ij->j", cross, inverse @ cross)
     projected = slopes[:, ~here] - influence @ cross
     own, spread = np.diag(inverse), np.maximum(left, 1e-300)
     if len(blocks) > 1:
-        own = np.maximum(own, np.einsum("bi,bi->i", influence, influence))
-        spread = np.maximum(spread, np.einsum("bj,bj->j", projected, projected))
+        own = np.maximum(own, _between(influence))
+        spread = np.maximum(spread, _between(projected))
     variances = own / scale[here] ** 2
     told = left > TOLD_APART
     scores, limits = np.zeros(len(searcher.slots)), np.zeros(len(searcher.slots))
@@ -61,6 +63,13 @@ def weigh(searcher: Searcher, found: Fit, information: FloatArray, blocks: Float
         scores,
         found.theta[free[here]] ** 2 / np.maximum(variances, 1e-300),
         variances,
-        inverse / np.outer(diagonal, diagonal),
+        np.clip(inverse / np.outer(diagonal, diagonal), -1.0, 1.0),
         limits,
     )
+
+
+def _between(blocks: FloatArray) -> FloatArray:
+    """Return the variance of the sum of blocks (b, k), from how they differ from their mean."""
+    count = len(blocks)
+    variance: FloatArray = count * blocks.var(axis=0, ddof=1)
+    return variance
