@@ -35,6 +35,7 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[st
             "target": targets[m.relation],
             "term": m.term,
             "statistic": m.statistic,
+            "price": m.price,
             "cost": m.cost,
         }
         for m in moves
@@ -42,7 +43,6 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[st
     scores: dict[str, Json] = {
         "follows": refinement.follows,
         "residual_variance": outcome.scale,
-        "criterion": searcher.criterion,
         "gap": outcome.gap if np.isfinite(outcome.gap) else None,
         "finished": outcome.finished,
         "starts": refinement.starts,
@@ -101,7 +101,7 @@ def likelihood_notes(refinement: Refinement, targets: Sequence[str]) -> list[str
         notes.append(f"the model leaves {sizes} unexplained (root mean square); standard errors allow for it")
         notes += missing_physics(process, targets)
     if refinement.evidence is not None:
-        weak = refinement.evidence.wald < THIN * refinement.searcher.criterion
+        weak = refinement.evidence.wald < THIN * refinement.searcher.price[refinement.fit.present]
         thin = [
             f"{_text(refinement.searcher.slots[k], targets)} in {targets[refinement.searcher.slots[k].relation]}"
             f" ({np.sqrt(w):.1f} standard errors)"

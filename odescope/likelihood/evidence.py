@@ -32,7 +32,7 @@ def weigh(searcher: Searcher, found: Fit, information: FloatArray, blocks: Float
     """Return the evidence in a reduced information matrix, checked against the spread between blocks of the record.
 
     Args:
-        searcher: candidates and criterion.
+        searcher: candidates and their prices.
         found: a fit of some of them.
         information: (f, f) of all free slots, initial states eliminated.
         blocks: (b, f) gradients of the blocks of the record, which sum to the whole; a single row is no check.
@@ -56,7 +56,7 @@ def weigh(searcher: Searcher, found: Fit, information: FloatArray, blocks: Float
     told = left > TOLD_APART
     scores, limits = np.zeros(len(searcher.slots)), np.zeros(len(searcher.slots))
     scores[free[~here]] = np.where(told, projected.sum(axis=0) ** 2 / spread, 0.0)
-    reach = np.sqrt(searcher.criterion * spread) / np.maximum(left, 1e-300) / scale[~here]
+    reach = np.sqrt(searcher.price[free[~here]] * spread) / np.maximum(left, 1e-300) / scale[~here]
     limits[free[~here]] = np.where(told, reach, np.inf)
     diagonal = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
     return Evidence(

@@ -18,6 +18,8 @@ from odescope.likelihood.kernel import eliminate, integrate, substitute
 ITERATIONS = 40
 CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit
 LARGEST_DAMPING = 1e8
+CLOSING = 3  # steps more, at most, that close the joints which a long step left open
+LEAST = 1e-200  # information about a coefficient: what rounding leaves of none can be negative
 SINGULAR = 1e-10  # least eigenvalue of a scaled information matrix, over the largest, that is not rounding
 
 
@@ -86,6 +88,14 @@ class Expansion:
     def finite(self) -> bool:
         """Whether no sensitivity overflowed."""
         return bool(np.isfinite(self.information).all() and np.isfinite(self.gradient).all())
+
+
+def scaled(information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the information as correlations, and the scale of each coefficient, its square root."""
+    scale = np.sqrt(np.maximum(np.diag(information), LEAST))
+    with np.errstate(over="ignore"):  # two coefficients of which the data say nothing: rounding over next to nothing
+        correlations: FloatArray = np.clip(information / scale / scale[:, None], -1.0, 1.0)
+    return correlations, scale
 
 
 class Evaluator:
@@ -161,9 +171,9 @@ class Evaluator:
         """Return the step of parameters and initial states that the expansion asks for."""
         joined: BoolArray = self.segments.joined & bool(np.all(np.isfinite(gap)))
         if len(expansion.gradient):
-            scale = np.sqrt(np.maximum(np.diag(expansion.information), 1e-300))
+            information, scale = scaled(expansion.information)
             try:
-                solved = np.linalg.solve(expansion.information / np.outer(scale, scale), -expansion.gradient / scale)
+                solved = np.linalg.solve(information, -expansion.gradient / scale)
             except np.linalg.LinAlgError:
                 return None
             step = solved / scale
@@ -187,12 +197,67 @@ class Fit:
     @property
     def variances(self) -> FloatArray:
         """Variances of the present coefficients, (p,), at the noise that the costs were weighed with."""
-        scale = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
-        values, vectors = np.linalg.eigh(self.information / np.outer(scale, scale))
+        information, scale = scaled(self.information)
+        values, vectors = np.linalg.eigh(information)
         # What two terms cannot be told apart by is rounding, of either sign: large variances, never negative ones.
         values = np.maximum(values, SINGULAR * values.max(initial=0.0))
         variances: FloatArray = (vectors**2 @ (1.0 / values)) / scale**2
         return variances
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Where a fit stands: coefficients, initial states, what the kernel returned there, and the expansion of that."""
+
+    theta: FloatArray
+    x0: FloatArray
+    integrated: tuple[FloatArray, ...]
+    expansion: Expansion
+
+
+@dataclass(frozen=True, eq=False)
+class _Descent:
+    """What stays the same from step to step of a fit."""
+
+    evaluator: Evaluator
+    program: Program
+    present: IntArray
+    gap: FloatArray
+
+    def at(self, theta: FloatArray, x0: FloatArray) -> _Point | None:
+        """Return the point, or None where a segment blows up."""
+        integrated = self.evaluator.integrate(self.program, theta, self.present, x0)
+        expansion = self.evaluator.expand(self.program, theta, self.present, x0, self.gap, 0.0, integrated)
+        return None if expansion is None or not expansion.finite else _Point(theta, x0, integrated, expansion)
+
+    def after(self, here: _Point, damping: float) -> _Point | None:
+        """Return the point that the expansion asks for, or None where that is none."""
+        damped = self.evaluator.expand(
+            self.program, here.theta, self.present, here.x0, self.gap, damping, here.integrated
+        )
+        step = None if damped is None else self.evaluator.change(damped, self.gap)
+        if step is None:
+            return None
+        theta = here.theta.copy()
+        theta[self.present] += step[0]
+        return self.at(theta, here.x0 + step[1])
+
+    def lower(self, here: _Point, damping: float) -> _Point | None:
+        """Return the next point, which may be no lower than this one.
+
+        Narrow gaps make a valley that is steep and curved: a long step along it leaves joints open by its square, which
+        costs more than the step gains, while short steps take for ever. One or two steps more close the joints again,
+        so that a step is judged after them, where only the joints are against it.
+        """
+        trial = self.after(here, damping)
+        for _ in range(CLOSING):
+            if trial is None or not trial.expansion.data_cost < here.expansion.cost < trial.expansion.cost:
+                break
+            closed = self.after(trial, damping)
+            if closed is None or closed.expansion.cost >= trial.expansion.cost:
+                break
+            trial = closed
+        return trial
 
 
 def fit(
@@ -210,33 +275,20 @@ def fit(
     infinite for independent segments.
     """
     damping, converged = 1e-4, False
-    integrated = evaluator.integrate(program, theta, present, x0)
-    here = evaluator.expand(program, theta, present, x0, gap, 0.0, integrated)
-    if here is None or not here.finite:
+    descent = _Descent(evaluator, program, present, gap)
+    here = descent.at(theta, x0)
+    if here is None:
         return None
     for _ in range(iterations):
-        damped = evaluator.expand(program, theta, present, x0, gap, damping, integrated)
-        step = None if damped is None else evaluator.change(damped, gap)
-        trial = None
-        if step is not None:
-            moved, started = theta.copy(), x0 + step[1]
-            moved[present] += step[0]
-            again = evaluator.integrate(program, moved, present, started)
-            trial = evaluator.expand(program, moved, present, started, gap, 0.0, again)
-        if trial is not None and not trial.finite:
-            trial = None
-        if trial is None or not trial.cost <= here.cost:
-            if trial is not None and trial.cost - here.cost < CONVERGED * 1e-3:
-                converged = True
-                break
+        trial = descent.lower(here, damping)
+        fall = -np.inf if trial is None else here.expansion.cost - trial.expansion.cost
+        converged = abs(fall) < (CONVERGED if fall >= 0.0 else CONVERGED * 1e-3)
+        if trial is not None and fall >= 0.0:
+            here = trial
+            damping = max(damping / 10.0, 1e-9)
+        else:
             damping *= 10.0
-            if damping > LARGEST_DAMPING:
-                break
-            continue
-        fall = here.cost - trial.cost
-        theta, x0, integrated, here = moved, started, again, trial
-        damping = max(damping / 10.0, 1e-9)
-        if fall < CONVERGED:
-            converged = True
+        if converged or damping > LARGEST_DAMPING:
             break
-    return Fit(theta, present, x0, here.cost, here.data_cost, here.information, converged)
+    end = here.expansion
+    return Fit(here.theta, present, here.x0, end.cost, end.data_cost, end.information, converged)

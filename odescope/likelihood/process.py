@@ -52,8 +52,8 @@ class Noisy:
 
     @property
     def penalised(self) -> float:
-        """Marginal cost plus the criterion for every term."""
-        return self.marginal + self.searcher.criterion * len(self.fit.present)
+        """Marginal cost plus the price of every term."""
+        return self.marginal + float(self.searcher.price[self.fit.present].sum())
 
     @property
     def unexplained(self) -> FloatArray:
@@ -162,7 +162,7 @@ def cost_without_process_noise(searcher: Searcher, outcome: Outcome) -> float:
     found = strict.fit(outcome.fit.theta, outcome.fit.present, segments.initial, strict.segments.spread)
     if found is None:
         return np.inf
-    return _expected_squares(strict, found)[2] + searcher.criterion * len(found.present)
+    return _expected_squares(strict, found)[2] + float(searcher.price[found.present].sum())
 
 
 def search_with_process_noise(searcher: Searcher, starts: Sequence[tuple[FloatArray, IntArray]]) -> Noisy | None:
@@ -216,7 +216,7 @@ def _search(
         if np.array_equal(before, here.present) or time.monotonic() > seen.deadline:
             break
     here = _shortest(seen, program, here, trail)
-    return seen, here, marginal + seen.criterion * len(here.present), tuple(trail)
+    return seen, here, marginal + float(seen.price[here.present].sum()), tuple(trail)
 
 
 def _settle(searcher: Searcher, program: Program, here: Fit, trail: list[Move]) -> Fit:
@@ -227,26 +227,28 @@ def _settle(searcher: Searcher, program: Program, here: Fit, trail: list[Move]) 
         evidence = robust_evidence(searcher, program, here)
         if evidence is None or time.monotonic() > searcher.deadline:
             return here
-        if len(here.present) and evidence.wald.min() < searcher.criterion:
-            shorter = _without(searcher, here, int(np.argmin(evidence.wald)))
+        short = evidence.wald - searcher.price[here.present]
+        if short.min(initial=0.0) < 0.0:
+            place = int(np.argmin(short))
+            shorter = _without(searcher, here, place)
             if shorter is None:
                 return here
-            k = int(here.present[np.argmin(evidence.wald)])
-            trail.append(searcher.move(1.0, "drop", k, float(evidence.wald.min()), shorter.cost))
+            k = int(here.present[place])
+            trail.append(searcher.move(1.0, "drop", k, float(evidence.wald[place]), shorter))
             refused.add(k)  # what was dropped once does not come back: the two tests need not agree
             here = shorter
             continue
         scores = evidence.scores.copy()
         scores[list(refused)] = 0.0
-        k = int(np.argmax(scores))
-        if scores[k] < searcher.criterion:
+        k = int(np.argmax(scores - searcher.price))
+        if scores[k] < searcher.price[k]:
             return here
         present = np.array(sorted([*here.present.tolist(), k]), dtype=np.int64)
         longer = searcher.fit(here.theta, present, here.x0, gap)
-        if longer is None or here.cost - longer.cost < searcher.criterion:
+        if longer is None or here.cost - longer.cost < searcher.price[k]:
             refused.add(k)
             continue
-        trail.append(searcher.move(1.0, "add", k, float(scores[k]), longer.cost))
+        trail.append(searcher.move(1.0, "add", k, float(scores[k]), longer))
         here = longer
     return here
 
@@ -262,14 +264,17 @@ def _shortest(searcher: Searcher, program: Program, here: Fit, trail: list[Move]
     path, moves = [here], list[Move]()
     while len(path[-1].present) > 1 and time.monotonic() < searcher.deadline:
         evidence = robust_evidence(searcher, program, path[-1])
-        if evidence is None or evidence.wald.min() > THIN * searcher.criterion:
+        if evidence is None:
             break
-        place = int(np.argmin(evidence.wald))
+        thin = evidence.wald / searcher.price[path[-1].present]
+        place = int(np.argmin(thin))
+        if thin[place] > THIN:
+            break
         shorter = _without(searcher, path[-1], place)
         if shorter is None:
             break
         k = int(path[-1].present[place])
-        moves.append(searcher.move(1.0, "leave out", k, float(evidence.wald[place]), shorter.cost))
+        moves.append(searcher.move(1.0, "leave out", k, float(evidence.wald[place]), shorter))
         path.append(shorter)
     errors = np.array([free_run_error(searcher, f.theta) for f in path])
     last = int(np.flatnonzero(errors <= NO_WORSE * errors.min())[-1])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated
 
 import msgspec
@@ -13,19 +14,20 @@ import numpy as np
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.expression import ONE, Term
 from odescope.likelihood.data import Segments
-from odescope.likelihood.fit import ITERATIONS, Evaluator, Fit, Program, Slot, fit
+from odescope.likelihood.fit import ITERATIONS, Evaluator, Fit, Program, Slot, fit, scaled
 
 GAPS = (np.inf, 1.0, 0.1, 0.01, 0.001)  # widths of the joints' gaps, in smoothing errors of each state
 NEAR_NOISE = 2.0  # residual variance over noise variance above which continuity is not tightened
 TRIALS = 3  # absent terms tried by refitting before a search for more is given up
 WHITE = 1.1  # residual variance over noise variance of a model that lacks nothing
-THIN = 4.0  # times the criterion: a term that earns less may be due to what else was chosen
+THIN = 4.0  # times its price: a term that earns less may be due to what else was chosen
 LOOK_BACK = 0.1  # width of the gaps from which on the search looks back and swaps
-LOOK_ALIKE = 40.0  # times the criterion: a term that earns more is not swapped
-PROMISING = 0.5  # of what a term was worth, the score a look-alike must show to be tried
-GAIN = 0.5  # fall of the cost that makes a swap
+LOOK_ALIKE = 40.0  # times its price: a term that earns more is in its place
+DETOUR = 6  # additions and drops until a search without a term has to be better than that with it
+GAIN = 0.5  # fall of the penalised cost that makes it better: fits are no more accurate than this
+RARER = 2.0  # a product with one factor more is half as likely
 PATIENCE = 4  # rounds a relation after which a search ends
-HOPELESS = 10.0  # if the residual variance is still above this many times that of the noise
+HOPELESS = 10.0  # if the residual variance is still above this many times that of the noise; so does a detour
 MOST_TERMS = 15  # a relation: a search that wants more is explaining something that is not in the library
 ROUNDS = 40  # additions and drops at one width
 
@@ -44,13 +46,14 @@ class LikelihoodSearch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Move:
-    """One step of the trail: what was tried, the score or Wald statistic that asked for it, and the cost after it."""
+    """One step of the trail: the score or Wald statistic that asked for it, the term's price, and the cost after it."""
 
     gap: float
     action: str
     relation: int
     term: str
     statistic: float
+    price: float
     cost: float
 
 
@@ -58,27 +61,27 @@ class Move:
 class Outcome:
     """The end of a search: the fit over all slots, the width of the gaps it holds for, and the trail.
 
-    `scale` is the residual variance over the noise variance; `criterion` what a term had to earn.
+    `scale` is the residual variance over the noise variance; `prices` what each slot had to earn.
     """
 
     fit: Fit
     gap: float
     scale: float
-    criterion: float
+    prices: FloatArray
     trail: tuple[Move, ...]
     finished: bool
 
     @property
     def penalised(self) -> float:
-        """Cost in units of the noise variance, plus the criterion for every term."""
-        return self.fit.cost + self.criterion * len(self.fit.present)
+        """Cost in units of the noise variance, plus the price of every term."""
+        return self.fit.cost + float(self.prices[self.fit.present].sum())
 
     @property
     def clear(self) -> bool:
         """Whether another start is unlikely to end elsewhere: white residuals, and no term whose case is thin."""
         wald = self.fit.theta[self.fit.present] ** 2 / np.maximum(self.fit.variances, 1e-300) / max(self.scale, 1.0)
         tight = self.finished and self.gap == GAPS[-1] and self.scale < WHITE
-        return bool(tight and np.all(wald > THIN * self.criterion))
+        return bool(tight and np.all(wald > THIN * self.prices[self.fit.present]))
 
     @property
     def rank(self) -> tuple[float, float]:
@@ -126,15 +129,28 @@ class Searcher:
         """Number of relations."""
         return 1 + max(s.relation for s in self.slots)
 
-    @property
-    def criterion(self) -> float:
-        """What a term has to earn: 2 ln(candidates) + ln(samples)."""
-        return float(2.0 * np.log(len(self.free)) + np.log(self.segments.samples))
+    @cached_property
+    def price(self) -> FloatArray:
+        """What each slot has to earn as a parameter: ln(samples) - 2 ln(its share of the prior).
+
+        Every factor of a product divides the prior by RARER: noise often leaves it to a hair which of two look-alikes
+        fits better, and laws are simple. All shares together are 1, so the price is 2 ln(candidates) on the whole.
+        """
+        size = np.array([(s.factor >= 0) + sum(abs(power) for _, power in s.term.factors) for s in self.slots])
+        share = RARER ** -size.astype(np.float64)
+        price: FloatArray = np.log(self.segments.samples) - 2.0 * np.log(share / share[self.free].sum())
+        return price
 
     def program(self, present: IntArray) -> tuple[Program, IntArray]:
         """Return the program of these and the fixed slots alone, and their numbers."""
         kept = np.array(sorted({*present.tolist(), *(k for k, s in enumerate(self.slots) if s.fixed)}), dtype=np.int64)
         return Program.of([self.slots[k] for k in kept], self.variables, self.following, self.measured), kept
+
+    def move(self, width: float, action: str, k: int, statistic: float, after: Fit) -> Move:
+        """Return the step of the trail that did something to slot k."""
+        slot = self.slots[k]
+        text = slot.term.text if slot.factor < 0 else f"target {slot.factor + 1} * {slot.term.text}"
+        return Move(width, action, slot.relation, text, statistic, float(self.price[k]), after.cost)
 
     def fit(
         self, theta: FloatArray, present: IntArray, x0: FloatArray, gap: FloatArray, iterations: int = ITERATIONS
@@ -150,12 +166,6 @@ class Searcher:
         whole[kept] = found.theta
         return replace(found, theta=whole, present=present)
 
-    def move(self, width: float, action: str, k: int, statistic: float, cost: float) -> Move:
-        """Return the step of the trail that did something to slot k."""
-        slot = self.slots[k]
-        text = slot.term.text if slot.factor < 0 else f"target {slot.factor + 1} * {slot.term.text}"
-        return Move(width, action, slot.relation, text, statistic, cost)
-
     def scores(self, program: Program, found: Fit, gap: FloatArray) -> FloatArray:
         """Return the score statistic of every slot, zero for those present or fixed."""
         free = self.free
@@ -164,8 +174,7 @@ class Searcher:
         if expansion is None:
             return result
         here = np.isin(free, found.present)
-        scale = np.sqrt(np.maximum(np.diag(expansion.information), 1e-300))
-        information = expansion.information / np.outer(scale, scale)
+        information, scale = scaled(expansion.information)
         gradient = expansion.gradient / scale
         absent = np.flatnonzero(~here)
         inner = information[np.ix_(here, here)]
@@ -214,7 +223,7 @@ def search(searcher: Searcher, theta: FloatArray, present: Sequence[int]) -> Out
             break
     if best is None:
         best = (here, float(GAPS[0]), _scale(searcher, here, float(GAPS[0])))
-    return Outcome(best[0], best[1], best[2], searcher.criterion, tuple(trail), finished)
+    return Outcome(best[0], best[1], best[2], searcher.price, tuple(trail), finished)
 
 
 def _torn(searcher: Searcher, found: Fit) -> bool:
@@ -232,83 +241,105 @@ def _scale(searcher: Searcher, found: Fit, width: float) -> float:
 
 
 def _settle(searcher: Searcher, program: Program, here: Fit, width: float, trail: list[Move]) -> Fit:
-    """Add, drop and swap at one width until nothing moves."""
-    gap = searcher.segments.spread * width
+    """Add, drop and go round weak terms at one width until nothing moves."""
     for round_ in range(ROUNDS):
         scale = max(_scale(searcher, here, width), 1.0)
         lost = round_ >= PATIENCE * searcher.relations and scale > HOPELESS
         full = len(here.present) > MOST_TERMS * searcher.relations
         if lost or full or time.monotonic() > searcher.deadline:
             return here
-        moved = _drop(searcher, here, gap, width, scale, trail)
-        if moved is None:
-            moved = _add(searcher, program, here, gap, width, scale, trail)
+        stand = _Stand(searcher, program, width, scale, trail)
+        moved = stand.drop(here) or stand.add(here)
         if moved is None and width <= LOOK_BACK:
-            moved = _swap(searcher, program, here, gap, width, scale, trail)
+            moved = stand.look_back(here)
         if moved is None:
             return here
         here = moved
     return here
 
 
-def _add(
-    searcher: Searcher, program: Program, here: Fit, gap: FloatArray, width: float, scale: float, trail: list[Move]
-) -> Fit | None:
-    scores = searcher.scores(program, here, gap) / scale
-    for k in np.argsort(scores)[::-1][:TRIALS]:
-        if scores[k] < searcher.criterion:
-            return None
-        present = np.array(sorted([*here.present.tolist(), int(k)]), dtype=np.int64)
-        trial = searcher.fit(here.theta, present, here.x0, gap)
-        if trial is not None and (here.cost - trial.cost) / scale > searcher.criterion:
-            trail.append(searcher.move(width, "add", int(k), float(scores[k]), trial.cost))
-            return trial
-    return None
+@dataclass(frozen=True, eq=False)
+class _Stand:
+    """What a move at one width is judged by; statistics are in units of `scale`, the residual variance."""
 
+    searcher: Searcher
+    program: Program
+    width: float
+    scale: float
+    trail: list[Move]
 
-def _drop(searcher: Searcher, here: Fit, gap: FloatArray, width: float, scale: float, trail: list[Move]) -> Fit | None:
-    if not len(here.present):
-        return None
-    wald = here.theta[here.present] ** 2 / np.maximum(here.variances, 1e-300) / scale
-    weakest = int(np.argmin(wald))
-    if wald[weakest] >= searcher.criterion:
-        return None
-    k = int(here.present[weakest])
-    theta = here.theta.copy()
-    theta[k] = 0.0
-    trial = searcher.fit(theta, np.delete(here.present, weakest), here.x0, gap)
-    if trial is None or (trial.cost - here.cost) / scale > searcher.criterion:
-        return None
-    trail.append(searcher.move(width, "drop", k, float(wald[weakest]), trial.cost))
-    return trial
+    @property
+    def gap(self) -> FloatArray:
+        """Standard deviations of the joints' gaps."""
+        return self.searcher.segments.spread * self.width
 
+    def penalised(self, found: Fit) -> float:
+        """Cost and the prices of the present terms."""
+        return found.cost / self.scale + float(self.searcher.price[found.present].sum())
 
-def _swap(
-    searcher: Searcher, program: Program, here: Fit, gap: FloatArray, width: float, scale: float, trail: list[Move]
-) -> Fit | None:
-    """Put a look-alike in the place of a present term whose case is thin, if that lowers the cost.
+    def wald(self, found: Fit) -> FloatArray:
+        """Wald statistics of the present terms."""
+        wald: FloatArray = found.theta[found.present] ** 2 / np.maximum(found.variances, 1e-300) / self.scale
+        return wald
 
-    A term that came early may hold the place of another; once it is gone, the score of the right one stands out.
-    """
-    wald = here.theta[here.present] ** 2 / np.maximum(here.variances, 1e-300) / scale
-    for weak in np.argsort(wald):
-        if wald[weak] > LOOK_ALIKE * searcher.criterion or time.monotonic() > searcher.deadline:
-            return None
-        k = int(here.present[weak])
+    def without(self, here: Fit, k: int) -> Fit | None:
+        """Return the fit without a present term."""
         theta = here.theta.copy()
         theta[k] = 0.0
-        without = searcher.fit(theta, np.delete(here.present, weak), here.x0, gap)
-        if without is None:
-            continue
-        scores = searcher.scores(program, without, gap) / scale
-        scores[k] = 0.0
-        for other in np.argsort(scores)[::-1][:TRIALS]:
-            # A swap keeps the number of terms: it has to gain, by more than the fits are accurate to.
-            if scores[other] < (without.cost - here.cost) / scale * PROMISING:
-                break
-            present = np.array(sorted([*without.present.tolist(), int(other)]), dtype=np.int64)
-            trial = searcher.fit(without.theta, present, without.x0, gap)
-            if trial is not None and trial.cost < here.cost - GAIN * scale:
-                trail.append(searcher.move(width, "swap", int(other), float(scores[other]), trial.cost))
+        return self.searcher.fit(theta, here.present[here.present != k], here.x0, self.gap)
+
+    def drop(self, here: Fit) -> Fit | None:
+        """Drop a term that is not worth its price; of look-alikes that are worthless together, only one is."""
+        wald, price = self.wald(here), self.searcher.price[here.present]
+        for weak in np.argsort(wald - price)[:TRIALS]:
+            if wald[weak] >= price[weak]:
+                return None
+            k = int(here.present[weak])
+            trial = self.without(here, k)
+            if trial is not None and self.penalised(trial) <= self.penalised(here):
+                self._note("drop", k, float(wald[weak]), trial)
                 return trial
-    return None
+        return None
+
+    def add(self, here: Fit, barred: int | None = None) -> Fit | None:
+        """Add a term that is worth its price."""
+        scores = self.searcher.scores(self.program, here, self.gap) / self.scale
+        if barred is not None:
+            scores[barred] = 0.0
+        earned = scores - self.searcher.price
+        for k in np.argsort(earned)[::-1][:TRIALS]:
+            if earned[k] < 0.0:
+                return None
+            present = np.array(sorted([*here.present.tolist(), int(k)]), dtype=np.int64)
+            trial = self.searcher.fit(here.theta, present, here.x0, self.gap)
+            if trial is not None and self.penalised(trial) < self.penalised(here):
+                self._note("add", int(k), float(scores[k]), trial)
+                return trial
+        return None
+
+    def look_back(self, here: Fit) -> Fit | None:
+        """Return the end of a search that a thin term is barred from, if it is better.
+
+        A term that came early may hold the place of another, or with others that of several; once it is gone, the
+        scores of the right ones stand out.
+        """
+        wald = self.wald(here)
+        for weak in np.argsort(wald):
+            k = int(here.present[weak])
+            if wald[weak] > LOOK_ALIKE * self.searcher.price[k]:
+                return None
+            detour = replace(self, trail=[])
+            there = detour.without(here, k)
+            if there is not None:
+                detour._note("drop", k, float(wald[weak]), there)
+            for _ in range(DETOUR):
+                if there is None or there.cost > HOPELESS * here.cost or time.monotonic() > self.searcher.deadline:
+                    break
+                if self.penalised(there) < self.penalised(here) - GAIN:
+                    self.trail.extend(detour.trail)
+                    return there
+                there = detour.drop(there) or detour.add(there, k)
+        return None
+
+    def _note(self, action: str, k: int, statistic: float, after: Fit) -> None:
+        self.trail.append(self.searcher.move(self.width, action, k, statistic, after))

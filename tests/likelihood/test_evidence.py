@@ -66,8 +66,8 @@ def test_without_blocks_everything_is_that_of_least_squares():
         assert evidence.scores[k] == pytest.approx(before - after[0], rel=1e-6)
         error = np.sqrt(np.linalg.inv(more.T @ more)[-1, -1])
         assert evidence.scores[k] == pytest.approx((with_it[-1] / error) ** 2, rel=1e-6)
-        # At its limit a term is so many standard errors away from zero that its statistic is the criterion.
-        assert (evidence.limits[k] / error) ** 2 == pytest.approx(searcher().criterion, rel=1e-6)
+        # At its limit a term is so many standard errors away from zero that its statistic is its price.
+        assert (evidence.limits[k] / error) ** 2 == pytest.approx(searcher().price[k], rel=1e-6)
     assert not evidence.scores[[0, *PRESENT]].any()
     assert not evidence.limits[[0, *PRESENT]].any()
 

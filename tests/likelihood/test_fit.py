@@ -101,6 +101,15 @@ def test_a_poor_start_ends_where_a_good_one_does(states):
     assert poor.cost == pytest.approx(good.cost, abs=0.05)
 
 
+@pytest.mark.parametrize("wrong", [0.5, 0.7, 1.2, 1.5])
+def test_narrow_gaps_do_not_keep_a_poor_start_from_its_end(states, wrong):
+    it = searcher(states, 0)
+    good, theta = fitted(it), SPRING.theta.copy()
+    theta[SPRING_PRESENT] *= wrong
+    # Steps judged before the joints have closed crawl: from 0.7 and 1.2 they stop at twice this cost.
+    assert fitted(it, theta).cost == pytest.approx(good.cost, abs=1e-3)
+
+
 def test_the_gap_of_a_tight_fit_is_small(states):
     it = searcher(states, 2)
     found = fitted(it)

@@ -453,12 +453,12 @@ def test_scores_of_absent_terms_are_chi_squared_with_one_degree_of_freedom(weigh
     assert 0.01 < np.mean(robust > 3.84) < 0.085
 
 
-def test_a_missing_strong_term_scores_above_the_criterion_on_a_short_record():
+def test_a_missing_strong_term_scores_above_its_price_on_a_short_record():
     it = spring(0)
     lacks = fitted(it, LINEAR * np.where(np.arange(len(LINEAR)) == 2, 0.0, 1.0), np.array([1, 4]))
     fall = lacks.cost - fitted(it).cost
-    assert fall > 20.0 * it.criterion
-    assert robust_evidence(it, SPRING.program, lacks).scores[2] > it.criterion
+    assert fall > 20.0 * it.price[2]
+    assert robust_evidence(it, SPRING.program, lacks).scores[2] > it.price[2]
 
 
 # limits of detection
@@ -506,7 +506,7 @@ def test_without_process_noise_half_of_the_terms_at_their_limit_are_detected(slo
         measured = states[:, :1] + SIGMA * np.random.default_rng(seed).standard_normal((count, 1))
         it = searcher(SPRING, cut(states, measured, drive(count), SIGMA, spread, (count,), 25))
         found = fitted(it, gap=gap * spread)
-        return it.criterion, _evidence(it, Outcome(found, gap, 1.0, it.criterion, (), True))
+        return it.price[slot], _evidence(it, Outcome(found, gap, 1.0, it.price, (), True))
 
     still = np.zeros((count, 2))
     limit = evidence(curved(LINEAR, still, count), 0)[1].limits[slot]
@@ -514,7 +514,7 @@ def test_without_process_noise_half_of_the_terms_at_their_limit_are_detected(slo
     for size in (1 / 3, 1.0, 2.0):
         states = curved(with_term(slot, size * limit), still, count)
         found = [evidence(states, 500 + seed) for seed in range(24)]
-        share[size] = np.mean([e.scores[slot] > criterion for criterion, e in found])
+        share[size] = np.mean([e.scores[slot] > price for price, e in found])
     assert share[1 / 3] <= 0.1
     assert abs(share[1.0] - 0.5) < 3 * np.sqrt(0.25 / 24)
     assert share[2.0] >= 0.95
@@ -530,7 +530,7 @@ def test_with_process_noise_terms_at_twice_their_limit_are_detected():
         measured = states[:, :1] + SIGMA * rng.standard_normal((600, 1))
         it = searcher(SPRING, cut(states, measured, drive(600), SIGMA, Q, (600,)))
         scores.append(robust_evidence(it, SPRING.program, fitted(it)).scores[5])
-    assert np.mean(np.array(scores) > it.criterion) > 0.8
+    assert np.mean(np.array(scores) > it.price[5]) > 0.8
 
 
 # with and without
@@ -543,8 +543,8 @@ def test_only_a_record_with_kicks_is_better_described_with_process_noise():
             it = spring(600 + seed, q=q, believed=Q)
             strict = 1e-3
             joined = fitted(it, gap=strict * Q)
-            outcome = Outcome(joined, strict, joined.data_cost / it.segments.samples, it.criterion, (), True)
-            with_it = estimate_noise(it, fitted(it))[2] + it.criterion * len(PRESENT)
+            outcome = Outcome(joined, strict, joined.data_cost / it.segments.samples, it.price, (), True)
+            with_it = estimate_noise(it, fitted(it))[2] + it.price[PRESENT].sum()
             costs.append((cost_without_process_noise(it, outcome), with_it))
     costs = np.array(costs)
     assert np.all(costs[::2, 0] > costs[::2, 1] + 100.0)
@@ -651,7 +651,7 @@ def test_the_search_finds_the_pendulum_under_a_white_torque_and_its_size(when):
     for n in right:
         error = (n.fit.theta - PENDULUM.theta)[PENDULUM_PRESENT]
         assert np.all(np.abs(error) < 4.5 * np.sqrt(n.evidence.variances))
-        assert n.penalised == n.marginal + 3 * n.searcher.criterion
+        assert n.penalised == n.marginal + n.searcher.price[PENDULUM_PRESENT].sum()
         if when == "a kick a segment":
             assert n.measurement[0] == pytest.approx(0.005, rel=0.15)
 

@@ -1,9 +1,11 @@
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from small_systems import SPRING, SPRING_PRESENT, SPRING_STEP, drive, shots, spring_run
 
+from odescope.library.parse import Scope, parse_term
 from odescope.likelihood.fit import Evaluator
 from odescope.likelihood.search import Searcher, search
 
@@ -16,8 +18,8 @@ def states():
     return spring_run()
 
 
-def searcher(states, seed, seconds=1000.0):
-    data = shots(states, drive(), SPRING_STEP, NOISE, np.random.default_rng(seed), SPREAD)
+def searcher(states, seed, seconds=1000.0, noise=NOISE):
+    data = shots(states, drive(), SPRING_STEP, noise, np.random.default_rng(seed), SPREAD)
     return Searcher(
         Evaluator(data, substeps=2), SPRING.slots, SPRING.variables, SPRING.following, SPRING.measured,
         time.monotonic() + seconds,
@@ -71,6 +73,27 @@ def test_the_trail_says_what_moved(states):
         assert (k in now) == (move.action == "drop")
         now ^= {k}
     assert now == set(found.fit.present.tolist())
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_a_look_alike_that_came_first_gives_way(states, seed):
+    # So noisy that x**3 does not earn its price beside x**5, nor x**5 fail to earn its own alone.
+    it = searcher(states, seed, noise=0.2)
+    slots = [replace(s, term=parse_term("x**5", Scope.of(["x"]))) if k == 5 else s for k, s in enumerate(it.slots)]
+    it = replace(it, slots=tuple(slots))
+    good, poor = (search(it, *begin(present)) for present in ([1, 2, 3, 4], [1, 2, 4, 5]))
+    assert sorted(poor.fit.present) == sorted(good.fit.present) == SPRING_PRESENT.tolist()
+    assert poor.fit.cost == pytest.approx(good.fit.cost, abs=0.1)
+
+
+def test_all_prices_are_those_of_one_prior_and_simple_terms_are_cheaper(states):
+    it = searcher(states, 0)
+    share = np.exp(0.5 * (np.log(it.segments.measured.size) - it.price))
+    assert share[it.free].sum() == pytest.approx(1.0)
+    price = {(s.factor, s.term.text): p for s, p in zip(it.slots, it.price, strict=True)}
+    assert price[-1, "x**2"] - price[-1, "x"] == pytest.approx(2.0 * np.log(2.0))
+    assert price[-1, "u*x"] == price[-1, "x**2"]
+    assert price[0, "x**2"] == price[-1, "x**3"]
 
 
 @pytest.mark.slow
