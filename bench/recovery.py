@@ -308,6 +308,7 @@ def show(cell: tuple[str, float, float], results: Mapping[int, Result], detail: 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--levels", type=int, nargs="*", default=[1, 2, 3, 4], choices=NOISE)
     parser.add_argument("--friction", type=float, nargs="+", default=[0.01, 0.15])
     parser.add_argument("--systems", nargs="*", choices=CASES, default=[], help="these instead of the cart")
@@ -320,7 +321,7 @@ def main() -> None:
     jobs = {
         group: [
             Experiment(group[0], noise, group[1], seed)
-            for seed in range(options.seeds)
+            for seed in range(options.first, options.first + options.seeds)
             for name, noise, friction in cells
             if (name, friction) == group
         ]

@@ -38,6 +38,7 @@ _HOMES = {
     "likelihood.search": ("LikelihoodSearch",),
     "export.text": ("to_latex", "to_text"),
     "export.code": ("to_python",),
+    "export.mathml": ("to_mathml",),
     "export.modelfile": ("from_json", "read_model", "to_json"),
     "study": ("Candidates", "Data", "Driven", "Filtering", "Measured", "Regression", "Study", "read_study"),
     "identification": ("Identification", "Search", "identify", "to_relation"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +14,10 @@ import typer
 from odescope.errors import InputError, OdescopeError
 
 if TYPE_CHECKING:
+    from odescope.arrays import FloatArray
     from odescope.identification import Identification
+    from odescope.model.model import Model
+    from odescope.report.data import Report, TableRow
     from odescope.study import Study
 
 app = typer.Typer(
@@ -102,7 +105,7 @@ def identify(
     ] = None,
     recording: Annotated[str | None, typer.Option(help="Column that splits a file into recordings.")] = None,
 ) -> None:
-    """Identify the equations behind a recording: writes model.json, candidates.csv, report.html and study.toml."""
+    """Identify the equations behind a recording: writes model.json, report.html and more to a folder."""
     from odescope.study import read_study
 
     options = (time, sample_period, coordinate, input_, order, recording)
@@ -164,7 +167,9 @@ def demo(
     friction: Annotated[float, typer.Option(min=0.0, help="Joint friction b1 in N m s.")] = 0.01,
 ) -> None:
     """Simulate the paper's pendulum on a cart, add noise, and identify it: prints Table 2 beside the truth."""
-    from odescope.demo import cart_pendulum, table_two, write_demo
+    from odescope.demo import cart_pendulum, simulate_log, table_two, true_signals, write_log
+    from odescope.report.console import table_text
+    from odescope.report.data import TableRow
     from odescope.results import check_writable
     from odescope.study import read_study
 
@@ -172,26 +177,65 @@ def demo(
     out.mkdir(parents=True, exist_ok=True)
     with _progress() as watch:
         watch("simulating the pendulum on a cart")
-        study = write_demo(out, seed, level, friction)
+        log = simulate_log(seed, level, friction)
+        study = write_log(out, log, seed)
     print(f"wrote {out / 'log.csv'} and {study}", file=sys.stderr)
-    result = _identify_and_write(read_study(study), out, out, "Pendulum on a cart", study)
-    _print_table(table_two(cart_pendulum(friction), result.model))
+    report = _identify_and_write(
+        read_study(study),
+        out,
+        out,
+        "Pendulum on a cart",
+        study,
+        truth=lambda: true_signals(log, friction),
+        table=lambda found: [TableRow(**vars(row)) for row in table_two(cart_pendulum(friction), found)],
+    )
+    _say(table_text(report))
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Results of identify or demo.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for report.html and figures.", show_default="DIR itself")
+    ] = None,
+) -> None:
+    """Draw report.html and its figures again from the stored results."""
+    from odescope.report.assemble import read_report
+    from odescope.report.page import report_files
+    from odescope.report.paint import painters
+    from odescope.report.pictures import pictures
+    from odescope.results import check_writable, write_files
+
+    stored = read_report(folder / "report.json")
+    out = folder if out is None else out
+    check_writable(out)
+    with painters() as painter, _progress() as watch:
+        watch("drawing the report")
+        files = report_files(stored, painter.paint(pictures(stored)))
+    write_files(out, {name: content for name, content in files.items() if name != "report.json"})
+    print(f"wrote {out}/: report.html, figures/", file=sys.stderr)
 
 
 @app.command()
 def export(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")],
-    to: Annotated[str, typer.Option(metavar="text|latex|python", help="What to write.")] = "text",
+    to: Annotated[str, typer.Option(metavar="text|latex|mathml|python", help="What to write.")] = "text",
     out: Annotated[Path | None, typer.Option(help="File to write.", show_default="standard output")] = None,
 ) -> None:
-    """Write a model as text, as LaTeX, or as a Python module that imports numpy alone."""
+    """Write a model as text, as LaTeX, as MathML, or as a Python module that imports numpy alone."""
     from odescope.errors import nearest
     from odescope.export.code import to_python
+    from odescope.export.mathml import to_mathml
     from odescope.export.modelfile import read_model
     from odescope.export.text import to_latex, to_text
     from odescope.results import refuse_overwriting, write_file
 
-    writers: dict[str, Callable[..., str]] = {"text": to_text, "latex": to_latex, "python": to_python}
+    writers: dict[str, Callable[..., str]] = {
+        "text": to_text,
+        "latex": to_latex,
+        "mathml": to_mathml,
+        "python": to_python,
+    }
     if to not in writers:
         raise InputError(f"cannot export to {to!r}; {nearest(to, writers)}")
     text = writers[to](read_model(model)).rstrip("\n") + "\n"
@@ -268,12 +312,25 @@ def _results_folder(source: Path) -> Path:
     return source.parent / (stem if stem not in ("", name) else f"{stem}-results")
 
 
-def _identify_and_write(study: Study, folder: Path, out: Path, title: str, source: Path) -> Identification:
+def _identify_and_write(
+    study: Study,
+    folder: Path,
+    out: Path,
+    title: str,
+    source: Path,
+    truth: Callable[[], dict[str, FloatArray]] = dict,
+    table: Callable[[Model], Sequence[TableRow]] = lambda _: (),
+) -> Report:
     import msgspec
 
     from odescope.export.text import to_text
     from odescope.identification import identify as run
-    from odescope.report import summary, to_html
+    from odescope.report.assemble import measured, summary
+    from odescope.report.console import trust_text
+    from odescope.report.page import report_files
+    from odescope.report.paint import painters
+    from odescope.report.pictures import early_pictures, pictures
+    from odescope.report.searches import searched
     from odescope.results import RESULT_FILES, check_writable, refuse_overwriting, result_files, write_files
     from odescope.study import moved, study_toml
 
@@ -287,15 +344,25 @@ def _identify_and_write(study: Study, folder: Path, out: Path, title: str, sourc
     )
     if study.likelihood.enabled and not _compiled():
         print("compiling the kernels, once: this takes about a minute", file=sys.stderr)
-    with _progress() as watch:
-        result = run(placed, watch=watch)
-        html = to_html(summary(result, title, study_toml(resolved)))
-        write_files(out, result_files(result, resolved, html))
+    known = []
+
+    def begin(found: Identification) -> None:
+        """Draw what the likelihood does not change while it runs."""
+        known.append(measured(found, truth()))
+        painter.begin(early_pictures(known[0], searched(found)))
+
+    with painters() as painter, _progress() as watch:
+        result = run(placed, watch=watch, draft=begin)
+        watch("drawing the report")
+        report = summary(result, title, study_toml(resolved), truth(), table(result.model), known[0])
+        files = report_files(report, painter.paint(pictures(report)))
+        write_files(out, result_files(result, resolved, files))
     _say(to_text(result.model, 6) + "\n")
     for note in result.notes:
         print(f"note: {note}", file=sys.stderr)
-    print(f"\nwrote {out}/: model.json, candidates.csv, report.html, study.toml", file=sys.stderr)
-    return result
+    print(f"\n{trust_text(report)}", file=sys.stderr)
+    print(f"wrote {out}/: {', '.join(RESULT_FILES)}, figures/", file=sys.stderr)
+    return report
 
 
 def _say(text: str) -> None:
@@ -331,22 +398,6 @@ def _progress() -> Iterator[Callable[[str], None]]:
     console = Console(stderr=True)
     with console.status("starting") as status:
         yield status.update
-
-
-def _print_table(rows: list) -> None:  # type: ignore[type-arg]
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title="Table 2: truth, paper, odescope (denominators start with 1)", title_justify="left")
-    for heading in ("target", "term", "truth", "paper", "odescope"):
-        table.add_column(heading, justify="left" if heading in ("target", "term") else "right")
-    for row in rows:
-        values = ["missing" if v is None else f"{v:.5g}" for v in (row.truth, row.paper, row.found)]
-        table.add_row(row.target, row.term, *values)
-    console = Console()
-    with console.capture() as shown:
-        console.print(table)
-    _say(shown.get())
 
 
 if __name__ == "__main__":

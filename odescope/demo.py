@@ -13,6 +13,8 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.parse import Scope, parse_term
+from odescope.library.tape import evaluate, write_tape
+from odescope.model.explicit import explicit
 from odescope.model.model import Model, Relation, RelationTerm
 from odescope.model.simulate import simulate
 from odescope.records import Coordinate, Input
@@ -111,9 +113,25 @@ def simulate_log(seed: int, level: int = 1, joint_friction: float = PAPER_JOINT_
     return Log(t, force, run.states, run.states[:, :2] + noise)
 
 
+def true_signals(log: Log, joint_friction: float) -> dict[str, FloatArray]:
+    """Return every state and target of a log by name, (N,), without noise."""
+    model = cart_pendulum(joint_friction)
+    columns = np.ascontiguousarray(np.column_stack([log.states, log.force]).T)
+    quotients = explicit(model)
+    values = evaluate(
+        write_tape(model.variables, [p for q in quotients for p in (q.numerator, q.denominator)]), columns
+    )
+    targets = {q.target: values[2 * k] / values[2 * k + 1] for k, q in enumerate(quotients)}
+    return dict(zip(model.states, log.states.T, strict=True)) | targets
+
+
 def write_demo(folder: Path, seed: int, level: int, joint_friction: float) -> Path:
     """Write log.csv and demo.toml to a folder and return the path of the study."""
-    log = simulate_log(seed, level, joint_friction)
+    return write_log(folder, simulate_log(seed, level, joint_friction), seed)
+
+
+def write_log(folder: Path, log: Log, seed: int) -> Path:
+    """Write a log as log.csv, with demo.toml beside it, and return the path of the study."""
     columns = np.column_stack([log.t, log.measured, log.force])
     rows = [",".join(map(repr, row)) for row in columns.tolist()]
     partial = folder / ".log.csv.partial"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,10 @@ from odescope.library.candidates import Library
 from odescope.library.expression import Term
 from odescope.likelihood.account import likelihood_notes, likelihood_scores
 from odescope.likelihood.stage import Refinement, refine
+from odescope.memory import peak_bytes
 from odescope.model.explicit import denominator_ranges
 from odescope.model.model import Json, Model, Relation, RelationTerm
+from odescope.model.notebook import model_html
 from odescope.model.simulate import simulate
 from odescope.readers import read_records, records_from
 from odescope.records import Coordinate, Input, Records, check_channels
@@ -50,7 +52,10 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """The result: what went in, what every stage found, and the model. `seconds` is the time of each stage."""
+    """The result: what went in, what every stage found, and the model.
+
+    `seconds` is the time of each stage, `memory` the most that the process had held, in bytes, when it ended.
+    """
 
     study: Study
     records: Records
@@ -60,6 +65,15 @@ class Identification:
     model: Model
     refinement: Refinement | None
     seconds: dict[str, float]
+    memory: dict[str, int | None] = field(default_factory=dict)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the equations, how far to trust them, and the notes."""
+        return model_html(self.model, self.notes)
+
+    def _repr_latex_(self) -> str:
+        """Return the equations as LaTeX for a notebook."""
+        return self.model._repr_latex_()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -90,7 +104,12 @@ class Identification:
         return tuple(notes)
 
 
-def identify(study: Study, data: Any = None, watch: Watch = lambda _: None) -> Identification:
+def identify(
+    study: Study,
+    data: Any = None,
+    watch: Watch = lambda _: None,
+    draft: Callable[[Identification], None] = lambda _: None,
+) -> Identification:
     """Return the model that the recordings support, with everything that led to it.
 
     Args:
@@ -98,6 +117,7 @@ def identify(study: Study, data: Any = None, watch: Watch = lambda _: None) -> I
         data: recordings in memory: Records, a dataframe with the Arrow interface, a mapping of arrays, or a list of
             these. Without it the study's files are read, relative to the working directory.
         watch: told the name of each stage as it begins.
+        draft: given the result as it stands before the likelihood stage, its model without scores.
 
     Raises:
         InputError: the data or the study are wrong.
@@ -105,11 +125,12 @@ def identify(study: Study, data: Any = None, watch: Watch = lambda _: None) -> I
     """
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
     with threadpool_limits(1, "blas"):
-        return _identify(study, data, watch)
+        return _identify(study, data, watch, draft)
 
 
-def _identify(study: Study, data: Any, watch: Watch) -> Identification:
+def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identification], None]) -> Identification:
     seconds: dict[str, float] = {}
+    memory: dict[str, int | None] = {}
     coordinates = study.measured()
 
     @contextmanager
@@ -118,6 +139,7 @@ def _identify(study: Study, data: Any, watch: Watch) -> Identification:
         begin = time.perf_counter()
         yield
         seconds[name] = seconds.get(name, 0.0) + time.perf_counter() - begin
+        memory[name] = peak_bytes()
 
     with stage("records"):
         recorded = _records(study, data)
@@ -151,6 +173,7 @@ def _identify(study: Study, data: Any, watch: Watch) -> Identification:
             searches.append(Search(problem, found, rank(problem, found, study.selection), library.removed))
     with stage("model"):
         chosen, model = _choose(study, signals, searches)
+    draft(Identification(study, recorded, signals, tuple(searches), chosen, model, None, seconds, memory))
     refinement = None
     if study.likelihood.enabled:
         with stage("likelihood"):
@@ -168,7 +191,7 @@ def _identify(study: Study, data: Any, watch: Watch) -> Identification:
             scores["delays"] = {n: {"delay": d.seconds, "std_error": d.std_error} for n, d in delays.items()}
         model = replace(model, scores=scores, domain=_domain(signals, model))
         model = replace(model, provenance=_provenance(study, signals))
-    return Identification(study, recorded, signals, tuple(searches), chosen, model, refinement, seconds)
+    return Identification(study, recorded, signals, tuple(searches), chosen, model, refinement, seconds, memory)
 
 
 def _records(study: Study, data: Any) -> Records:

@@ -16,7 +16,8 @@ from odescope.export.modelfile import to_json
 from odescope.identification import Identification
 from odescope.study import Study, study_toml
 
-RESULT_FILES = ("model.json", "candidates.csv", "report.html", "study.toml")
+RESULT_FILES = ("model.json", "candidates.csv", "study.toml", "report.html", "report.json")
+FIGURES = "figures"  # the folder beside them
 
 CANDIDATE_COLUMNS = (
     "target",
@@ -62,10 +63,10 @@ def candidates_csv(result: Identification) -> str:
     return out.getvalue()
 
 
-def result_files(result: Identification, resolved: Study, html: str) -> dict[str, str]:
-    """Return the files of a result by name."""
-    texts = (to_json(result.model), candidates_csv(result), html, study_toml(resolved))
-    return dict(zip(RESULT_FILES, texts, strict=True))
+def result_files(result: Identification, resolved: Study, report: Mapping[str, str | bytes]) -> dict[str, str | bytes]:
+    """Return the files of a result by name, with those of its report."""
+    texts = (to_json(result.model), candidates_csv(result), study_toml(resolved))
+    return {**dict(zip(RESULT_FILES, texts, strict=False)), **report}
 
 
 def check_writable(folder: Path) -> None:
@@ -83,6 +84,8 @@ def check_writable(folder: Path) -> None:
         for name in RESULT_FILES:
             if (folder / name).is_dir():
                 raise InputError(f"cannot write to {folder}: its {name} is a folder; name another with --out")
+        if (folder / FIGURES).exists() and not (folder / FIGURES).is_dir():
+            raise InputError(f"cannot write to {folder}: its {FIGURES} is no folder; name another with --out")
         with tempfile.TemporaryFile(dir=existing):
             pass
     except OSError as error:
@@ -101,8 +104,8 @@ def refuse_overwriting(targets: Iterable[Path], sources: Iterable[Path]) -> None
             raise InputError(f"the result would overwrite {target}, which it is made from; name another with --out")
 
 
-def write_files(folder: Path, files: Mapping[str, str]) -> None:
-    """Write texts to files of a folder: all are complete beside their places before the first takes its own.
+def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
+    """Write files to a folder, or to folders in it: all are complete beside it before the first takes its place.
 
     Raises:
         InputError: the folder cannot be written.
@@ -115,10 +118,15 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
         partial = (folder if there else folder.parent) / f".odescope-{secrets.token_hex(8)}"
         partial.mkdir()
         try:
-            for name, text in files.items():
-                (partial / name).write_text(text, encoding="utf-8", newline="\n")
+            for name, content in files.items():
+                (partial / name).parent.mkdir(exist_ok=True)
+                if isinstance(content, bytes):
+                    (partial / name).write_bytes(content)
+                else:
+                    (partial / name).write_text(content, encoding="utf-8", newline="\n")
             if there:
                 for name in files:
+                    (folder / name).parent.mkdir(exist_ok=True)
                     os.replace(partial / name, folder / name)
             else:
                 os.replace(partial, folder)

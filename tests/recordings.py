@@ -1,6 +1,7 @@
 """Simulated logs for the tests of the command line, and the command line itself, run within the test's process."""
 
 import sys
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,11 +22,30 @@ class Ended:
     err: str
 
 
-class Command:
-    """Calls `odescope ARGUMENT ...` as the console script does."""
+class Blank:
+    """Stands in for the processes that draw: tests of the command line do not look at figures."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def begin(self, pictures):
+        pass
+
+    def paint(self, pictures):
+        return {p.name: ('<svg viewBox="0 0 1 1"></svg>', b"") for p in pictures}
+
+
+@contextmanager
+def blank_painters():
+    yield Blank()
+
+
+class Command:
+    """Calls `odescope ARGUMENT ...` as the console script does, figures left blank unless `drawing`."""
+
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], drawing: bool = False
+    ) -> None:
         self.monkeypatch, self.capsys = monkeypatch, capsys
+        if not drawing:
+            monkeypatch.setattr("odescope.report.paint.painters", blank_painters)
 
     def __call__(self, *arguments: object) -> Ended:
         self.monkeypatch.setattr(sys, "argv", ["odescope", *map(str, arguments)])

@@ -8,6 +8,7 @@ import pytest
 from recordings import oscillator
 
 from odescope.errors import InputError
+from odescope.export.modelfile import from_json
 from odescope.identification import identify
 from odescope.results import (
     CANDIDATE_COLUMNS,
@@ -27,7 +28,7 @@ STUDY = Study(
     inputs={"u": Driven()},
     library=Candidates(terms=("1", "x", "x_dot", "u", "x**2", "u*x", "x_ddot", "x*x_ddot")),
 )
-FILES = {"a.txt": "one\n", "b.txt": "two\r\nü"}
+FILES = {"a.txt": "one\n", "b.txt": "two\r\nü", "figures/c.png": b"\x89PNG\r\n\x1a\n", "figures/c.svg": "<svg/>"}
 
 
 @pytest.fixture(scope="module")
@@ -73,11 +74,14 @@ def test_what_a_row_says_is_true_of_its_relation(result):
         assert np.sqrt(np.mean((xi @ values) ** 2)) < 3 * float(row["acceleration_rmse"]) + 1e-9 * size
 
 
-def test_the_four_files_read_back(result):
-    files = result_files(result, STUDY, "<html></html>")
-    assert tuple(files) == RESULT_FILES
+def test_the_files_read_back(result):
+    report = {"report.html": "<html></html>", "report.json": "{}", "figures/one.png": b"\x89"}
+    files = result_files(result, STUDY, report)
+    assert set(files) == {*RESULT_FILES, "figures/one.png"}
     assert parse_study(files["study.toml"]) == STUDY
-    assert files["report.html"] == "<html></html>"
+    assert from_json(files["model.json"]).relations == result.model.relations
+    assert files["candidates.csv"] == candidates_csv(result)
+    assert report.items() <= files.items()
 
 
 # writing
@@ -86,8 +90,10 @@ def test_the_four_files_read_back(result):
 def test_files_are_written_as_they_are_and_nothing_else_is_left(tmp_path):
     for folder in (tmp_path / "new" / "deep", tmp_path):
         write_files(folder, FILES)
-        assert {n: (folder / n).read_bytes().decode() for n in FILES} == FILES
-    assert sorted(os.listdir(tmp_path)) == ["a.txt", "b.txt", "new"]
+        for name, content in FILES.items():
+            assert (folder / name).read_bytes() == (content if isinstance(content, bytes) else content.encode())
+    assert sorted(os.listdir(tmp_path)) == ["a.txt", "b.txt", "figures", "new"]
+    assert sorted(os.listdir(tmp_path / "figures")) == ["c.png", "c.svg"]
     assert sorted(os.listdir(tmp_path / "new")) == ["deep"]
 
 
@@ -98,8 +104,9 @@ def test_results_have_the_permissions_that_the_user_set(tmp_path):
         write_file(tmp_path / "c.csv", "c")
     finally:
         os.umask(before)
-    modes = {p.name: stat.S_IMODE(p.stat().st_mode) for p in (tmp_path / "results", *tmp_path.rglob("*.*"))}
-    assert modes == {"results": 0o750, "a.txt": 0o640, "b.txt": 0o640, "c.csv": 0o640}
+    modes = {p.name: stat.S_IMODE(p.stat().st_mode) for p in tmp_path.rglob("*")}
+    files = dict.fromkeys(("a.txt", "b.txt", "c.csv", "c.png", "c.svg"), 0o640)
+    assert modes == {"results": 0o750, "figures": 0o750, **files}
 
 
 @pytest.mark.parametrize("there", [True, False])
@@ -150,7 +157,10 @@ def test_a_device_is_written_and_not_replaced(tmp_path):
 def test_what_cannot_be_a_results_folder(tmp_path):
     (tmp_path / "file").write_text("")
     (tmp_path / "odd" / "candidates.csv").mkdir(parents=True)
+    (tmp_path / "flat").mkdir()
+    (tmp_path / "flat" / "figures").write_text("")
     for folder, part in (
+        ("flat", "figures is no folder"),
         ("file", "is not a folder"),
         ("file/sub", "is not a folder"),
         ("odd", "candidates.csv is a folder"),
@@ -158,7 +168,7 @@ def test_what_cannot_be_a_results_folder(tmp_path):
         with pytest.raises(InputError, match=part):
             check_writable(tmp_path / folder)
     check_writable(tmp_path / "not" / "there" / "yet")
-    assert sorted(os.listdir(tmp_path)) == ["file", "odd"]
+    assert sorted(os.listdir(tmp_path)) == ["file", "flat", "odd"]
 
 
 def test_overwriting_is_seen_through_links_and_detours(tmp_path):

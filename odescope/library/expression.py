@@ -208,20 +208,32 @@ _GREEK = frozenset(
 _DERIVED = re.compile(r"^(?P<base>.+)_(?P<order>d+)ot$")
 
 
-def latex_name(name: str) -> str:
-    r"""Return LaTeX of a state, target or input: `phi1_ddot` becomes \ddot{\phi}_{1}."""
+def is_greek(stem: str) -> bool:
+    """Say whether a name is that of a Greek letter."""
+    return stem in _GREEK
+
+
+def split_name(name: str) -> tuple[str, str, int]:
+    """Return what a name is made of, stem, index and order of the derivative: `phi1_ddot` is phi, 1 and 2."""
     derived = _DERIVED.match(name)
     base, order = (derived["base"], len(derived["order"])) if derived else (name, 0)
     stem, _, index = base.partition("_")
-    if not (stem and index) and "_" in base:
-        stem, index = base.replace("_", r"\_"), ""
+    if not (stem and index):
+        stem, index = base, ""
     digits = re.match(r"^([A-Za-z]+)(\d+)$", stem)
     if digits:
         stem, index = digits[1], ",".join(filter(None, (digits[2], index)))
-    body = f"\\{stem}" if stem in _GREEK else stem if len(stem) == 1 else rf"\mathrm{{{stem}}}"
+    return stem, index, order
+
+
+def latex_name(name: str) -> str:
+    r"""Return LaTeX of a state, target or input: `phi1_ddot` becomes \ddot{\phi}_{1}."""
+    stem, index, order = split_name(name)
+    stem, index = stem.replace("_", r"\_"), index.replace("_", r"\_")
+    body = f"\\{stem}" if is_greek(stem) else stem if len(stem) == 1 else rf"\mathrm{{{stem}}}"
     if order:
         body = rf"\{'d' * order}ot{{{body}}}" if order <= 4 else rf"{{{body}}}^{{({order})}}"
-    return body + (f"_{{{index}}}".replace("_", r"\_").replace(r"\_{", "_{", 1) if index else "")
+    return body + (f"_{{{index}}}" if index else "")
 
 
 def latex(term: Term) -> str:

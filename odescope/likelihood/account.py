@@ -27,18 +27,16 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[st
     these data cannot tell it from the terms that are there.
     """
     outcome, process, searcher = refinement.outcome, refinement.process, refinement.searcher
-    moves = outcome.trail if process is None else process.trail
     trail: list[Json] = [
         {
-            "gap": m.gap if np.isfinite(m.gap) else None,
+            "gap": m.gap if process is None and np.isfinite(m.gap) else None,
             "action": m.action,
             "target": targets[m.relation],
-            "term": m.term,
+            "term": _product(m.factor, m.term, targets),
             "statistic": m.statistic,
             "price": m.price,
-            "cost": m.cost,
         }
-        for m in moves
+        for m in (outcome.trail if process is None else process.trail)
     ]
     scores: dict[str, Json] = {
         "follows": refinement.follows,
@@ -48,35 +46,41 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[st
         "starts": refinement.starts,
         "process_noise": None,
         "trail": trail,
+        "hints": [],
     }
     if process is not None:
         scores["process_noise"] = dict(zip(targets, process.unexplained.tolist(), strict=True))
         scores["held_out_free_run"] = process.held_out
+        scores["hints"] = list[Json](missing_physics(process, targets))
     if refinement.evidence is None or not refinement.follows:
         return scores
-    present, slots = refinement.fit.present, searcher.slots
-    errors = np.sqrt(refinement.evidence.variances)
+    present = [searcher.slots[k] for k in refinement.fit.present]
+    coefficients = refinement.fit.theta[refinement.fit.present]
+    reach = NORMAL * np.sqrt(refinement.evidence.variances)
     scores["intervals"] = [
-        _named(slots[k], targets) | {"interval": [float(c - NORMAL * e), float(c + NORMAL * e)]}
-        for k, c, e in zip(present, refinement.fit.theta[present], errors, strict=True)
+        {"target": targets[s.relation], "term": _text(s, targets), "interval": [float(c - e), float(c + e)]}
+        for s, c, e in zip(present, coefficients, reach, strict=True)
     ]
     correlation = refinement.evidence.correlation
     scores["correlations"] = [
-        {"one": _named(slots[present[i]], targets), "other": _named(slots[present[j]], targets)}
-        | {"correlation": float(correlation[i, j])}
+        {
+            "first": f"{_text(present[i], targets)} in {targets[present[i].relation]}",
+            "second": f"{_text(present[j], targets)} in {targets[present[j].relation]}",
+            "correlation": float(correlation[i, j]),
+        }
         for i, j in zip(*np.nonzero(np.abs(np.tril(correlation, -1)) > CORRELATED), strict=True)
     ]
     limits = refinement.evidence.limits
+    absent = sorted(np.flatnonzero(limits), key=lambda k: float(searcher.price[k]))  # the simplest first
     scores["limits"] = [
-        _named(slots[k], targets) | {"limit": float(limits[k]) if np.isfinite(limits[k]) else None}
-        for k in np.flatnonzero(limits)
+        {
+            "target": targets[searcher.slots[k].relation],
+            "term": _text(searcher.slots[k], targets),
+            "limit": float(limits[k]) if np.isfinite(limits[k]) else None,
+        }
+        for k in absent
     ]
     return scores
-
-
-def _named(slot: Slot, targets: Sequence[str]) -> dict[str, Json]:
-    factor = None if slot.factor < 0 else targets[slot.factor]
-    return {"target": targets[slot.relation], "factor": factor, "term": slot.term.text}
 
 
 def likelihood_notes(refinement: Refinement, targets: Sequence[str]) -> list[str]:
@@ -113,7 +117,13 @@ def likelihood_notes(refinement: Refinement, targets: Sequence[str]) -> list[str
 
 
 def _text(slot: Slot, targets: Sequence[str]) -> str:
-    return slot.term.text if slot.factor < 0 else f"{targets[slot.factor]}*{slot.term.text}"
+    return _product(slot.factor, slot.term.text, targets)
+
+
+def _product(factor: int, term: str, targets: Sequence[str]) -> str:
+    if factor < 0:
+        return term
+    return targets[factor] if term == "1" else f"{targets[factor]}*{term}"
 
 
 def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:

@@ -51,6 +51,7 @@ class Move:
     gap: float
     action: str
     relation: int
+    factor: int
     term: str
     statistic: float
     price: float
@@ -149,8 +150,8 @@ class Searcher:
     def move(self, width: float, action: str, k: int, statistic: float, after: Fit) -> Move:
         """Return the step of the trail that did something to slot k."""
         slot = self.slots[k]
-        text = slot.term.text if slot.factor < 0 else f"target {slot.factor + 1} * {slot.term.text}"
-        return Move(width, action, slot.relation, text, statistic, float(self.price[k]), after.cost)
+        price = float(self.price[k])
+        return Move(width, action, slot.relation, slot.factor, slot.term.text, statistic, price, after.cost)
 
     def fit(
         self, theta: FloatArray, present: IntArray, x0: FloatArray, gap: FloatArray, iterations: int = ITERATIONS

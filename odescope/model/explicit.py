@@ -15,6 +15,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.library.expression import ONE, Combination, latex_combination, latex_name
+from odescope.library.mathml import mathml_combination, mathml_name
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.model import Model
 
@@ -44,6 +45,14 @@ class Quotient:
         if self.denominator.parts == ((1.0, ONE),):
             return f"{latex_name(self.target)} = {numerator}"
         return rf"{latex_name(self.target)} = \frac{{{numerator}}}{{{latex_combination(self.denominator)}}}"
+
+    @property
+    def mathml(self) -> str:
+        """The whole equation in MathML."""
+        right = mathml_combination(self.numerator)
+        if self.denominator.parts != ((1.0, ONE),):
+            right = f"<mfrac>{right}{mathml_combination(self.denominator)}</mfrac>"
+        return f"{mathml_name(self.target)}<mo>=</mo>{right}"
 
 
 def explicit(model: Model) -> tuple[Quotient, ...]:

@@ -96,3 +96,15 @@ class Model:
         matrix = [r.part(target) for r in self.relations for target in self.targets]
         right = [Combination.of((-c, t) for c, t in r.part(None).parts) for r in self.relations]
         return write_tape(self.variables, [*matrix, *right])
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the equations, and how far to trust them."""
+        from odescope.model.notebook import model_html
+
+        return model_html(self)
+
+    def _repr_latex_(self) -> str:
+        """Return the equations as LaTeX for a notebook."""
+        from odescope.model.notebook import model_latex
+
+        return model_latex(self)

@@ -13,6 +13,8 @@ from odescope.signals.spectral import Spectrum, bin_frequencies
 
 # The median of chi-squared with one degree of freedom: each bin of a cosine transform of white noise has that spread.
 MEDIAN_CHI_SQUARED = 0.45493642311957174
+PERIODOGRAM_WINDOW = 4096  # samples
+PIECES_AT_ONCE = 256  # windows transformed together: it bounds the memory that a long record takes
 BANDS = 80  # bands in which the risk is walked: measured best among 40, 80 and 160 on transients and on the demo
 
 
@@ -23,6 +25,30 @@ def noise_level(spectra: Sequence[Spectrum]) -> float:
         count = len(spectrum.values)
         upper.append(spectrum.power(spectrum.cubic(count // 2), slice(count // 2, count)))
     return float(np.sqrt(np.median(np.concatenate(upper)) / MEDIAN_CHI_SQUARED))
+
+
+def periodogram(channel: Sequence[FloatArray], period: float) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies in hertz and the power per hertz, averaged over windows of the records (Welch's method).
+
+    Hann windows of the shortest record, but of at most 4096 samples, that overlap by half, each less its line. White
+    noise of standard deviation s stands at 2 s^2 period.
+    """
+    length = min(min(len(samples) for samples in channel), PERIODOGRAM_WINDOW)
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    line = np.linspace(-1.0, 1.0, length)
+    means = []
+    for samples in channel:
+        pieces = np.lib.stride_tricks.sliding_window_view(samples, length)[:: length - length // 2]
+        total = np.zeros(length // 2 + 1)
+        for start in range(0, len(pieces), PIECES_AT_ONCE):
+            piece = pieces[start : start + PIECES_AT_ONCE]
+            piece = piece - piece.mean(axis=1, keepdims=True)
+            piece -= np.outer(piece @ line / (line @ line), line)
+            total += np.sum(np.abs(np.fft.rfft(piece * window)) ** 2, axis=0)
+        means.append(total / len(pieces))
+    power: FloatArray = np.mean(means, axis=0) * period / np.sum(window**2)
+    power[1 : len(power) - (length % 2 == 0)] *= 2.0  # the negative frequencies, which all but these ends have
+    return np.arange(len(power)) / (length * period), power
 
 
 class Cutoff(Protocol):
@@ -80,17 +106,16 @@ class NoiseCeiling(msgspec.Struct, frozen=True, tag="noise_ceiling", tag_field="
 
     def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:
         """Return the cutoff in hertz; the periodograms of several records are averaged."""
-        from scipy.signal import welch
-
-        length = min(min(len(samples) for samples in channel), 4096)
-        periodograms = [welch(samples, 1.0 / period, nperseg=length, detrend="linear") for samples in channel]
-        frequency = periodograms[0][0]
-        power = np.mean([p for _, p in periodograms], axis=0)
+        frequency, power = periodogram(channel, period)
         smooth = np.convolve(power, np.ones(self.average) / self.average, mode="same")
-        upper = power[len(power) // 2 :]
-        below = np.flatnonzero(smooth < upper.mean() + self.z * upper.std())
+        below = np.flatnonzero(smooth < self.level(power))
         crossing = frequency[below[0]] if below.size else frequency[-1]
         return float(max(crossing - self.offset, frequency[1]))
+
+    def level(self, power: FloatArray) -> float:
+        """Return the noise ceiling of a periodogram: mean + z std of its upper half."""
+        upper = power[len(power) // 2 :]
+        return float(upper.mean() + self.z * upper.std())
 
 
 class FixedCutoff(msgspec.Struct, frozen=True, tag="fixed", tag_field="kind", forbid_unknown_fields=True):

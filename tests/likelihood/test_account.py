@@ -197,9 +197,9 @@ def test_scores_are_json_and_agree_with_the_model(name):
         assert (high - low) / 2 == pytest.approx(1.959964 * found[text].std_error, rel=1e-3)
     for pair in scores["correlations"]:
         assert 0.5 < abs(pair["correlation"]) <= 1.0
-        assert pair["one"] != pair["other"]
-    limits = {(s["factor"], s["term"]): s["limit"] for s in scores["limits"]}
-    present = {(None, text) for text in intervals}
+        assert pair["first"] != pair["second"]
+    limits = {s["term"]: s["limit"] for s in scores["limits"]}
+    present = intervals.keys()
     assert not limits.keys() & present
     assert len(limits) + len(present) == len(TERMS) - 1
     assert all(limit is None or 0.0 < limit < math.inf for limit in limits.values())

@@ -1,0 +1,112 @@
+"""Terms as MathML, by a walk over the expression, beside its LaTeX in `expression`.
+
+Presentation MathML that reads back without guessing: factors are joined by an invisible times, a function and its
+argument by the sign for application, so that a program (or a voice) finds the same value as the eye.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Sequence
+from html import escape
+
+from odescope.library.expression import Combination, Name, Term, is_greek, split_name
+
+TIMES = '<mo lspace="0.08em" rspace="0.08em">&#x2062;</mo>'
+APPLY, MINUS = "<mo>&#x2061;</mo>", "<mo>−</mo>"
+ACCENTS = {1: "˙", 2: "¨"}
+_ONE = "<mn>1</mn>"
+_MARKUP = re.compile(r"<[^>]*>|&#x206.;")
+LINE = 66  # characters, about, of one line of a sum: more would not fit a printed page
+
+
+def mathml_name(name: str) -> str:
+    """Return MathML of a state, target or input: `phi1_ddot` becomes a phi with two dots and the index 1."""
+    stem, index, order = split_name(name)
+    body = f"<mi>{escape(_letter(stem))}</mi>"
+    if order in ACCENTS:
+        # Not accent="true": without a mathematical font the dots would then fall into the letter.
+        body = f"<mover>{body}<mo>{ACCENTS[order]}</mo></mover>"
+    if index:
+        body = f"<msub>{body}<mtext>{escape(index)}</mtext></msub>"
+    if order and order not in ACCENTS:
+        body = f"<msup>{body}<mrow><mo>(</mo><mn>{order}</mn><mo>)</mo></mrow></msup>"
+    return body
+
+
+def mathml_term(term: Term) -> str:
+    """Return MathML of a term."""
+    out = []
+    for atom, power in term.factors:
+        up = f"<mn>{power}</mn>" if power >= 0 else f"<mrow>{MINUS}<mn>{-power}</mn></mrow>"
+        if isinstance(atom, Name):
+            body = mathml_name(atom.name)
+            out.append(body if power == 1 else f"<msup><mrow>{body}</mrow>{up}</msup>")
+            continue
+        inner = mathml_combination(atom.argument)
+        if atom.function == "sqrt":
+            body = f"<msqrt>{inner}</msqrt>"
+            out.append(body if power == 1 else f"<msup>{body}{up}</msup>")
+            continue
+        body, bracket = f"<mrow><mo>(</mo>{inner}<mo>)</mo></mrow>", True
+        if atom.function:
+            head = f"<mi>{escape(atom.function)}</mi>"
+            if power > 1:
+                head = f"<msup>{head}{up}</msup>"
+            body, bracket = f"<mrow>{head}{APPLY}{body}</mrow>", False
+        if power == 1 or (power > 1 and atom.function):
+            out.append(body)
+        elif bracket:
+            out.append(f"<msup>{body}{up}</msup>")
+        else:  # cos with the exponent -1 would read as the inverse function
+            out.append(f"<msup><mrow><mo>(</mo>{body}<mo>)</mo></mrow>{up}</msup>")
+    return TIMES.join(out) or _ONE
+
+
+def mathml_number(size: float, digits: int = 6) -> str:
+    """Return MathML of a number that is not negative, to `digits` significant digits."""
+    text = f"{size:.{digits}g}"
+    if "e" not in text:
+        return f"<mn>{text}</mn>"
+    mantissa, exponent = text.split("e")
+    power = int(exponent)
+    up = f"<mn>{power}</mn>" if power >= 0 else f"<mrow>{MINUS}<mn>{-power}</mn></mrow>"
+    return f"<mn>{mantissa}</mn><mo>×</mo><msup><mn>10</mn>{up}</msup>"
+
+
+def mathml_combination(combination: Combination, digits: int = 6) -> str:
+    """Return MathML of a combination, coefficients to `digits` significant digits; a long one goes over lines."""
+    return mathml_sum([(c, mathml_term(t)) for c, t in combination.parts], digits)
+
+
+def mathml_sum(parts: Sequence[tuple[float, str]], digits: int = 6) -> str:
+    """Return MathML of a signed sum of coefficient and MathML."""
+    rows: list[list[str]] = [[]]
+    width = 0
+    for coefficient, product in parts:
+        sign = MINUS if coefficient < 0 else "<mo>+</mo>" if any(rows) else ""
+        size = mathml_number(abs(coefficient), digits)
+        body = size if product == _ONE else product if size == _ONE else size + TIMES + product
+        length = len(_MARKUP.sub("", body)) + 3
+        if rows[-1] and width + length > LINE:
+            rows.append([])
+            width = 0
+        rows[-1].append(sign + body)
+        width += length
+    if len(rows) == 1:
+        return f"<mrow>{''.join(rows[0]) or '<mn>0</mn>'}</mrow>"
+    lines = "".join(f'<mtr><mtd columnalign="left"><mrow>{"".join(row)}</mrow></mtd></mtr>' for row in rows)
+    return f'<mtable class="lines">{lines}</mtable>'
+
+
+def math(body: str) -> str:
+    """Return MathML elements as one displayed formula."""
+    return f'<math xmlns="http://www.w3.org/1998/Math/MathML" display="block"><mrow>{body}</mrow></math>'
+
+
+def _letter(stem: str) -> str:
+    if not is_greek(stem):
+        return stem
+    case = "CAPITAL" if stem[0].isupper() else "SMALL"
+    return unicodedata.lookup(f"GREEK {case} LETTER {'LAMDA' if stem.lower() == 'lambda' else stem.upper()}")

@@ -1,0 +1,47 @@
+"""Console tables from the same plain data as the page."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from odescope.model.notebook import share
+from odescope.report.assemble import model_of
+from odescope.report.data import Report
+
+
+def table_text(report: Report) -> str:
+    """Return Table 2 as text: truth, paper, odescope."""
+    from rich.table import Table
+
+    table = Table(title="Table 2: truth, paper, odescope (denominators start with 1)", title_justify="left")
+    for heading in ("target", "term", "truth", "paper", "odescope"):
+        table.add_column(heading, justify="left" if heading in ("target", "term") else "right")
+    for row in report.table:
+        values = ["missing" if v is None else f"{v:.5g}" for v in (row.truth, row.paper, row.found)]
+        table.add_row(row.target, row.term, *values)
+    return _shown(table)
+
+
+def trust_text(report: Report) -> str:
+    """Return what held-out data and the free run say of every equation, as text."""
+    from rich.table import Table
+
+    table = Table(title_justify="left", box=None, pad_edge=False)
+    for heading in ("target", "terms", "chosen among", "R² held out"):
+        table.add_column(heading, justify="left" if heading == "target" else "right")
+    scores: Any = model_of(report).scores["targets"]
+    for searched, coefficients in zip(report.searches, report.coefficients, strict=True):
+        held_out = share(scores[searched.target]["r2_held_out"])
+        table.add_row(searched.target, str(len(coefficients)), str(searched.kept), held_out)
+    work = report.at_work
+    run = f"free run: {work.valid_time:.4g} of {work.duration:.4g} s with the record"
+    return _shown(table) + run + (f"; {work.ended}" if work.ended else "") + "\n"
+
+
+def _shown(table: object) -> str:
+    from rich.console import Console
+
+    console = Console()
+    with console.capture() as shown:
+        console.print(table)
+    return shown.get()

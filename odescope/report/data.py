@@ -1,0 +1,323 @@
+"""The report as plain data: what every renderer draws from, and what report.json holds.
+
+Everything is numbers and text: lines are already thinned, text is as it came and for the renderer to escape. Shapes are
+checked on reading, since a stored report may have been written by anyone.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+
+Role = Literal["recorded", "estimated", "truth", "model", "refitted"]
+Count = Annotated[int, msgspec.Meta(ge=0)]
+Points = tuple[float | None, ...]
+
+
+class Plain(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of every part: frozen, and strict about its keys."""
+
+
+class Line(Plain, frozen=True):
+    """A thinned line; null interrupts it."""
+
+    label: str
+    role: Role
+    x: Points
+    y: Points
+
+    def __post_init__(self) -> None:
+        if len(self.x) != len(self.y):
+            raise ValueError(f"a line has {len(self.x)} abscissas and {len(self.y)} ordinates")
+
+
+class Panel(Plain, frozen=True):
+    """Lines over all of the time shown, and others beside them; `label` is that of the ordinate, with its unit."""
+
+    label: str
+    wide: tuple[Line, ...]
+    close: tuple[Line, ...] = ()
+
+
+class Chart(Plain, frozen=True):
+    """Panels over one axis of time, labelled `time`, and `beside` it a second one.
+
+    `marks` are times worth a vertical line, `left_out` counts the panels that found no room.
+    """
+
+    time: str
+    beside: str
+    panels: tuple[Panel, ...]
+    marks: tuple[tuple[float, str], ...] = ()
+    left_out: Count = 0
+
+
+class Run(Plain, frozen=True):
+    """One uninterrupted recording, and the time missing between it and the one before in the same source."""
+
+    source: str
+    samples: Count
+    duration: float
+    gap: float | None
+
+
+class Channel(Plain, frozen=True):
+    """A measured coordinate: what was found in it, in its own unit and in hertz."""
+
+    name: str
+    column: str
+    unit: str
+    order: Count
+    noise: float
+    cutoff: float
+    signal: float
+
+
+class Driver(Plain, frozen=True):
+    """A recorded input."""
+
+    name: str
+    column: str
+    unit: str
+    hold: str
+
+
+class Recorded(Plain, frozen=True):
+    """What was measured."""
+
+    files: tuple[str, ...]
+    runs: tuple[Run, ...]
+    recordings: Count
+    samples: Count
+    duration: float
+    period: float
+    kept_period: float
+    kept: Count
+    channels: tuple[Channel, ...]
+    drivers: tuple[Driver, ...]
+    chart: Chart
+
+
+class Spectrum(Plain, frozen=True):
+    """The periodogram of one channel: power per hertz over hertz, with its levels and cutoffs."""
+
+    channel: str
+    unit: str
+    power: Line
+    noise: float
+    floor: float
+    ceiling: float
+    cutoff: float
+    paper_cutoff: float
+
+
+class Measured(Plain, frozen=True):
+    """What is known before there is a model."""
+
+    recorded: Recorded
+    spectra: tuple[Spectrum, ...]
+    derivatives: Chart
+
+
+class Rule(Plain, frozen=True):
+    """What a rule of the library removed."""
+
+    rule: str
+    removed: Count
+
+
+class Dependent(Plain, frozen=True):
+    """A candidate term that is a combination of others on these data, and was left out."""
+
+    term: str
+    others: tuple[str, ...]
+
+
+class Correlations(Plain, frozen=True):
+    """Cosines between candidate terms in percent; `left_out` counts the terms that found no room."""
+
+    terms: tuple[str, ...]
+    percent: tuple[tuple[Annotated[int, msgspec.Meta(ge=-100, le=100)], ...], ...]
+    left_out: Count
+
+    def __post_init__(self) -> None:
+        if any(len(row) != len(self.terms) for row in (self.percent, *self.percent)):
+            raise ValueError(f"the correlations of {len(self.terms)} terms are not a square table of that size")
+
+
+class Row(Plain, frozen=True):
+    """A candidate relation: its place, and of every column of the grid the sign "+", "-" or "."."""
+
+    rank: Count
+    family: Count
+    guess: str
+    rmse: float
+    criterion: float
+    consensus: Count
+    chosen: bool
+    signs: Annotated[str, msgspec.Meta(pattern="^[-+.]*$")]
+
+    @property
+    def terms(self) -> int:
+        """Number of terms of the relation."""
+        return len(self.signs) - self.signs.count(".")
+
+
+class Point(Plain, frozen=True):
+    """Accuracy and size of one candidate."""
+
+    terms: Count
+    rmse: float
+    chosen: bool
+
+
+class Searched(Plain, frozen=True):
+    """The search for one target: its library, what was found, what was discarded and why, and the best."""
+
+    target: str
+    unit: str
+    products: Count
+    rules: tuple[Rule, ...]
+    terms: Count
+    dependent: tuple[Dependent, ...]
+    correlations: Correlations
+    found: Count
+    kept: Count
+    discarded: tuple[tuple[str, Count], ...]
+    columns: tuple[str, ...]
+    rows: tuple[Row, ...]
+    points: tuple[Point, ...]
+    adopted: bool
+
+    def __post_init__(self) -> None:
+        if any(len(row.signs) != len(self.columns) for row in self.rows):
+            raise ValueError(f"a row of the candidates for {self.target} does not fit the {len(self.columns)} columns")
+
+    def listed(self, most: int) -> tuple[Row, ...]:
+        """Return the best rows, and the chosen one wherever it stands."""
+        return tuple(row for k, row in enumerate(self.rows) if k < most or row.chosen)
+
+    def support(self, row: Row) -> tuple[str, ...]:
+        """Return the terms of a row."""
+        return tuple(term for term, sign in zip(self.columns, row.signs, strict=True) if sign != ".")
+
+
+class Step(Plain, frozen=True):
+    """One step of the likelihood's search."""
+
+    gap: str
+    action: str
+    target: str
+    term: str
+    statistic: float | None
+    price: float | None
+
+
+class Limit(Plain, frozen=True):
+    """A term that the model lacks, and the size from which on it would have been noticed; None at no size."""
+
+    target: str
+    term: str
+    limit: float | None
+
+
+class Unexplained(Plain, frozen=True):
+    """The root mean square of what the model does not explain of a target."""
+
+    target: str
+    size: float
+
+
+class Pair(Plain, frozen=True):
+    """Two coefficients whose estimates go together."""
+
+    first: str
+    second: str
+    correlation: float
+
+
+class Likelihood(Plain, frozen=True):
+    """How the likelihood of the measured trajectory judged; the last two are there where errors are stated."""
+
+    follows: bool
+    finished: bool
+    starts: Count
+    residual_variance: float | None
+    process_noise: tuple[Unexplained, ...]
+    trail: tuple[Step, ...]
+    hints: tuple[str, ...] = ()
+    limits: tuple[Limit, ...] = ()
+    correlations: tuple[Pair, ...] = ()
+
+
+class Score(Plain, frozen=True):
+    """How the model predicts one target on the stretch shown: R^2 of the model, and of its terms fitted without it."""
+
+    target: str
+    model: float | None
+    refitted: float | None
+
+
+class AtWork(Plain, frozen=True):
+    """The model on one stretch of the record; `held_out` says whether the refitted lines have not seen it."""
+
+    targets: Chart
+    free_run: Chart
+    held_out: bool
+    begin: float
+    end: float
+    scores: tuple[Score, ...]
+    valid_time: float
+    duration: float
+    ended: str
+
+
+class Coefficient(Plain, frozen=True):
+    """A coefficient of the model, in the order of its relations' terms."""
+
+    unit: str
+
+
+class TableRow(Plain, frozen=True):
+    """A row of Table 2."""
+
+    target: str
+    term: str
+    truth: float | None
+    paper: float | None
+    found: float | None
+
+
+class Stage(Plain, frozen=True):
+    """Time of a stage in seconds, and the most memory that the process had held at its end, in bytes."""
+
+    name: str
+    seconds: float
+    peak: Count | None
+
+
+class Reproduce(Plain, frozen=True):
+    """What it takes to do it again."""
+
+    study: str
+    seed: Count
+    versions: tuple[tuple[str, str], ...]
+    stages: tuple[Stage, ...]
+
+
+class Report(Plain, frozen=True):
+    """The whole report. `model` is the text of model.json, read with the same care."""
+
+    format: Literal["odescope/report"]
+    version: Literal[1]
+    title: str
+    model: msgspec.Raw
+    coefficients: tuple[tuple[Coefficient, ...], ...]
+    notes: tuple[str, ...]
+    measured: Measured
+    searches: tuple[Searched, ...]
+    likelihood: Likelihood | None
+    at_work: AtWork
+    table: tuple[TableRow, ...]
+    reproduce: Reproduce

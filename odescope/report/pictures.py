@@ -1,0 +1,225 @@
+"""Every figure of the report: where it belongs, what it is called, what to look for in it, how it is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+
+from odescope.report.data import Chart, Measured, Report, Searched, Spectrum
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Kind = Literal["chart", "spectra", "correlation", "candidates", "accuracy"]
+_TYPES: dict[Kind, Any] = {
+    "chart": Chart,
+    "spectra": tuple[Spectrum, ...],
+    "correlation": Searched,
+    "candidates": Searched,
+    "accuracy": tuple[Searched, ...],
+}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure: its file's name, the section it stands in, its alternative text, its caption, and what is drawn."""
+
+    name: str
+    section: str
+    alternative: str
+    caption: str
+    kind: Kind
+    data: Any
+
+    @property
+    def job(self) -> bytes:
+        """All that drawing takes: equal jobs give equal figures."""
+        return msgspec.msgpack.encode((self.name, self.kind, msgspec.msgpack.encode(self.data)))
+
+
+def draw(kind: Kind, data: Any) -> Figure:
+    """Return the figure of a kind for its data."""
+    from odescope.report import charts, grids
+
+    how: dict[Kind, Any] = {
+        "chart": charts.draw_chart,
+        "spectra": charts.draw_spectra,
+        "correlation": grids.draw_correlation,
+        "candidates": grids.draw_candidates,
+        "accuracy": grids.draw_accuracy,
+    }
+    figure: Figure = how[kind](data)
+    return figure
+
+
+def draw_job(job: bytes) -> tuple[str, bytes]:
+    """Return the SVG and the PNG of a picture's job."""
+    from odescope.report.style import saved
+
+    name, kind, data = msgspec.msgpack.decode(job, type=tuple[str, Kind, bytes])
+    return saved(draw(kind, msgspec.msgpack.decode(data, type=_TYPES[kind])), name)
+
+
+def pictures(report: Report) -> tuple[Picture, ...]:
+    """Return the figures of a report in the order of its page; nothing is drawn yet."""
+    return (*early_pictures(report.measured, report.searches), _targets(report), _free_run(report))
+
+
+def early_pictures(measured: Measured, searches: tuple[Searched, ...]) -> tuple[Picture, ...]:
+    """Return the figures that do not show the model at work."""
+    return (
+        _signals(measured),
+        _spectra(measured),
+        _derivatives(measured),
+        *(_correlation(k, s) for k, s in enumerate(searches, start=1)),
+        *(_candidates(k, s) for k, s in enumerate(searches, start=1)),
+        _accuracy(searches),
+    )
+
+
+def _signals(measured: Measured) -> Picture:
+    names = ", ".join(c.name for c in measured.recorded.channels)
+    drivers = ", ".join(d.name for d in measured.recorded.drivers)
+    return Picture(
+        "signals",
+        "data",
+        f"Line plots over time of {names} as recorded and filtered"
+        + (f", and of the input {drivers}" if drivers else "")
+        + ", and of what the filter removed",
+        "Left: what was recorded (broad, grey) and what the filter kept (narrow, blue). Right, on its own scale:"
+        " what the"
+        " filter removed. It should be shapeless noise of even breadth; bursts where the motion turns sharply mean that"
+        " the cutoff is too low." + _left_out(measured.recorded.chart),
+        "chart",
+        measured.recorded.chart,
+    )
+
+
+def _spectra(measured: Measured) -> Picture:
+    return Picture(
+        "spectra",
+        "cutoff",
+        "Periodogram of each channel over frequency, both logarithmic, with noise floor, noise ceiling and two cutoffs;"
+        " the numbers stand in the table",
+        "Power of each channel over frequency. To the left is the motion, to the right the flat noise; everything"
+        " to the"
+        " right of the chosen cutoff was thrown away. A good cutoff stands near where the power sinks into the"
+        " noise floor;"
+        " peaks far to its right are motion that was lost, or a disturbance.",
+        "spectra",
+        measured.spectra,
+    )
+
+
+def _derivatives(measured: Measured) -> Picture:
+    true = any(line.role == "truth" for panel in measured.derivatives.panels for line in panel.wide)
+    return Picture(
+        "derivatives",
+        "cutoff",
+        "Line plots over time of the estimated derivatives" + (" beside the true ones" if true else ""),
+        "Derivatives estimated from the filtered record"
+        + (
+            " (blue) and the true ones of the simulation (black, dotted). Where the two part, usually at the sharpest"
+            " peaks, the regression has been told something false."
+            if true
+            else ". They should look like a motion, not like noise: steady ripples at the cutoff frequency are noise"
+            " that the filter let through."
+        )
+        + _left_out(measured.derivatives),
+        "chart",
+        measured.derivatives,
+    )
+
+
+def _correlation(number: int, searched: Searched) -> Picture:
+    more = searched.correlations.left_out
+    return Picture(
+        f"correlation-{number}",
+        "library",
+        f"Matrix of the correlations between {len(searched.correlations.terms)} candidate terms for {searched.target}",
+        f"Correlation between the candidate terms for {searched.target} (about zero, as the regression sees them). Pale"
+        " is good: two terms that are dark where their row and column meet say nearly the same on these data, and the"
+        " data can hardly tell which of them is real."
+        + (f" The {more} terms that are least alike found no room here." if more else ""),
+        "correlation",
+        searched,
+    )
+
+
+def _candidates(number: int, searched: Searched) -> Picture:
+    return Picture(
+        f"candidates-{number}",
+        "candidates",
+        f"Grid of signs: {len(searched.rows)} candidate relations for {searched.target} by {len(searched.columns)}"
+        f" terms",
+        f"The best candidate relations for {searched.target}, one a row: the term that served as guess, the error of"
+        f" the"
+        f" predicted {searched.target} on held-out data, and the sign of every coefficient (orange + positive, blue −"
+        f" negative, the target's own being positive). Lines part families that predict alike. Trust a model whose"
+        " neighbours hold the same columns with the same signs; doubt one whose error the next rows share with other"
+        " terms." + ("" if searched.adopted else " The likelihood then changed the chosen row: see its steps below."),
+        "candidates",
+        searched,
+    )
+
+
+def _accuracy(searches: tuple[Searched, ...]) -> Picture:
+    return Picture(
+        "accuracy",
+        "candidates",
+        "Held-out error of every candidate over its number of terms, the chosen one marked",
+        "Error on held-out data over the number of terms, each circle a candidate. The chosen one (diamond) should"
+        " stand"
+        " at the foot of the cliff: left of it the error is much larger, right of it more terms gain next to nothing.",
+        "accuracy",
+        searches,
+    )
+
+
+def _stretch(report: Report) -> str:
+    work = report.at_work
+    where = f"the last fifth of the {'record' if report.measured.recorded.recordings == 1 else 'longest recording'}"
+    honest = (
+        " The dash-dotted line is held out from this stretch: the same terms, their coefficients regressed on the"
+        " other blocks"
+        " of the data. The dashed line is the model as reported, whose coefficients and terms have seen the whole"
+        " record,"
+        " this stretch included; the terms were chosen with it in both."
+        if work.held_out
+        else " The record is too short to hold this stretch out: the model has seen it."
+    )
+    return f"Shown is {where}, {work.begin:.4g} s to {work.end:.4g} s.{honest}"
+
+
+def _targets(report: Report) -> Picture:
+    return Picture(
+        "targets",
+        "work",
+        "Line plots over time of the predicted beside the estimated targets, with a close-up",
+        "The targets as estimated from the record and as the model predicts them from the states and inputs at the same"
+        f" instant. {_stretch(report)} Look for peaks that the prediction misses in one direction only.",
+        "chart",
+        report.at_work.targets,
+    )
+
+
+def _free_run(report: Report) -> Picture:
+    work = report.at_work
+    return Picture(
+        "free-run",
+        "work",
+        f"Line plots over time of every state in a free run of the model beside the record, valid for"
+        f" {work.valid_time:.4g} of {work.duration:.4g} s",
+        "The model left to itself: it starts from the record's state at the left edge and sees nothing but the input"
+        f" after that. {_stretch(report)} A chaotic system must part from its record some time, however good the model:"
+        " look how long it stays, and whether it moves alike afterwards."
+        + (f" The run ended early: {work.ended}." if work.ended else ""),
+        "chart",
+        work.free_run,
+    )
+
+
+def _left_out(chart: Chart) -> str:
+    return f" {chart.left_out} more found no room here." if chart.left_out else ""

@@ -1,0 +1,71 @@
+"""The figures for a notebook: each takes a result and returns a matplotlib figure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from odescope.errors import InputError, nearest
+from odescope.identification import Identification
+from odescope.report.at_work import at_work
+from odescope.report.charts import draw_chart, draw_spectra
+from odescope.report.data import Searched
+from odescope.report.grids import draw_accuracy, draw_candidates, draw_correlation
+from odescope.report.recorded import Truth, derivatives_chart, signals_chart, spectra
+from odescope.report.searches import searched
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plot_signals(result: Identification) -> Figure:
+    """Return the channels as recorded and as filtered, and the inputs (the paper's Fig. 2)."""
+    return draw_chart(signals_chart(result))
+
+
+def plot_spectra(result: Identification) -> Figure:
+    """Return the periodograms with noise floor, noise ceiling, the chosen cutoff and the paper's (Fig. 1)."""
+    return draw_spectra(spectra(result))
+
+
+def plot_derivatives(result: Identification, truth: Truth | None = None) -> Figure:
+    """Return the estimated derivatives, beside the true ones where they are given (Fig. 3).
+
+    Args:
+        result: of a record of one run, where the truth is given.
+        truth: true derivatives by name, one value a sample of the record.
+    """
+    return draw_chart(derivatives_chart(result, truth))
+
+
+def plot_correlation(result: Identification, target: str | None = None) -> Figure:
+    """Return the correlations between the candidate terms of a target, by default the first (Fig. 4)."""
+    return draw_correlation(_of(result, target))
+
+
+def plot_candidates(result: Identification, target: str | None = None) -> Figure:
+    """Return the candidate relations of a target, by default the first, as a grid of signs (Fig. 5)."""
+    return draw_candidates(_of(result, target))
+
+
+def plot_accuracy(result: Identification) -> Figure:
+    """Return the held-out error of every candidate over its number of terms, the chosen ones marked."""
+    return draw_accuracy(searched(result))
+
+
+def plot_targets(result: Identification, truth: Truth | None = None) -> Figure:
+    """Return the predicted beside the estimated targets on the last fifth of the longest recording (Fig. 6)."""
+    return draw_chart(at_work(result, truth).targets)
+
+
+def plot_free_run(result: Identification) -> Figure:
+    """Return a free run of the model beside the record on the last fifth of the longest recording (Fig. 7)."""
+    return draw_chart(at_work(result).free_run)
+
+
+def _of(result: Identification, target: str | None) -> Searched:
+    found = {s.target: s for s in searched(result)}
+    if target is None:
+        return next(iter(found.values()))
+    if target not in found:
+        raise InputError(f"the result has no target {target!r}; {nearest(target, found)}")
+    return found[target]

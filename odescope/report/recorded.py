@@ -1,0 +1,202 @@
+"""What was measured, as plain data: recordings, channels, spectra, derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.identification import Identification
+from odescope.records import Records
+from odescope.report.data import Channel, Chart, Driver, Line, Panel, Recorded, Role, Run, Spectrum
+from odescope.report.thin import drawn
+from odescope.report.units import quantity_units, shown
+from odescope.signals.cutoff import NoiseCeiling, periodogram
+
+WIDE, CLOSE, WHOLE = 640, 360, 960  # pixels of the wide and the close view, and of a panel that has the width alone
+MOST_PANELS = 8  # of one figure
+MOST_RUNS = 12  # rows of the table
+CLOSE_PERIODS = 40.0  # of the highest cutoff, and at most a fifth of the longest recording
+CLOSE_UP = "close-up: time (s)"
+Truth = Mapping[str, FloatArray]  # name of a state or target -> its true samples, one a sample of the only recording
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """Places recordings end to end on one axis of time; `offsets` holds where each begins."""
+
+    records: Records
+    offsets: tuple[float, ...]
+
+    @staticmethod
+    def of(records: Records) -> Clock:
+        """Return the clock of these recordings."""
+        ends = np.cumsum([run.duration + run.sample_period for run in records])
+        return Clock(records, (0.0, *ends[:-1].tolist()))
+
+    @property
+    def label(self) -> str:
+        """The label of the axis."""
+        return "time (s)" if len(self.records) == 1 else "time, recordings end to end (s)"
+
+    @property
+    def longest(self) -> int:
+        """The longest recording."""
+        return int(np.argmax([len(run) for run in self.records]))
+
+    def raw(self) -> list[FloatArray]:
+        """Return the time of every sample as recorded, one array a recording."""
+        return [run.t - run.t[0] + at for run, at in zip(self.records, self.offsets, strict=True)]
+
+    def kept(self, result: Identification) -> list[FloatArray]:
+        """Return the time of every sample of the signals, one array a recording."""
+        signals = result.signals
+        return [
+            start - run.t[0] + at + signals.period * np.arange(columns.shape[1])
+            for run, at, start, columns in zip(self.records, self.offsets, signals.start, signals.columns, strict=True)
+        ]
+
+    def close(self, result: Identification) -> tuple[float, float]:
+        """Return the stretch, in the middle of the longest recording, that is worth a close look."""
+        run = self.records.runs[self.longest]
+        highest = max(c.cutoff for c in result.signals.channels)
+        width = min(run.duration / 5.0, CLOSE_PERIODS / highest)
+        middle = self.offsets[self.longest] + run.duration / 2.0
+        return middle - width / 2.0, middle + width / 2.0
+
+
+Trace = tuple[str, Role, Sequence[FloatArray], Sequence[FloatArray]]
+
+
+def panel(label: str, traces: Sequence[Trace], close: tuple[float, float] | None) -> Panel:
+    """Return one panel of traces (label, role, abscissas, ordinates), with a close view where one is asked for."""
+    wide = tuple(drawn(*trace, WHOLE if close is None else WIDE) for trace in traces)
+    if close is None:
+        return Panel(label=label, wide=wide)
+    near: list[Line] = []
+    for text, role, xs, ys in traces:
+        inside = [slice(*np.searchsorted(x, close).tolist()) for x in xs]
+        cut = [(x[s], y[s]) for x, y, s in zip(xs, ys, inside, strict=True) if s.stop > s.start]
+        near.append(drawn(text, role, [x for x, _ in cut], [y for _, y in cut], CLOSE) if cut else _empty(text, role))
+    return Panel(label=label, wide=wide, close=tuple(near))
+
+
+def _empty(label: str, role: Role) -> Line:
+    return Line(label=label, role=role, x=(), y=())
+
+
+def chart(time: str, panels: Sequence[Panel], beside: str = CLOSE_UP, marks: Sequence[tuple[float, str]] = ()) -> Chart:
+    """Return a chart of as many panels as there is room for."""
+    return Chart(
+        time=time,
+        beside=beside,
+        panels=tuple(panels[:MOST_PANELS]),
+        marks=tuple(marks),
+        left_out=max(len(panels) - MOST_PANELS, 0),
+    )
+
+
+def labels(result: Identification) -> dict[str, str]:
+    """Return the label of an axis for every state, target and input: its name, and its unit where that is known."""
+    units = quantity_units(result.model)
+    return {name: f"{name} ({unit})" if (unit := shown(own)) else name for name, own in units.items()}
+
+
+def recorded(result: Identification) -> Recorded:
+    """Return the recordings, the channels and what was found in them."""
+    records, signals, study = result.records, result.signals, result.study
+    runs, last = [], dict[str, float]()
+    for run in list(records)[:MOST_RUNS]:
+        gap = float(run.t[0]) - last[run.source] - run.sample_period if run.source in last else None
+        runs.append(Run(source=run.source, samples=len(run), duration=run.duration, gap=gap))
+        last[run.source] = float(run.t[-1])
+    return Recorded(
+        files=study.data.files,
+        runs=tuple(runs),
+        recordings=len(records),
+        samples=records.samples,
+        duration=sum(run.duration for run in records),
+        period=records.runs[0].sample_period,
+        kept_period=signals.period,
+        kept=signals.samples,
+        channels=tuple(
+            Channel(
+                name=c.name,
+                column=study.coordinates[c.name].column or c.name,
+                unit=c.unit or "",
+                order=c.order,
+                noise=found.noise,
+                cutoff=found.cutoff,
+                signal=float(np.std(signals.joined()[signals.row(c.name)])),
+            )
+            for c, found in zip(signals.coordinates, signals.channels, strict=True)
+        ),
+        drivers=tuple(
+            Driver(name=i.name, column=study.inputs[i.name].column or i.name, unit=i.unit or "", hold=i.hold)
+            for i in signals.inputs
+        ),
+        chart=signals_chart(result),
+    )
+
+
+def signals_chart(result: Identification) -> Chart:
+    """Return the channels as recorded and filtered, and the inputs (the paper's Fig. 2)."""
+    clock, signals, label = Clock.of(result.records), result.signals, labels(result)
+    raw, kept = clock.raw(), clock.kept(result)
+    panels = []
+    for name in (*(c.name for c in signals.coordinates), *(i.name for i in signals.inputs)):
+        samples = [run.column(name) for run in result.records]
+        wide = [drawn("recorded", "recorded", raw, samples, WIDE)]
+        close = []
+        if name in signals.states:
+            filtered = [c[signals.row(name)] for c in signals.columns]
+            wide.append(drawn("filtered", "estimated", kept, filtered, WIDE))
+            rest = [_at(t, x, k) - f for t, x, k, f in zip(raw, samples, kept, filtered, strict=True)]
+            close.append(drawn("removed", "recorded", kept, rest, CLOSE))
+        panels.append(Panel(label=label[name], wide=tuple(wide), close=tuple(close)))
+    return chart(clock.label, panels, "removed by the filter, over time (s)")
+
+
+def _at(time: FloatArray, samples: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Return the samples at times that are among those of the record, to rounding."""
+    nearest = np.minimum(np.searchsorted(time, wanted - 0.25 * (time[1] - time[0])), len(time) - 1)
+    found: FloatArray = samples[nearest]
+    return found
+
+
+def derivatives_chart(result: Identification, truth: Truth | None = None) -> Chart:
+    """Return the derivatives that were estimated, with the true ones where they are known (Fig. 3)."""
+    clock, signals, label = Clock.of(result.records), result.signals, labels(result)
+    raw, kept, close = clock.raw(), clock.kept(result), clock.close(result)
+    panels = []
+    highest = max(c.order for c in signals.coordinates)
+    for name in (c.derivative(k) for k in range(1, highest + 1) for c in signals.coordinates if k <= c.order):
+        traces: list[Trace] = [("estimated", "estimated", kept, [c[signals.row(name)] for c in signals.columns])]
+        if truth is not None and name in truth:
+            traces.append(("truth", "truth", raw, [truth[name]]))
+        panels.append(panel(label[name], traces, close))
+    return chart(clock.label, panels)
+
+
+def spectra(result: Identification) -> tuple[Spectrum, ...]:
+    """Return the periodogram of every channel, its noise floor and ceiling, the chosen cutoff and the paper's."""
+    found, paper = [], NoiseCeiling()
+    period = result.records.runs[0].sample_period
+    for c, coordinate in zip(result.signals.channels, result.signals.coordinates, strict=True):
+        channel = [run.column(c.name) for run in result.records]
+        frequency, power = periodogram(channel, period)
+        found.append(
+            Spectrum(
+                channel=c.name,
+                unit=coordinate.unit or ("rad" if coordinate.angle else ""),
+                power=drawn(c.name, "recorded", [frequency[1:]], [np.maximum(power[1:], 1e-300)], WHOLE, log=True),
+                noise=c.noise,
+                floor=2.0 * c.noise**2 * period,
+                ceiling=paper.level(power),
+                cutoff=c.cutoff,
+                paper_cutoff=paper.hertz(channel, period, coordinate.order),
+            )
+        )
+    return tuple(found[:MOST_PANELS])

@@ -1,0 +1,147 @@
+"""The library and the candidates of every target, and the steps of the likelihood, as plain data."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from odescope.identification import Identification, Search
+from odescope.model.model import Relation
+from odescope.report.data import (
+    Correlations,
+    Dependent,
+    Likelihood,
+    Limit,
+    Pair,
+    Point,
+    Row,
+    Rule,
+    Searched,
+    Step,
+    Unexplained,
+)
+from odescope.report.units import quantity_units, shown
+from odescope.selection.rank import Candidate
+
+MOST_ROWS = 40  # candidates in the grid
+MOST_COLUMNS = 60  # terms in the grid: a candidate with others is left out
+MOST_CORRELATED = 80  # terms in the matrix of correlations
+MOST_POINTS = 400
+MOST_LISTED = 60  # dependent terms, limits and the like
+
+
+def searched(result: Identification) -> tuple[Searched, ...]:
+    """Return what was searched for every target."""
+    units = quantity_units(result.model)
+    return tuple(
+        _searched(search, chosen, relation, result.model.targets, shown(units[search.problem.target]))
+        for search, chosen, relation in zip(result.searches, result.chosen, result.model.relations, strict=True)
+    )
+
+
+def columns_of(search: Search, relation: Relation, targets: tuple[str, ...]) -> tuple[int, ...]:
+    """Return the columns of the library that a relation's terms are, in the order of its terms."""
+    problem = search.problem
+    place = {
+        (min(term.names & set(targets), default=None), rest): j
+        for j, (term, rest) in enumerate(zip(problem.terms, problem.rests, strict=True))
+    }
+    return tuple(place[t.factor, t.term] for t in relation.terms)
+
+
+def _searched(search: Search, chosen: Candidate, relation: Relation, targets: tuple[str, ...], unit: str) -> Searched:
+    problem, ranked = search.problem, search.ranked.candidates
+    texts = [term.text for term in problem.terms]
+    best, used = list[Candidate](), set[int]()
+    for c in (chosen, *ranked):
+        if len(used | set(c.support)) <= MOST_COLUMNS and len(best) < MOST_ROWS and not any(c is b for b in best):
+            best.append(c)
+            used |= set(c.support)
+    rank = {id(c): k for k, c in enumerate(ranked)}
+    best.sort(key=lambda c: rank[id(c)])
+    columns = sorted(used)
+    adopted = columns_of(search, relation, targets)
+    rows = tuple(
+        Row(
+            rank=1 + rank[id(c)],
+            family=c.family + 1,
+            guess=texts[c.guess],
+            rmse=c.target_rmse,
+            criterion=c.criterion,
+            consensus=len(c.guesses),
+            chosen=c is chosen,
+            signs="".join("." if j not in c.support else "+" if c.xi[j] >= 0 else "-" for j in columns),
+        )
+        for c in best
+    )
+    removed = sum(count for _, count in search.removed)
+    return Searched(
+        target=problem.target,
+        unit=unit,
+        products=len(problem.terms) + removed + len(problem.dependent),
+        rules=tuple(Rule(rule=rule, removed=count) for rule, count in search.removed),
+        terms=len(problem.terms),
+        dependent=tuple(
+            Dependent(term=term.text, others=tuple(o.text for o in others[:MOST_LISTED]))
+            for term, others in problem.dependent[:MOST_LISTED]
+        ),
+        correlations=_correlations(search),
+        found=len(search.found.supports),
+        kept=len(ranked),
+        discarded=search.ranked.discarded,
+        columns=tuple(texts[j] for j in columns),
+        rows=rows,
+        points=tuple(
+            Point(terms=len(c.support), rmse=c.target_rmse, chosen=c is chosen)
+            for c in sorted(ranked, key=lambda c: c is not chosen)[:MOST_POINTS]
+        ),
+        adopted=set(adopted) == set(chosen.support),
+    )
+
+
+def _correlations(search: Search) -> Correlations:
+    """Return the cosines between the candidate terms; of a large library between those that are most alike."""
+    cosines = search.problem.factor.correlations()
+    alike = np.abs(cosines - np.diag(np.diag(cosines))).max(axis=1, initial=0.0)
+    kept = np.sort(np.argsort(-alike, kind="stable")[:MOST_CORRELATED])
+    percent = np.clip(np.rint(100.0 * cosines[np.ix_(kept, kept)]), -100, 100).astype(int)
+    return Correlations(
+        terms=tuple(search.problem.terms[j].text for j in kept),
+        percent=tuple(tuple(row) for row in percent.tolist()),
+        left_out=len(cosines) - len(kept),
+    )
+
+
+def likelihood(result: Identification) -> Likelihood | None:
+    """Return how the likelihood stage went, None where it did not run or could follow no start."""
+    scores: Any = result.model.scores.get("likelihood")
+    if scores is None:
+        return None
+    apart = "apart" if scores["process_noise"] is None else "estimated"
+    return Likelihood(
+        follows=scores["follows"],
+        finished=scores["finished"],
+        starts=scores["starts"],
+        residual_variance=_finite(scores["residual_variance"]),
+        process_noise=tuple(Unexplained(target=t, size=q) for t, q in (scores["process_noise"] or {}).items()),
+        trail=tuple(
+            Step(
+                gap=apart if m["gap"] is None else f"{m['gap']:g}",
+                action=m["action"],
+                target=m["target"],
+                term=m["term"],
+                statistic=_finite(m["statistic"]),
+                price=_finite(m["price"]),
+            )
+            for m in scores["trail"]
+        ),
+        hints=tuple(scores["hints"]),
+        limits=tuple(Limit(**row) for row in scores.get("limits", ())[:MOST_LISTED]),
+        correlations=tuple(Pair(**row) for row in scores.get("correlations", ())[:MOST_LISTED]),
+    )
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
