@@ -6,6 +6,8 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.library.expression import Term
 from odescope.library.tape import Tape, write_tape
 from odescope.likelihood.data import Segments
-from odescope.likelihood.kernel import eliminate, integrate, substitute
+from odescope.likelihood.kernel import LANES, eliminate, integrate, substitute
 
 ITERATIONS = 40
 CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit
@@ -98,6 +100,12 @@ def scaled(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     return correlations, scale
 
 
+@lru_cache(maxsize=1)
+def _pool(process: int) -> ThreadPoolExecutor:
+    """Return the threads of a process: none survive a fork, and to start them costs more than a small integration."""
+    return ThreadPoolExecutor(os.cpu_count() or 1, f"odescope-{process}")
+
+
 class Evaluator:
     """Evaluates segments in two or more threads; keeps the arrays that the kernel writes to."""
 
@@ -140,9 +148,11 @@ class Evaluator:
                 self.substeps, p, data.start, data.count, data.measured, self.inputs, x0, begin, end, *out,
             )  # fmt: skip
 
-        edges = np.linspace(0, j, self.threads + 1).astype(int)
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(part, edges[:-1], edges[1:]))
+        edges = np.linspace(0, j, min(self.threads, -(-j // LANES)) + 1).astype(int)
+        others = [_pool(os.getpid()).submit(part, a, b) for a, b in pairwise(edges[1:])]
+        part(0, edges[1])
+        for other in others:
+            other.result()
         return out
 
     def expand(

@@ -52,8 +52,9 @@ class Noisy:
 
     @property
     def penalised(self) -> float:
-        """Marginal cost plus the price of every term."""
-        return self.marginal + float(self.searcher.price[self.fit.present].sum())
+        """Marginal cost plus the price of every term and, as Bayes' criterion has it, of every gap's width."""
+        widths = len(self.process) * float(np.log(self.searcher.segments.samples))
+        return self.marginal + float(self.searcher.price[self.fit.present].sum()) + widths
 
     @property
     def unexplained(self) -> FloatArray:

@@ -34,6 +34,7 @@ FINEST = 8  # steps of RK4 a block average, at most
 JOINED_SHARE = 0.6  # of the time, at most, for the search without process noise
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
 NEGLIGIBLE = 1e-3  # of the variance
+CHANCE = 2.0  # standard deviations of a residual variance that are no reason to look for process noise
 FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
 STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that does not ask for shorter steps
 STEP_SHARE = 0.01  # of the cost, and
@@ -114,7 +115,8 @@ def refine(
     process = None
     if _joined(best):
         searcher, best = _finer(searcher, best)
-    if not _joined(best) or best.scale > WHITE:
+    chance = CHANCE * np.sqrt(2.0 / segments.samples)  # of white residuals alone
+    if not _joined(best) or best.scale > WHITE + chance:
         watch("likelihood: process noise")
         segments = cut_segments(records, signals.coordinates, signals.inputs, signals.channels, PIECE)
         pieces = replace(

@@ -50,11 +50,7 @@ def trust(model: Model) -> tuple[str, ...]:
     elif targets:
         said.append("No denominator vanishes between the states of the data.")
     likelihood = scores.get("likelihood")
-    unexplained = (likelihood or {}).get("process_noise")
-    if unexplained:
-        parts = [f"{size:.2g} of {name}" for name, size in unexplained.items()]
-        said.append(f"It leaves {_listed(parts)} unexplained (root mean square), which its errors allow for.")
-    elif likelihood and likelihood["follows"]:
+    if likelihood and likelihood["follows"] and not likelihood["process_noise"]:
         ratio = likelihood["residual_variance"]
         said.append(
             f"It follows the record to within its noise: residual variance {ratio:.3f} times that of the noise."
