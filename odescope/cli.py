@@ -351,15 +351,18 @@ def _identify_and_write(
         known.append(measured(found, truth()))
         painter.begin(early_pictures(known[0], searched(found)))
 
-    with painters() as painter, _progress() as watch:
-        result = run(placed, watch=watch, draft=begin)
-        watch("drawing the report")
-        report = summary(result, title, study_toml(resolved), truth(), table(result.model), known[0])
-        files = report_files(report, painter.paint(pictures(report)))
-        write_files(out, result_files(result, resolved, files))
-    _say(to_text(result.model, 6) + "\n")
-    for note in result.notes:
-        print(f"note: {note}", file=sys.stderr)
+    with painters() as painter:
+        with _progress() as watch:
+            result = run(placed, watch=watch, draft=begin)
+        # The answer first: the report takes another second or two.
+        _say(to_text(result.model, 6) + "\n")
+        for note in result.notes:
+            print(f"note: {note}", file=sys.stderr)
+        with _progress() as watch:
+            watch("drawing the report")
+            report = summary(result, title, study_toml(resolved), truth(), table(result.model), known[0])
+            files = report_files(report, painter.paint(pictures(report)))
+            write_files(out, result_files(result, resolved, files))
     print(f"\n{trust_text(report)}", file=sys.stderr)
     print(f"wrote {out}/: {', '.join(RESULT_FILES)}, figures/", file=sys.stderr)
     return report

@@ -98,6 +98,8 @@ def _receive(pipe: IO[bytes]) -> bytes | None:
 def _serve() -> None:
     """Load all that drawing takes, then draw one job after the other."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that waits for this one decides
+    if hasattr(os, "nice"):
+        os.nice(10)  # the answer is waited for first
     import odescope.report.charts
     import odescope.report.grids  # noqa: F401
 
