@@ -409,9 +409,13 @@ def test_a_full_disk_leaves_the_old_results(run):
 
     write("run.csv", oscillator(seed=5))
     run.monkeypatch.setattr(Path, "write_text", full)
+    before = snapshot()
     for out in ("run", "other"):
-        message = run.refused("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", out)
-        assert f"cannot write to {out}: No space left on device" in message
+        ended = run("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", out)
+        assert ended.code == 2
+        assert ended.out.startswith("x_ddot = ")  # what was found is said, though it cannot be kept
+        assert ended.err.endswith(f"odescope: cannot write to {out}: No space left on device\n")
+        assert snapshot() == before
 
 
 def test_nothing_is_written_over_what_it_is_made_from(run):
