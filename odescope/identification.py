@@ -27,6 +27,8 @@ from odescope.model.notebook import model_html
 from odescope.model.simulate import simulate
 from odescope.readers import read_records, records_from
 from odescope.records import Coordinate, Input, Records, check_channels
+from odescope.regression.proposers import Support
+from odescope.selection.bootstrap import inclusion
 from odescope.selection.problem import Problem, pose
 from odescope.selection.rank import Candidate, Ranked, left_column, rank
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
@@ -42,12 +44,16 @@ Watch = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What was done for one target: its regression problem, all supports found, the ranked candidates."""
+    """What was done for one target: its regression problem, all supports found, the ranked candidates.
+
+    `inclusion` (m,) is the share of bootstrap replicates that chose each term, with the chosen relation's guess.
+    """
 
     problem: Problem
     found: Sweep
     ranked: Ranked
     removed: tuple[tuple[str, int], ...]
+    inclusion: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +176,13 @@ def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identifica
         with stage("regression"):
             problem, found = _swept(study, signals, c, library)
         with stage("selection"):
-            searches.append(Search(problem, found, rank(problem, found, study.selection), library.removed))
+            ranked = rank(problem, found, study.selection)
+            searches.append(Search(problem, found, ranked, library.removed, np.zeros(len(problem.terms))))
     with stage("model"):
         chosen, model = _choose(study, signals, searches)
+    with stage("bootstrap"):
+        rng = np.random.default_rng(study.random.seed)
+        searches = [_drawn_anew(study, s, c, rng) for s, c in zip(searches, chosen, strict=True)]
     draft(Identification(study, recorded, signals, tuple(searches), chosen, model, None, seconds, memory))
     refinement = None
     if study.likelihood.enabled:
@@ -212,9 +222,19 @@ def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals
 def _swept(study: Study, signals: Signals, coordinate: Coordinate, library: Library) -> tuple[Problem, Sweep]:
     """Return the regression problem of a target, and all the supports that are found for it."""
     problem = pose(signals, coordinate.target, coordinate.order, library, study.regression.rows)
+    return problem, sweep(problem.factor, problem.terms, _nested(study, problem), study.regression.proposers)
+
+
+def _nested(study: Study, problem: Problem) -> tuple[Support, ...]:
+    """Return the sets of columns that are searched in."""
     whole = (tuple(range(len(problem.terms))),)
-    nested = nested_libraries(problem.rests, problem.own) if study.regression.nested else whole
-    return problem, sweep(problem.factor, problem.terms, nested, study.regression.proposers)
+    return nested_libraries(problem.rests, problem.own) if study.regression.nested else whole
+
+
+def _drawn_anew(study: Study, search: Search, chosen: Candidate, rng: np.random.Generator) -> Search:
+    """Return the search with the inclusion of every term."""
+    proposers = study.regression.proposers
+    return replace(search, inclusion=inclusion(search.problem, chosen, _nested(study, search.problem), proposers, rng))
 
 
 def _delays(study: Study, records: Records, libraries: Sequence[Library], wanted: Sequence[str]) -> dict[str, Delay]:

@@ -32,6 +32,7 @@ CANDIDATE_COLUMNS = (
     "family",
     "cluster",
     "criterion",
+    "inclusion",
 )
 
 
@@ -58,6 +59,7 @@ def candidates_csv(result: Identification) -> str:
                     c.family + 1,
                     c.cluster,
                     repr(c.criterion),
+                    repr(float(search.inclusion[list(c.support)].min())),
                 )
             )
     return out.getvalue()

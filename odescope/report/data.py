@@ -188,6 +188,7 @@ class Searched(Plain, frozen=True):
     columns: tuple[str, ...]
     rows: tuple[Row, ...]
     points: tuple[Point, ...]
+    inclusion: tuple[tuple[str, float], ...]
     adopted: bool
 
     def __post_init__(self) -> None:

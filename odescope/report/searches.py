@@ -29,6 +29,7 @@ MOST_ROWS = 40  # candidates in the grid
 MOST_COLUMNS = 60  # terms in the grid: a candidate with others is left out
 MOST_CORRELATED = 80  # terms in the matrix of correlations
 MOST_POINTS = 400
+LEAST_INCLUSION = 0.1  # of a term that is listed
 MOST_LISTED = 60  # dependent terms, limits and the like
 
 
@@ -96,6 +97,11 @@ def _searched(search: Search, chosen: Candidate, relation: Relation, targets: tu
         points=tuple(
             Point(terms=len(c.support), rmse=c.target_rmse, chosen=c is chosen)
             for c in sorted(ranked, key=lambda c: c is not chosen)[:MOST_POINTS]
+        ),
+        inclusion=tuple(
+            (texts[j], float(search.inclusion[j]))
+            for j in np.argsort(-search.inclusion, kind="stable")
+            if search.inclusion[j] >= LEAST_INCLUSION
         ),
         adopted=set(adopted) == set(chosen.support),
     )

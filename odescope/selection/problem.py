@@ -17,6 +17,7 @@ from odescope.regression.factor import Factor, factorise, merge
 from odescope.regression.rows import Block, RowChoice, RowMap, cut_blocks
 from odescope.signals.estimate import Signals
 
+PIECES = 40  # of all rows, at least, that a bootstrap draws from
 LARGEST_CANDIDATE = 1e140  # sums of squares must not overflow
 
 
@@ -26,7 +27,8 @@ class Problem:
 
     Shapes, one array a block: values (m, n_b) of the candidates, multipliers (k, n_b) of the target's own terms,
     measured (n_b,) of the target. `own` lists the k candidates that hold the target, `rests` the candidates without any
-    target, `dependent` what was left out because it is a combination of others on these data.
+    target, `pieces` are the factors of runs of rows within the blocks, `dependent` what was left out because it is a
+    combination of others on these data.
     """
 
     target: str
@@ -40,6 +42,7 @@ class Problem:
     measured: tuple[FloatArray, ...]
     row_map: RowMap
     folds: tuple[Factor, ...]
+    pieces: tuple[Factor, ...]
     dependent: tuple[tuple[Term, tuple[Term, ...]], ...] = ()
 
     @cached_property
@@ -103,12 +106,13 @@ def pose(signals: Signals, target: str, order: int, library: Library, choice: Ro
     row = signals.row(target)
     measured = tuple(signals.columns[b.record][row, b.start : b.stop] for b in blocks)
     row_map = choice.row_map(signals, order, blocks, values, left)
-    numbers = sorted({b.fold for b in blocks})
-    folds = tuple(
-        factorise(row_map.rows(b, v) for b, v in zip(blocks, values, strict=True) if b.fold == f) for f in numbers
-    )
+    parts = -(-PIECES // len(blocks))
+    rows = ((b.fold, row_map.rows(b, v)) for b, v in zip(blocks, values, strict=True))
+    pieces = [(fold, factorise([part])) for fold, whole in rows for part in np.array_split(whole, parts) if len(part)]
+    folds = tuple(merge([f for fold, f in pieces if fold == n]) for n in sorted({b.fold for b in blocks}))
     rests = tuple(split[j][1] for j in keep)
-    problem = Problem(target, terms, rests, own, left, blocks, values, multipliers, measured, row_map, folds)
+    factors = folds, tuple(f for _, f in pieces)
+    problem = Problem(target, terms, rests, own, left, blocks, values, multipliers, measured, row_map, *factors)
     dependent = _dependent(problem, signals.targets)
     if not dependent:
         return problem
