@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import permutations, product
+from itertools import islice, permutations, product
 from pathlib import Path
 from typing import Any
 
@@ -179,7 +179,12 @@ def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identifica
             ranked = rank(problem, found, study.selection)
             searches.append(Search(problem, found, ranked, library.removed, np.zeros(len(problem.terms))))
     with stage("model"):
-        chosen, model = _choose(study, signals, searches)
+        proposals = list(islice(_proposals(study, signals, searches), study.likelihood.starts))
+        if not proposals:
+            raise NoModelError(
+                "model", "the best relations of the targets do not determine them together: two say the same"
+            )
+        chosen, model = proposals[0]
     with stage("bootstrap"):
         rng = np.random.default_rng(study.random.seed)
         searches = [_drawn_anew(study, s, c, rng) for s, c in zip(searches, chosen, strict=True)]
@@ -188,7 +193,8 @@ def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identifica
     if study.likelihood.enabled:
         with stage("likelihood"):
             problems = [s.problem for s in searches]
-            refinement = refine(records, signals, problems, [model.relations], study.likelihood, watch)
+            starts = [m.relations for _, m in proposals]
+            refinement = refine(records, signals, problems, starts, study.likelihood, watch)
             model = _adopt(model, refinement, signals)
             chosen = tuple(
                 _as_adopted(s, c, r, signals.targets) for s, c, r in zip(searches, chosen, model.relations, strict=True)
@@ -267,8 +273,10 @@ def to_relation(problem: Problem, candidate: Candidate, targets: Sequence[str]) 
     return Relation(tuple(terms))
 
 
-def _choose(study: Study, signals: Signals, searches: Sequence[Search]) -> tuple[tuple[Candidate, ...], Model]:
-    """Return the best relations that together determine the targets, and their model."""
+def _proposals(
+    study: Study, signals: Signals, searches: Sequence[Search]
+) -> Iterator[tuple[tuple[Candidate, ...], Model]]:
+    """Yield the relations of the best families that together determine the targets, and their model, best first."""
     heads = []
     for s in searches:
         first = {c.family: c for c in reversed(s.ranked.candidates) if c.explained >= study.selection.explain}
@@ -282,8 +290,7 @@ def _choose(study: Study, signals: Signals, searches: Sequence[Search]) -> tuple
         relations = tuple(to_relation(s.problem, c, signals.targets) for s, c in zip(searches, chosen, strict=True))
         model = Model(signals.coordinates, signals.inputs, relations)
         if _determined(model, signals):
-            return chosen, model
-    raise NoModelError("model", "the best relations of the targets do not determine them together: two say the same")
+            yield chosen, model
 
 
 def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other: Candidate) -> bool:

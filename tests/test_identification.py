@@ -557,3 +557,16 @@ def test_other_systems_over_seeds(systems, name):
     found = [systems.attempt((name, 0.001, seed)) for seed in range(10)]
     for target in systems.CASES[name].truth:
         assert sum(outcome[target] == "" for outcome in found) >= 9, target
+
+
+def test_as_many_proposals_as_asked_for_go_to_the_likelihood(log, monkeypatch):
+    given = []
+
+    def refine(records, signals, problems, starts, options, watch):
+        given.extend(starts)
+
+    monkeypatch.setattr("odescope.identification.refine", refine)
+    result = identify(msgspec.structs.replace(DEMO, likelihood=LikelihoodSearch(starts=3)), log)
+    terms = [tuple(tuple(t.term for t in r.terms) for r in relations) for relations in given]
+    assert len(terms) == len(set(terms)) == 3
+    assert given[0] == result.model.relations
