@@ -19,6 +19,7 @@ from odescope.report.pictures import Picture, draw_job, pictures
 
 NORMAL = 1.959963984540054  # of a standard normal, 97.5 %
 LISTED = 6  # candidates of a target in the table
+LISTED_LIMITS = 12  # absent terms shown without asking for more
 
 
 def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
@@ -53,6 +54,7 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
         trust=trust(model),
         figures=figures,
         listed=LISTED,
+        listed_limits=LISTED_LIMITS,
     )
 
 
