@@ -37,6 +37,8 @@ from odescope.signals.outliers import clip_outliers
 from odescope.study import Study
 
 TRIED = 4  # families a target that are tried when the best do not determine the targets together
+NEARLY = 2.0  # times what the chosen relation misses of its target, and
+LEAST_MISSED = 0.01  # of its weighted power: what a plain start may miss
 VALID_ERROR = 0.3  # the normalised state error that ends the valid time (METHOD section 10)
 
 Watch = Callable[[str], None]
@@ -194,7 +196,8 @@ def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identifica
         with stage("likelihood"):
             problems = [s.problem for s in searches]
             starts = [m.relations for _, m in proposals]
-            refinement = refine(records, signals, problems, starts, study.likelihood, watch)
+            plain = [_plain(s, c, signals.targets) for s, c in zip(searches, chosen, strict=True)]
+            refinement = refine(records, signals, problems, starts, plain, study.likelihood, watch)
             model = _adopt(model, refinement, signals)
             chosen = tuple(
                 _as_adopted(s, c, r, signals.targets) for s, c, r in zip(searches, chosen, model.relations, strict=True)
@@ -291,6 +294,20 @@ def _proposals(
         model = Model(signals.coordinates, signals.inputs, relations)
         if _determined(model, signals):
             yield chosen, model
+
+
+def _plain(search: Search, chosen: Candidate, targets: Sequence[str]) -> Relation:
+    """Return the shortest relation that holds its target bare and predicts it nearly as well; else the chosen one.
+
+    Its denominator cannot vanish, and a search adds what it lacks more surely than it drops look-alikes.
+    """
+    problem, missed = search.problem, NEARLY * (1.0 - chosen.explained) + LEAST_MISSED
+    bare = [
+        c
+        for c in search.ranked.candidates
+        if set(c.support) & set(problem.own) == {problem.left} and 1.0 - c.explained <= missed
+    ]
+    return to_relation(problem, min(bare, key=lambda c: (len(c.support), c.criterion), default=chosen), targets)
 
 
 def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other: Candidate) -> bool:

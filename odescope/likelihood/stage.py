@@ -74,6 +74,7 @@ def refine(
     signals: Signals,
     problems: Sequence[Problem],
     starts: Sequence[Sequence[Relation]],
+    plain: Sequence[Relation],
     options: LikelihoodSearch,
     watch: Callable[[str], None] = lambda _: None,
 ) -> Refinement | None:
@@ -84,6 +85,7 @@ def refine(
         signals: noise, cutoffs and order of states found in them.
         problems: the candidates of each target.
         starts: relations of all targets to begin from; a sparse forward selection is added.
+        plain: relations that hold their targets bare; they are begun from too where one of those cannot be followed.
         options: how many starts, how long.
         watch: told what goes on.
     """
@@ -98,17 +100,21 @@ def refine(
         Evaluator(segments), slots, variables, following_states(signals.coordinates), measured,
         begun_at + JOINED_SHARE * options.seconds,
     )  # fmt: skip
-    searcher = _fine_enough(searcher, *_slots_of(searcher, starts[0], signals.targets))
     proposed = [_slots_of(searcher, relations, signals.targets) for relations in starts][: options.starts]
-    forward = _forward(searcher, problems)
-    outcomes = []
-    for number, (theta, present) in enumerate([*proposed, forward], start=1):
-        watch(f"likelihood: search {number} of {len(proposed) + 1}")
+    begun = [*proposed, _forward(searcher, problems)]
+    searcher = _fine_enough(searcher, begun)
+    outcomes = list[Outcome]()
+    for number, (theta, present) in enumerate(begun, start=1):
+        watch(f"likelihood: search {number} of {len(begun)}")
         found = search(searcher, theta, present)
         if found is not None:
             outcomes.append(found)
         if time.monotonic() > searcher.deadline or (found is not None and found.clear):
             break
+    if len(outcomes) < number and time.monotonic() < searcher.deadline:
+        watch("likelihood: search from plain relations")
+        found = search(searcher, *_shorter(searcher, _slots_of(searcher, plain, signals.targets), outcomes))
+        outcomes += [] if found is None else [found]
     if not outcomes:
         return None
     best = min(outcomes, key=lambda o: o.rank)
@@ -124,12 +130,31 @@ def refine(
             evaluator=Evaluator(segments, searcher.evaluator.substeps),
             deadline=begun_at + options.seconds,
         )
-        process = _with_process_noise(pieces, best, [*proposed, forward])
+        process = _with_process_noise(pieces, best, begun)
     if process is not None:
         relations = _relations(searcher, process.fit, np.sqrt(process.evidence.variances), signals.targets)
         return Refinement(relations, best, process, process.fit, process.searcher, process.evidence, len(outcomes))
     relations = _relations(searcher, best.fit, np.sqrt(best.fit.variances * best.scale), signals.targets)
     return Refinement(relations, best, None, best.fit, searcher, _evidence(searcher, best), len(outcomes))
+
+
+def _shorter(
+    searcher: Searcher, plain: tuple[FloatArray, list[int]], outcomes: Sequence[Outcome]
+) -> tuple[FloatArray, list[int]]:
+    """Return each relation as it is plain or as the best search left it, whichever has fewer terms."""
+    if not outcomes:
+        return plain
+    best = min(outcomes, key=lambda o: o.rank).fit
+    theta, present = plain[0].copy(), list[int]()
+    for r in range(searcher.relations):
+        own = [k for k in plain[1] if searcher.slots[k].relation == r]
+        other = [int(k) for k in best.present if searcher.slots[k].relation == r]
+        if len(other) < len(own):
+            theta[own] = 0.0
+            theta[other] = best.theta[other]
+            own = other
+        present += own
+    return theta, present
 
 
 def _with_process_noise(
@@ -197,11 +222,14 @@ def _forward(searcher: Searcher, problems: Sequence[Problem]) -> tuple[FloatArra
     return theta, present
 
 
-def _fine_enough(searcher: Searcher, theta: FloatArray, present: list[int]) -> Searcher:
-    """Halve the steps of RK4 until that no longer matters to the first start, fitted in loose segments."""
+def _fine_enough(searcher: Searcher, starts: Sequence[tuple[FloatArray, list[int]]]) -> Searcher:
+    """Halve the steps of RK4 until that no longer matters to the first start that can be followed in loose segments."""
     loose = np.full_like(searcher.segments.spread, np.inf)
-    found = searcher.fit(theta, np.array(sorted(present), dtype=np.int64), searcher.segments.initial, loose)
-    return searcher if found is None else _halve(searcher, found, loose)[0]
+    for theta, present in starts:
+        found = searcher.fit(theta, np.array(sorted(present), dtype=np.int64), searcher.segments.initial, loose)
+        if found is not None:
+            return _halve(searcher, found, loose)[0]
+    return searcher
 
 
 def _finer(searcher: Searcher, outcome: Outcome) -> tuple[Searcher, Outcome]:

@@ -71,7 +71,8 @@ def start(problem, coefficients):
 
 def refined(held, coefficients, seed=2, seconds=120.0):
     columns, records, signals, problem = posed(held, seed)
-    found = refine(records, signals, [problem], [start(problem, coefficients)], LikelihoodSearch(seconds=seconds))
+    begun = start(problem, coefficients)
+    found = refine(records, signals, [problem], [begun], begun, LikelihoodSearch(seconds=seconds))
     return columns, signals, found
 
 
