@@ -13,6 +13,7 @@ from odescope.records import Input, Record, Records, within
 GRID = 0.25  # periods of the highest cutoff between the first trials
 LARGEST = 4.0  # such periods: the longest delay that is looked for
 PRECISION = 0.01  # of a step of that grid
+PRICE = 10.0  # fall of the cost that makes a delay credible
 ROUNDS = 3  # over several inputs, each in turn
 
 
@@ -67,7 +68,7 @@ def _delayed(run: Record, inputs: Sequence[Input], lead: float | None) -> Record
 def estimate_delays(
     cost: Callable[[Mapping[str, float]], float], names: Sequence[str], period: float
 ) -> dict[str, Delay]:
-    """Return the delays of least cost, each input's in turn.
+    """Return the delays of least cost, each input's in turn; 0 where that is hardly dearer.
 
     Args:
         cost: -2 log of the likelihood, or what behaves like it, given a delay for every name.
@@ -93,6 +94,9 @@ def estimate_delays(
             found[name] = float(best.x)
         if all(abs(found[n] - before[n]) < PRECISION * step for n in names):
             break
+    for name in names:
+        if not cost(found) < cost(found | {name: 0.0}) - PRICE:
+            found[name] = 0.0
     return {name: Delay(found[name], _curvature_error(cost, found, name, 0.1 * step)) for name in names}
 
 
@@ -101,4 +105,4 @@ def _curvature_error(
 ) -> float | None:
     low, middle, high = (cost({**found, name: found[name] + d}) for d in (-step, 0.0, step))
     curvature = (low - 2.0 * middle + high) / step**2
-    return float(np.sqrt(2.0 / curvature)) if curvature > 0.0 else None
+    return float(np.sqrt(2.0 / curvature)) if 0.0 < curvature < np.inf else None

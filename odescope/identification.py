@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import islice, permutations, product
+from itertools import compress, islice, permutations, product
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,8 @@ from odescope.signals.outliers import clip_outliers
 from odescope.study import Study
 
 TRIED = 4  # families a target that are tried when the best do not determine the targets together
+SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out, unless all are
+TOLD = 6  # notes of one kind
 NEARLY = 2.0  # times what the chosen relation misses of its target, and
 LEAST_MISSED = 0.01  # of its weighted power: what a plain start may miss
 VALID_ERROR = 0.3  # the normalised state error that ends the valid time (METHOD section 10)
@@ -86,22 +88,29 @@ class Identification:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know: candidates left out as dependent, denominators that may vanish, early ends."""
-        notes = {
-            f"left out of the library: {term}, on these data a combination of {', '.join(t.text for t in others)}": None
+        dependent = [
+            f"left out of the library: {term}, on these data a combination of {', '.join(t.text for t in others)}"
             for s in self.searches
             for term, others in s.problem.dependent
-        }
+        ]
+        dependent = list(dict.fromkeys(dependent))
+        notes: dict[str, None] = dict.fromkeys(dependent[:TOLD])
+        if len(dependent) > TOLD:
+            notes[f"and {len(dependent) - TOLD} more candidates that are combinations of others: see the report"] = None
         targets: Any = self.model.scores["targets"]
         notes |= {
             f"the denominator of {target} vanishes between the states of the data: expect poles when simulating": None
             for target, score in targets.items()
             if score["denominator"]["box"][0] * score["denominator"]["box"][1] <= 0.0
         }
+        if short := self.model.scores.get("left_out"):
+            notes[f"{short} recordings are shorter than a period of the cutoff and were left out"] = None
         delays: Any = self.model.scores.get("delays", {})
         notes |= {
             f"{name} acts {d['delay']:.4g} s after it was recorded"
             + ("" if d["std_error"] is None else f" (standard error {d['std_error']:.2g} s)"): None
             for name, d in delays.items()
+            if d["delay"]
         }
         outliers: Any = self.model.scores.get("outliers", {})
         notes |= {
@@ -173,6 +182,10 @@ def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identifica
     with stage("signals"):
         records = delayed(records, inputs, max((abs(i.delay) for i in inputs), default=0.0) or None)
         signals = _signals(study, records, inputs)
+        long = [run.duration * min(c.cutoff for c in signals.channels) >= SHORTEST for run in records]
+        if any(long) and not all(long):  # a piece of an oscillation has no derivative worth fitting
+            recorded, records = (Records(tuple(compress(r, long))) for r in (recorded, records))
+            signals = _signals(study, records, inputs)
     searches = []
     for c, library in zip(coordinates, libraries, strict=True):
         with stage("regression"):
@@ -204,6 +217,8 @@ def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identifica
             )
     with stage("model"):
         scores = _scores(model, signals, searches, chosen, refinement, study.random.seed)
+        if any(long) and not all(long):
+            scores["left_out"] = long.count(False)
         if outliers:
             scores["outliers"] = dict[str, Json](outliers)
         if delays:

@@ -99,10 +99,13 @@ def likelihood_notes(refinement: Refinement, targets: Sequence[str]) -> list[str
             " times its noise, so coefficients are the regression's; look for missing physics, such as dry friction,"
             " a delay, or an input that was not recorded"
         )
-        return notes
+        return notes + ([] if refinement.rejected is None else missing_physics(refinement.rejected, targets))
     if process is not None:
         sizes = ", ".join(f"{q:.2g} of {t}" for q, t in zip(process.unexplained, targets, strict=True))
-        notes.append(f"the model leaves {sizes} unexplained (root mean square); standard errors allow for it")
+        notes.append(
+            f"the model leaves {sizes} unexplained (root mean square of averages over {process.window:.2g} s);"
+            " standard errors allow for it"
+        )
         notes += missing_physics(process, targets)
     if refinement.evidence is not None:
         weak = refinement.evidence.wald < THIN * refinement.searcher.price[refinement.fit.present]
@@ -147,9 +150,9 @@ def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
     causes = np.column_stack([*(np.sign(begin[:, j]) for j in moving), rates])
     sentences = []
     for i in np.flatnonzero(following < 0):
-        target, shares = targets[-1 - following[i]], _goes_with(lacking[:, i], causes)
+        target, shares = targets[-1 - following[i]], _goes_with(lacking[:, i], causes, begin)
         for j, share in zip(moving, shares, strict=False):
-            if share is not None:
+            if share is not None and share < 0.0:  # friction is against the motion
                 sentences.append(
                     f"what is unexplained of {target} goes with the sign of {names[j]} (correlation {share:.2g}), as"
                     f" dry friction does: try sign({names[j]}) in the library's basis"
@@ -163,11 +166,11 @@ def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
     return sentences
 
 
-def _goes_with(lacking: FloatArray, causes: FloatArray) -> list[float | None]:
-    """Return the correlation with each cause, the others taken out, where it is clear and alike between blocks."""
+def _goes_with(lacking: FloatArray, causes: FloatArray, states: FloatArray) -> list[float | None]:
+    """Return the correlation with each cause, the others and the states taken out, where it is clear between blocks."""
     shares: list[float | None] = []
     for k in range(causes.shape[1]):
-        others = np.column_stack([np.ones(len(causes)), np.delete(causes, k, axis=1)])
+        others = np.column_stack([np.ones(len(causes)), states, np.delete(causes, k, axis=1)])
         both = np.column_stack([lacking, causes[:, k]])
         rest = both - others @ np.linalg.lstsq(others, both, rcond=None)[0]
         scale = float(np.sqrt(np.prod(np.sum(rest**2, axis=0))))

@@ -28,6 +28,7 @@ class Evidence:
     limits: FloatArray
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of candidates that cannot be told apart
 def weigh(searcher: Searcher, found: Fit, information: FloatArray, blocks: FloatArray) -> Evidence:
     """Return the evidence in a reduced information matrix, checked against the spread between blocks of the record.
 

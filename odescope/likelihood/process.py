@@ -8,7 +8,7 @@ missing term leaves are not white, so scores and variances are checked against t
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,9 @@ from odescope.likelihood.fit import Evaluator, Fit, Program
 from odescope.likelihood.posterior import joint_covariances
 from odescope.likelihood.search import THIN, Move, Outcome, Searcher
 
-PIECE = 5  # averages a segment: what a model lacks may change within a fraction of the shortest period in the record
+PIECES = (5, 2, 1)  # averages a segment: what a model lacks may change within a fraction of the shortest period
+WORTH_FINER = 0.01  # fall of the marginal cost a sample that shorter segments must bring: they take longer
+LARGEST_TABLE = 4e8  # bytes of the segments' Gauss-Newton matrices
 FIFTH = 5  # one record in so many is held out from searches; of fewer records, that part of each
 WINDOWS = 4  # free runs a stretch that is held out
 EM_ITERATIONS = 30
@@ -57,11 +59,16 @@ class Noisy:
         return self.marginal + float(self.searcher.price[self.fit.present].sum()) + widths
 
     @property
+    def window(self) -> float:
+        """Length of a segment in seconds."""
+        return float(np.median(self.searcher.segments.count)) * self.searcher.segments.step
+
+    @property
     def unexplained(self) -> FloatArray:
         """Root mean square of what the model does not explain of each target, averaged over a segment, (targets,)."""
         following = self.searcher.following
         states = [int(np.flatnonzero(following == -1 - t)[0]) for t in range(int((following < 0).sum()))]
-        rms: FloatArray = self.process[states] / (PIECE * self.searcher.segments.step)
+        rms: FloatArray = self.process[states] / self.window
         return rms
 
 
@@ -166,6 +173,38 @@ def cost_without_process_noise(searcher: Searcher, outcome: Outcome) -> float:
     return _expected_squares(strict, found)[2] + float(searcher.price[found.present].sum())
 
 
+def in_pieces(
+    cut: Callable[[int], Segments], searcher: Searcher, starts: Sequence[tuple[FloatArray, IntArray]]
+) -> Searcher:
+    """Return the searcher on segments so short that shorter ones would describe a first start hardly better.
+
+    Noise that acts within a segment would be taken for measurement noise, and bias the coefficients as errors in
+    variables do. All lengths describe the same samples, so their marginal costs compare.
+
+    Args:
+        cut: cuts the data into segments of so many averages.
+        searcher: candidates.
+        starts: as for the search; the first that can be followed is judged.
+    """
+    best, least = None, np.inf
+    for length in PIECES:
+        segments = cut(length)
+        width = segments.spread.size + len(searcher.free)
+        if best is not None and 8.0 * len(segments.start) * width**2 > LARGEST_TABLE:
+            break
+        pieces = replace(searcher, evaluator=Evaluator(segments, searcher.evaluator.substeps))
+        fits = (pieces.fit(theta, present, segments.initial, segments.spread) for theta, present in starts)
+        found = next((f for f in fits if f is not None), None)
+        cost = np.inf if found is None else estimate_noise(pieces, found)[2]
+        if best is not None and not cost < least - WORTH_FINER * segments.samples:
+            break
+        best, least = pieces, cost
+        if time.monotonic() > searcher.deadline:
+            break
+    assert best is not None
+    return best
+
+
 def search_with_process_noise(searcher: Searcher, starts: Sequence[tuple[FloatArray, IntArray]]) -> Noisy | None:
     """Return the best model with process noise that searches end at, or None where none can start.
 
@@ -173,7 +212,7 @@ def search_with_process_noise(searcher: Searcher, starts: Sequence[tuple[FloatAr
     that say where to stop. The best is then fitted to all.
 
     Args:
-        searcher: data cut into segments of `PIECE` averages, and candidates.
+        searcher: data cut into short segments (`in_pieces`), and candidates.
         starts: (slots,) coefficients to begin with, 1 in fixed slots, and the slots present.
     """
     program = Program.of(searcher.slots, searcher.variables, searcher.following, searcher.measured)

@@ -11,14 +11,14 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.candidates import split_target
 from odescope.library.expression import Term
-from odescope.likelihood.data import cut_segments
+from odescope.likelihood.data import Segments, cut_segments
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.fit import Evaluator, Fit, Program
 from odescope.likelihood.process import (
-    PIECE,
     Noisy,
     cost_without_process_noise,
     free_run_error,
+    in_pieces,
     search_with_process_noise,
 )
 from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, Searcher, search, universe
@@ -45,14 +45,15 @@ STEP_MOVE = 0.2  # standard errors of any coefficient: changes of a refit that d
 class Refinement:
     """The relations at the end of the likelihood stage, and how it went.
 
-    `outcome` is the search for a model that follows the record to within its noise; where there is none, `process` is
-    the model with process noise. `fit` and `searcher` are those of the relations, `evidence` what the record says of
-    every term.
+    `outcome` is the search for a model that follows the record to within its noise. Where there is none, `process` is
+    the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and
+    `searcher` are those of the relations, `evidence` what the record says of every term.
     """
 
     relations: tuple[Relation, ...]
     outcome: Outcome
     process: Noisy | None
+    rejected: Noisy | None
     fit: Fit
     searcher: Searcher
     evidence: Evidence | None
@@ -118,24 +119,25 @@ def refine(
     if not outcomes:
         return None
     best = min(outcomes, key=lambda o: o.rank)
-    process = None
+    process, adopted = None, False
     if _joined(best):
         searcher, best = _finer(searcher, best)
     chance = CHANCE * np.sqrt(2.0 / segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:
         watch("likelihood: process noise")
-        segments = cut_segments(records, signals.coordinates, signals.inputs, signals.channels, PIECE)
-        pieces = replace(
-            searcher,
-            evaluator=Evaluator(segments, searcher.evaluator.substeps),
-            deadline=begun_at + options.seconds,
-        )
-        process = _with_process_noise(pieces, best, begun)
-    if process is not None:
+
+        def cut(length: int) -> Segments:
+            return cut_segments(records, signals.coordinates, signals.inputs, signals.channels, length)
+
+        timed = replace(searcher, deadline=begun_at + options.seconds)
+        process, adopted = _with_process_noise(cut, timed, best, begun)
+    if process is not None and adopted:
         relations = _relations(searcher, process.fit, np.sqrt(process.evidence.variances), signals.targets)
-        return Refinement(relations, best, process, process.fit, process.searcher, process.evidence, len(outcomes))
+        return Refinement(
+            relations, best, process, None, process.fit, process.searcher, process.evidence, len(outcomes)
+        )
     relations = _relations(searcher, best.fit, np.sqrt(best.fit.variances * best.scale), signals.targets)
-    return Refinement(relations, best, None, best.fit, searcher, _evidence(searcher, best), len(outcomes))
+    return Refinement(relations, best, None, process, best.fit, searcher, _evidence(searcher, best), len(outcomes))
 
 
 def _shorter(
@@ -158,20 +160,24 @@ def _shorter(
 
 
 def _with_process_noise(
-    searcher: Searcher, best: Outcome, starts: Sequence[tuple[FloatArray, list[int]]]
-) -> Noisy | None:
-    """Return the model with process noise, or None where the record is better, or as well, described without it."""
+    cut: Callable[[int], Segments],
+    searcher: Searcher,
+    best: Outcome,
+    starts: Sequence[tuple[FloatArray, list[int]]],
+) -> tuple[Noisy | None, bool]:
+    """Return the model with process noise, None where no start can be followed, and whether the record needs it."""
     begun = [(theta, np.array(sorted(present), dtype=np.int64)) for theta, present in starts]
     if np.isfinite(best.gap):
         begun.append((best.fit.theta, best.fit.present))
-    process = search_with_process_noise(searcher, begun)
+    pieces = in_pieces(cut, searcher, begun)
+    process = search_with_process_noise(pieces, begun)
     if process is None:
-        return None
-    if _joined(best) and cost_without_process_noise(searcher, best) < process.penalised:
-        return None
+        return None, False
+    if _joined(best) and cost_without_process_noise(pieces, best) < process.penalised:
+        return process, False
     # Compared as fitted to all: the proposal has seen what was held out too.
-    proposed, found = (free_run_error(searcher, theta) for theta in (starts[0][0], process.fit.theta))
-    return process if found < max(NO_WORSE_THAN_PROPOSED * proposed, NEGLIGIBLE) else None
+    proposed, found = (free_run_error(pieces, theta) for theta in (starts[0][0], process.fit.theta))
+    return process, found < max(NO_WORSE_THAN_PROPOSED * proposed, NEGLIGIBLE)
 
 
 def _evidence(searcher: Searcher, outcome: Outcome) -> Evidence | None:

@@ -120,7 +120,7 @@ def test_of_white_torque_nothing_is_said_but_its_size():
     result = identified(1, torque=1.0)
     process = result.refinement.process
     assert set(terms(result)) == {"th_ddot", "sin(th)", "th_dot", "u"}
-    assert process.unexplained[0] == pytest.approx(1.0 / math.sqrt(PIECE), rel=0.3)
+    assert process.unexplained[0] == pytest.approx(1.0 / math.sqrt(process.window / STEP), rel=0.3)
     (note,) = said(result, "unexplained")
     assert f"leaves {process.unexplained[0]:.2g} of th_ddot" in note
 
