@@ -79,6 +79,15 @@ def _grown(array: NDArray[Any]) -> NDArray[Any]:
     return larger
 
 
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def _dot(a: FloatArray, b: FloatArray) -> float:
+    # Only a sum that may be taken in any order runs in vector registers.
+    total = 0.0
+    for k in range(a.shape[0]):
+        total += a[k] * b[k]
+    return total
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def normal_fit(r: FloatArray, gram: FloatArray, support: IntArray, left: int) -> FloatArray:
     """Return the coefficients (s,) of `least_squares`, by Cholesky of the Gram matrix and one refinement on r.
@@ -90,9 +99,7 @@ def normal_fit(r: FloatArray, gram: FloatArray, support: IntArray, left: int) ->
     a, x = np.empty((s, s)), np.empty(s)
     for i in range(s):
         for j in range(i + 1):
-            total = gram[support[i], support[j]]
-            for k in range(j):
-                total -= a[i, k] * a[j, k]
+            total = gram[support[i], support[j]] - _dot(a[i, :j], a[j, :j])
             if i == j:
                 if not total > PIVOT_TOLERANCE:
                     return least_squares(r, support, left)[0]
@@ -118,9 +125,7 @@ def normal_fit(r: FloatArray, gram: FloatArray, support: IntArray, left: int) ->
 def _solve_cholesky(a: FloatArray, x: FloatArray) -> None:
     s = x.shape[0]
     for i in range(s):
-        for k in range(i):
-            x[i] -= a[i, k] * x[k]
-        x[i] /= a[i, i]
+        x[i] = (x[i] - _dot(a[i, :i], x[:i])) / a[i, i]
     for i in range(s - 1, -1, -1):
         for k in range(i + 1, s):
             x[i] -= a[k, i] * x[k]
