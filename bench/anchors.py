@@ -27,8 +27,8 @@ HEAD = """# How fast it is
 
     ./run python bench/anchors.py {quick}--write
 
-writes this page: odescope and its peers in the same run, on the same data, taking turns, on two cores that other work
-was using too. A time is the median of its runs, with their range; a ratio is the peer's time over odescope's, run by
+writes this page: odescope and its peers in the same run, on the same data, taking turns, on two cores.
+A time is the median of its runs, with their range; a ratio is the peer's time over odescope's, run by
 run where both were repeated. Ratios carry over to another machine, seconds do not: the targets were set where numpy's
 batched solve, below, takes 72 ms. A target is met in seconds (yes), by the best run alone (best run), or as
 a ratio: a peer's time where the targets were set, over the target.
