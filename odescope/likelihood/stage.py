@@ -11,7 +11,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.candidates import split_target
 from odescope.library.expression import Term
-from odescope.likelihood.data import Segments, cut_segments
+from odescope.likelihood.data import SEGMENT, Segments, cut_segments
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.fit import Evaluator, Fit, Program
 from odescope.likelihood.process import (
@@ -90,54 +90,67 @@ def refine(
         options: how many starts, how long.
         watch: told what goes on.
     """
-    segments = cut_segments(records, signals.coordinates, signals.inputs, signals.channels)
+
+    def cut(length: int) -> Segments:
+        return cut_segments(records, signals.coordinates, signals.inputs, signals.channels, length)
+
     slots = universe([_products(p, signals.targets) for p in problems])
     if not all(any(s.fixed for s in slots if s.relation == r) for r in range(len(problems))):
         return None  # a library without the bare target has nothing that could be 1 throughout a search
     variables = (*signals.states, *(i.name for i in signals.inputs))
     measured = np.array([signals.states.index(c.name) for c in signals.coordinates], dtype=np.int64)
-    begun_at = time.monotonic()
+    now = time.monotonic()
     searcher = Searcher(
-        Evaluator(segments), slots, variables, following_states(signals.coordinates), measured,
-        begun_at + JOINED_SHARE * options.seconds,
+        Evaluator(cut(SEGMENT)), slots, variables, following_states(signals.coordinates), measured,
+        now + JOINED_SHARE * options.seconds,
     )  # fmt: skip
-    proposed = [_slots_of(searcher, relations, signals.targets) for relations in starts][: options.starts]
-    begun = [*proposed, _forward(searcher, problems)]
+    begun = [_slots_of(searcher, relations, signals.targets) for relations in starts][: options.starts]
+    begun.append(_forward(searcher, problems))
     searcher = _fine_enough(searcher, begun)
-    outcomes = list[Outcome]()
-    for number, (theta, present) in enumerate(begun, start=1):
-        watch(f"likelihood: search {number} of {len(begun)}")
-        found = search(searcher, theta, present)
-        if found is not None:
-            outcomes.append(found)
-        if time.monotonic() > searcher.deadline or (found is not None and found.clear):
-            break
-    if len(outcomes) < number and time.monotonic() < searcher.deadline:
-        watch("likelihood: search from plain relations")
-        found = search(searcher, *_shorter(searcher, _slots_of(searcher, plain, signals.targets), outcomes))
-        outcomes += [] if found is None else [found]
+    outcomes = _searches(searcher, begun, _slots_of(searcher, plain, signals.targets), watch)
     if not outcomes:
         return None
     best = min(outcomes, key=lambda o: o.rank)
-    process, adopted = None, False
     if _joined(best):
         searcher, best = _finer(searcher, best)
-    chance = CHANCE * np.sqrt(2.0 / segments.samples)  # of white residuals alone
+    process = None
+    chance = CHANCE * np.sqrt(2.0 / searcher.segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:
         watch("likelihood: process noise")
-
-        def cut(length: int) -> Segments:
-            return cut_segments(records, signals.coordinates, signals.inputs, signals.channels, length)
-
-        timed = replace(searcher, deadline=begun_at + options.seconds)
+        timed = replace(searcher, deadline=now + options.seconds)
         process, adopted = _with_process_noise(cut, timed, best, begun)
-    if process is not None and adopted:
-        relations = _relations(searcher, process.fit, np.sqrt(process.evidence.variances), signals.targets)
-        return Refinement(
-            relations, best, process, None, process.fit, process.searcher, process.evidence, len(outcomes)
-        )
+        if process is not None and adopted:
+            relations = _relations(searcher, process.fit, np.sqrt(process.evidence.variances), signals.targets)
+            return Refinement(
+                relations, best, process, None, process.fit, process.searcher, process.evidence, len(outcomes)
+            )
     relations = _relations(searcher, best.fit, np.sqrt(best.fit.variances * best.scale), signals.targets)
     return Refinement(relations, best, None, process, best.fit, searcher, _evidence(searcher, best), len(outcomes))
+
+
+def _searches(
+    searcher: Searcher,
+    begun: Sequence[tuple[FloatArray, list[int]]],
+    plain: tuple[FloatArray, list[int]],
+    watch: Callable[[str], None],
+) -> list[Outcome]:
+    """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails."""
+    outcomes, failed = list[Outcome](), False
+    for number, (theta, present) in enumerate(begun, start=1):
+        watch(f"likelihood: search {number} of {len(begun)}")
+        found = search(searcher, theta, present)
+        if found is None:
+            failed = True
+            continue
+        outcomes.append(found)
+        if found.clear or time.monotonic() > searcher.deadline:
+            break
+    if failed and time.monotonic() < searcher.deadline:
+        watch("likelihood: search from plain relations")
+        found = search(searcher, *_shorter(searcher, plain, outcomes))
+        if found is not None:
+            outcomes.append(found)
+    return outcomes
 
 
 def _shorter(
