@@ -88,12 +88,13 @@ class Identification:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know: candidates left out as dependent, denominators that may vanish, early ends."""
-        dependent = [
-            f"left out of the library: {term}, on these data a combination of {', '.join(t.text for t in others)}"
-            for s in self.searches
-            for term, others in s.problem.dependent
-        ]
-        dependent = list(dict.fromkeys(dependent))
+        dependent = list(
+            dict.fromkeys(
+                f"left out of the library: {term}, on these data a combination of {', '.join(t.text for t in others)}"
+                for s in self.searches
+                for term, others in s.problem.dependent
+            )
+        )
         notes: dict[str, None] = dict.fromkeys(dependent[:TOLD])
         if len(dependent) > TOLD:
             notes[f"and {len(dependent) - TOLD} more candidates that are combinations of others: see the report"] = None
@@ -117,7 +118,8 @@ class Identification:
             f"{count} samples of {name} were clipped as outliers": None for name, count in outliers.items() if count
         }
         if self.refinement is not None:
-            notes |= dict.fromkeys(likelihood_notes(self.refinement, self.model.targets))
+            likelihood: Any = self.model.scores["likelihood"]
+            notes |= dict.fromkeys([*likelihood_notes(self.refinement, self.model.targets), *likelihood["hints"]])
         return tuple(notes)
 
 
@@ -183,7 +185,8 @@ def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identifica
         records = delayed(records, inputs, max((abs(i.delay) for i in inputs), default=0.0) or None)
         signals = _signals(study, records, inputs)
         long = [run.duration * min(c.cutoff for c in signals.channels) >= SHORTEST for run in records]
-        if any(long) and not all(long):  # a piece of an oscillation has no derivative worth fitting
+        left_out = long.count(False) if any(long) else 0
+        if left_out:  # a piece of an oscillation has no derivative worth fitting
             recorded, records = (Records(tuple(compress(r, long))) for r in (recorded, records))
             signals = _signals(study, records, inputs)
     searches = []
@@ -211,14 +214,14 @@ def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identifica
             starts = [m.relations for _, m in proposals]
             plain = [_plain(s, c, signals.targets) for s, c in zip(searches, chosen, strict=True)]
             refinement = refine(records, signals, problems, starts, plain, study.likelihood, watch)
-            model = _adopt(model, refinement, signals)
+            model, refinement = _adopt(model, refinement, signals)
             chosen = tuple(
                 _as_adopted(s, c, r, signals.targets) for s, c, r in zip(searches, chosen, model.relations, strict=True)
             )
     with stage("model"):
         scores = _scores(model, signals, searches, chosen, refinement, study.random.seed)
-        if any(long) and not all(long):
-            scores["left_out"] = long.count(False)
+        if left_out:
+            scores["left_out"] = left_out
         if outliers:
             scores["outliers"] = dict[str, Json](outliers)
         if delays:
@@ -341,12 +344,15 @@ def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other
     return bool(factor.residual(chosen.xi - same) ** 2 <= allowed * noise**2)
 
 
-def _adopt(model: Model, refinement: Refinement | None, signals: Signals) -> Model:
-    """Return the model of the likelihood stage where it follows the record, else that of the regression."""
+def _adopt(model: Model, refinement: Refinement | None, signals: Signals) -> tuple[Model, Refinement | None]:
+    """Return the model of the likelihood stage where it follows the record, else that of the regression.
+
+    A refinement whose denominators vanish inside the data is dropped: its errors are those of another model.
+    """
     if refinement is None or not refinement.follows:
-        return model
+        return model, refinement
     refined = replace(model, relations=refinement.relations)
-    return refined if _determined(refined, signals) else model
+    return (refined, refinement) if _determined(refined, signals) else (model, None)
 
 
 def _as_adopted(search: Search, chosen: Candidate, relation: Relation, targets: Sequence[str]) -> Candidate:

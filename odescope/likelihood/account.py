@@ -27,6 +27,7 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[st
     these data cannot tell it from the terms that are there.
     """
     outcome, process, searcher = refinement.outcome, refinement.process, refinement.searcher
+    lacking = process if refinement.follows else refinement.rejected
     trail: list[Json] = [
         {
             "gap": m.gap if process is None and np.isfinite(m.gap) else None,
@@ -46,12 +47,11 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[st
         "starts": refinement.starts,
         "process_noise": None,
         "trail": trail,
-        "hints": [],
+        "hints": [] if lacking is None else list[Json](missing_physics(lacking, targets)),
     }
     if process is not None:
         scores["process_noise"] = dict(zip(targets, process.unexplained.tolist(), strict=True))
         scores["held_out_free_run"] = process.held_out
-        scores["hints"] = list[Json](missing_physics(process, targets))
     if refinement.evidence is None or not refinement.follows:
         return scores
     present = [searcher.slots[k] for k in refinement.fit.present]
@@ -99,14 +99,13 @@ def likelihood_notes(refinement: Refinement, targets: Sequence[str]) -> list[str
             " times its noise, so coefficients are the regression's; look for missing physics, such as dry friction,"
             " a delay, or an input that was not recorded"
         )
-        return notes + ([] if refinement.rejected is None else missing_physics(refinement.rejected, targets))
+        return notes
     if process is not None:
         sizes = ", ".join(f"{q:.2g} of {t}" for q, t in zip(process.unexplained, targets, strict=True))
         notes.append(
             f"the model leaves {sizes} unexplained (root mean square of averages over {process.window:.2g} s);"
             " standard errors allow for it"
         )
-        notes += missing_physics(process, targets)
     if refinement.evidence is not None:
         weak = refinement.evidence.wald < THIN * refinement.searcher.price[refinement.fit.present]
         thin = [
