@@ -15,7 +15,8 @@ from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.library.expression import Term
 from odescope.library.tape import Tape, write_tape
 from odescope.likelihood.data import Segments
-from odescope.likelihood.kernel import LANES, eliminate, integrate, substitute
+from odescope.likelihood.elimination import eliminate, substitute
+from odescope.likelihood.kernel import LANES, integrate
 
 ITERATIONS = 40
 CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit

@@ -15,9 +15,9 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.data import Segments
+from odescope.likelihood.elimination import joint_covariances
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.fit import Evaluator, Fit, Program
-from odescope.likelihood.posterior import joint_covariances
 from odescope.likelihood.search import THIN, Move, Outcome, Searcher
 
 PIECES = (5, 2, 1)  # averages a segment: what a model lacks may change within a fraction of the shortest period

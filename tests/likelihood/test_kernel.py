@@ -3,8 +3,8 @@ import pytest
 from small_systems import CART, RING, UPTAKE, drive
 
 from odescope.likelihood.data import Segments
+from odescope.likelihood.elimination import eliminate, substitute
 from odescope.likelihood.fit import Evaluator
-from odescope.likelihood.kernel import eliminate, substitute
 
 CASES = {
     "order 1, rational": (UPTAKE, [[0.4], [1.5], [0.1]]),

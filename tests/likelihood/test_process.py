@@ -13,10 +13,9 @@ from small_systems import CART, SPRING, System, drive
 
 from odescope.likelihood import process as module
 from odescope.likelihood.data import Segments
+from odescope.likelihood.elimination import eliminate, joint_covariances
 from odescope.likelihood.evidence import weigh
 from odescope.likelihood.fit import Evaluator, Fit, Program, fit
-from odescope.likelihood.kernel import eliminate
-from odescope.likelihood.posterior import joint_covariances
 from odescope.likelihood.process import (
     cost_without_process_noise,
     estimate_noise,

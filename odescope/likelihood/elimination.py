@@ -1,0 +1,152 @@
+"""The initial states of the segments: eliminated, solved for, and their covariances (METHOD section 9).
+
+They form a block-tridiagonal system with the parameters as border: all three are linear in the number of segments.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def eliminate(hessian, gradient, last, jacobian, x0, joined, gap, damping, n, p):
+    """Eliminate the initial states: block-tridiagonal Cholesky with the parameters as border.
+
+    Joint j ties the end of segment j to the start of j + 1 where joined[j]; its gap is weighted by 1 / gap^2 a state.
+    Returns the joints' cost, the reduced matrix (p, p) and gradient (p,), what back-substitution needs, log det of the
+    states' block, and success. `damping` multiplies the diagonal (Levenberg-Marquardt), 0 for the plain matrix.
+    """
+    segments, width = x0.shape[0], n + p
+    diagonal = hessian.copy()
+    rhs = gradient.copy()
+    lower = np.zeros((segments, n, n))  # couples segment j + 1 (rows) to j (columns)
+    joints = 0.0
+    for j in range(segments - 1):
+        if not joined[j]:
+            continue
+        for i in range(n):
+            w = 1.0 / (gap[i] * gap[i])
+            d = last[j, i] - x0[j + 1, i]
+            joints += w * d * d
+            for c in range(width):
+                jc = jacobian[j, i, c]
+                rhs[j, c] += w * d * jc
+                for b in range(width):
+                    diagonal[j, c, b] += w * jc * jacobian[j, i, b]
+            diagonal[j + 1, i, i] += w
+            rhs[j + 1, i] -= w * d
+            for c in range(n):
+                lower[j, i, c] -= w * jacobian[j, i, c]
+            for c in range(p):
+                diagonal[j + 1, i, n + c] -= w * jacobian[j, i, n + c]
+                diagonal[j + 1, n + c, i] -= w * jacobian[j, i, n + c]
+    reduced, reduced_g = np.zeros((p, p)), np.zeros(p)
+    for j in range(segments):
+        for c in range(p):
+            reduced_g[c] += rhs[j, n + c]
+            for b in range(p):
+                reduced[c, b] += diagonal[j, n + c, n + b]
+        for i in range(n):
+            diagonal[j, i, i] *= 1.0 + damping
+    for c in range(p):
+        reduced[c, c] *= 1.0 + damping
+    # Forward: factor each block, solve for its border and right-hand side, pass the rest on.
+    factor = np.zeros((segments, n, n))
+    border = np.zeros((segments, n, p + 1))
+    carry = np.zeros((segments, n, n))
+    log_det = 0.0
+    for j in range(segments):
+        block = diagonal[j, :n, :n].copy()
+        edge = np.empty((n, p + 1))
+        edge[:, :p] = diagonal[j, :n, n:]
+        edge[:, p] = rhs[j, :n]
+        if j > 0 and joined[j - 1]:
+            for i in range(n):
+                for m in range(n):
+                    cm = carry[j - 1, i, m]
+                    for k in range(n):
+                        block[i, k] -= cm * carry[j - 1, k, m]
+                    for k in range(p + 1):
+                        edge[i, k] -= cm * border[j - 1, m, k]
+        for i in range(n):
+            for k in range(i + 1):
+                total = block[i, k]
+                for m in range(k):
+                    total -= factor[j, i, m] * factor[j, k, m]
+                if i == k:
+                    if not total > 0.0:
+                        return joints, reduced, reduced_g, factor, border, carry, 0.0, False
+                    factor[j, i, i] = np.sqrt(total)
+                    log_det += 2.0 * np.log(factor[j, i, i])
+                else:
+                    factor[j, i, k] = total / factor[j, k, k]
+        for c in range(p + 1):
+            for i in range(n):
+                total = edge[i, c]
+                for m in range(i):
+                    total -= factor[j, i, m] * border[j, m, c]
+                border[j, i, c] = total / factor[j, i, i]
+        if j + 1 < segments and joined[j]:
+            for r in range(n):
+                for i in range(n):
+                    total = lower[j, r, i]
+                    for m in range(i):
+                        total -= factor[j, i, m] * carry[j, r, m]
+                    carry[j, r, i] = total / factor[j, i, i]
+        for c in range(p):
+            for i in range(n):
+                bc = border[j, i, c]
+                reduced_g[c] -= bc * border[j, i, p]
+                for b in range(p):
+                    reduced[c, b] -= bc * border[j, i, b]
+    return joints, reduced, reduced_g, factor, border, carry, log_det, True
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def substitute(factor, border, carry, joined, change):
+    """Return the change (J, n) of the initial states that goes with the change (p,) of the parameters."""
+    segments, n = factor.shape[0], factor.shape[1]
+    p = change.shape[0]
+    result = np.zeros((segments, n))
+    for j in range(segments - 1, -1, -1):
+        z = np.empty(n)
+        for i in range(n):
+            z[i] = -border[j, i, p]
+            for c in range(p):
+                z[i] -= border[j, i, c] * change[c]
+            if j + 1 < segments and joined[j]:
+                for r in range(n):
+                    z[i] -= carry[j, r, i] * result[j + 1, r]
+        for i in range(n - 1, -1, -1):
+            total = z[i]
+            for m in range(i + 1, n):
+                total -= factor[j, m, i] * result[j, m]
+            result[j, i] = total / factor[j, i, i]
+    return result
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def joint_covariances(factor, carry, joined):
+    """Return posterior covariances of the initial states: own (J, n, n), with the next segment's (J, n, n).
+
+    The states' block is L L^T with `factor` on the diagonal of L and `carry` below it; only the blocks of the inverse
+    that the pattern of L has are computed, last to first. next[j] is the covariance of x0[j + 1] (rows) with x0[j].
+    """
+    segments, n = factor.shape[0], factor.shape[1]
+    own, following = np.zeros((segments, n, n)), np.zeros((segments, n, n))
+    for j in range(segments - 1, -1, -1):
+        inverse = np.zeros((n, n))  # of factor[j], lower triangular
+        for c in range(n):
+            for i in range(c, n):
+                total = 1.0 if i == c else 0.0
+                for m in range(c, i):
+                    total -= factor[j, i, m] * inverse[m, c]
+                inverse[i, c] = total / factor[j, i, i]
+        middle = np.eye(n)
+        if j + 1 < segments and joined[j]:
+            passed = own[j + 1] @ carry[j]
+            following[j] = -passed @ inverse
+            middle += carry[j].T @ passed
+        own[j] = inverse.T @ middle @ inverse
+    return own, following
