@@ -8,13 +8,13 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.expression import Term
+from odescope.likelihood.evidence import between, in_blocks
 from odescope.likelihood.fit import Slot
 from odescope.likelihood.process import Noisy
 from odescope.likelihood.search import MOST_TERMS, THIN
 from odescope.likelihood.stage import Refinement
-from odescope.model.model import Json
+from odescope.model.model import Json, RelationTerm
 
-NORMAL = 1.959963984540054  # of a standard normal, 97.5 %
 CORRELATED = 0.5  # least correlation of two estimates that is listed
 CLEAR = 0.1  # least correlation of what is missing with its cause that is worth a word
 SURE = 12.0  # least squared ratio of that correlation to its spread between blocks of the record
@@ -32,8 +32,8 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[st
         {
             "gap": m.gap if process is None and np.isfinite(m.gap) else None,
             "action": m.action,
-            "target": targets[m.relation],
-            "term": _product(m.factor, m.term, targets),
+            "target": targets[m.slot.relation],
+            "term": _text(m.slot, targets),
             "statistic": m.statistic,
             "price": m.price,
         }
@@ -55,11 +55,11 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[st
     if refinement.evidence is None or not refinement.follows:
         return scores
     present = [searcher.slots[k] for k in refinement.fit.present]
-    coefficients = refinement.fit.theta[refinement.fit.present]
-    reach = NORMAL * np.sqrt(refinement.evidence.variances)
     scores["intervals"] = [
-        {"target": targets[s.relation], "term": _text(s, targets), "interval": [float(c - e), float(c + e)]}
-        for s, c, e in zip(present, coefficients, reach, strict=True)
+        {"target": target, "term": t.text, "interval": list[Json](t.interval)}
+        for target, relation in zip(targets, refinement.relations, strict=True)
+        for t in relation.terms
+        if t.interval is not None
     ]
     correlation = refinement.evidence.correlation
     scores["correlations"] = [
@@ -119,13 +119,7 @@ def likelihood_notes(refinement: Refinement, targets: Sequence[str]) -> list[str
 
 
 def _text(slot: Slot, targets: Sequence[str]) -> str:
-    return _product(slot.factor, slot.term.text, targets)
-
-
-def _product(factor: int, term: str, targets: Sequence[str]) -> str:
-    if factor < 0:
-        return term
-    return targets[factor] if term == "1" else f"{targets[factor]}*{term}"
+    return RelationTerm(None if slot.factor < 0 else targets[slot.factor], slot.term, 1.0).text
 
 
 def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
@@ -176,10 +170,9 @@ def _goes_with(lacking: FloatArray, causes: FloatArray, states: FloatArray) -> l
         if not scale > 0.0:
             shares.append(None)
             continue
-        edges = np.linspace(0, len(rest), int(np.sqrt(len(rest))) + 1).astype(np.int64)
-        blocks = np.add.reduceat(rest[:, 0] * rest[:, 1], edges[:-1]) / scale
+        blocks = in_blocks(rest[:, :1] * rest[:, 1:] / scale)
         share = float(blocks.sum())
-        sure = len(blocks) > 1 and share**2 > SURE * len(blocks) * float(blocks.var(ddof=1))
+        sure = len(blocks) > 1 and share**2 > SURE * float(between(blocks)[0])
         shares.append(share if sure and abs(share) > CLEAR else None)
     return shares
 

@@ -51,8 +51,8 @@ def weigh(searcher: Searcher, found: Fit, information: FloatArray, blocks: Float
     projected = slopes[:, ~here] - influence @ cross
     own, spread = np.diag(inverse), np.maximum(left, 1e-300)
     if len(blocks) > 1:
-        own = np.maximum(own, _between(influence))
-        spread = np.maximum(spread, _between(projected))
+        own = np.maximum(own, between(influence))
+        spread = np.maximum(spread, between(projected))
     variances = own / scale[here] ** 2
     told = left > TOLD_APART
     scores, limits = np.zeros(len(searcher.slots)), np.zeros(len(searcher.slots))
@@ -69,8 +69,14 @@ def weigh(searcher: Searcher, found: Fit, information: FloatArray, blocks: Float
     )
 
 
-def _between(blocks: FloatArray) -> FloatArray:
+def in_blocks(contributions: FloatArray) -> FloatArray:
+    """Return the sums (b, k) of contributions (J, k) over square-root-many blocks of neighbours."""
+    edges = np.linspace(0, len(contributions), int(np.sqrt(len(contributions))) + 1).astype(np.int64)
+    sums: FloatArray = np.add.reduceat(contributions, edges[:-1], axis=0)
+    return sums
+
+
+def between(blocks: FloatArray) -> FloatArray:
     """Return the variance of the sum of blocks (b, k), from how they differ from their mean."""
-    count = len(blocks)
-    variance: FloatArray = count * blocks.var(axis=0, ddof=1)
+    variance: FloatArray = len(blocks) * blocks.var(axis=0, ddof=1)
     return variance

@@ -16,7 +16,7 @@ import numpy as np
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.data import Segments
 from odescope.likelihood.elimination import joint_covariances
-from odescope.likelihood.evidence import Evidence, weigh
+from odescope.likelihood.evidence import Evidence, in_blocks, weigh
 from odescope.likelihood.fit import Evaluator, Fit, Program
 from odescope.likelihood.search import THIN, Move, Outcome, Searcher
 
@@ -37,7 +37,7 @@ NO_WORSE = 1.02  # held-out error over the least: a term that buys less is left 
 
 @dataclass(frozen=True, eq=False)
 class Noisy:
-    """A model with process noise. Shapes: measurement (c,) standard deviation of an average, process (n,) of a gap.
+    """A model with process noise: the searcher's segments hold both noises, of an average and of a gap.
 
     `marginal` is -2 log of the marginal likelihood less a constant; `held_out` the error of free runs on what the
     search did not see (`free_run_error`).
@@ -45,8 +45,6 @@ class Noisy:
 
     fit: Fit
     searcher: Searcher
-    measurement: FloatArray
-    process: FloatArray
     marginal: float
     evidence: Evidence
     held_out: float
@@ -55,7 +53,8 @@ class Noisy:
     @property
     def penalised(self) -> float:
         """Marginal cost plus the price of every term and, as Bayes' criterion has it, of every gap's width."""
-        widths = len(self.process) * float(np.log(self.searcher.segments.samples))
+        segments = self.searcher.segments
+        widths = len(segments.spread) * float(np.log(segments.samples))
         return self.marginal + float(self.searcher.price[self.fit.present].sum()) + widths
 
     @property
@@ -68,7 +67,7 @@ class Noisy:
         """Root mean square of what the model does not explain of each target, averaged over a segment, (targets,)."""
         following = self.searcher.following
         states = [int(np.flatnonzero(following == -1 - t)[0]) for t in range(int((following < 0).sum()))]
-        rms: FloatArray = self.process[states] / self.window
+        rms: FloatArray = self.searcher.segments.spread[states] / self.window
         return rms
 
 
@@ -81,11 +80,8 @@ def with_noise(searcher: Searcher, measurement: FloatArray, process: FloatArray)
 def estimate_noise(searcher: Searcher, found: Fit) -> tuple[Searcher, Fit, float]:
     """Estimate both noises by expectation-maximisation around a structure; return searcher, fit and marginal cost."""
     floor = LEAST_NOISE * searcher.segments.spread, LEAST_NOISE * searcher.segments.noise
-    marginal = np.inf
+    process, measurement, marginal = _expected_squares(searcher, found)
     for _ in range(EM_ITERATIONS):
-        process, measurement, cost = _expected_squares(searcher, found)
-        if not cost < marginal - EM_CONVERGED:
-            break
         segments = searcher.segments
         moved = with_noise(
             searcher,
@@ -95,8 +91,13 @@ def estimate_noise(searcher: Searcher, found: Fit) -> tuple[Searcher, Fit, float
         again = moved.fit(found.theta, found.present, found.x0, moved.segments.spread, EM_FITS)
         if again is None:
             break
-        searcher, found, marginal = moved, again, cost
-    return searcher, found, _expected_squares(searcher, found)[2]
+        process, measurement, cost = _expected_squares(moved, again)
+        if not cost < marginal:
+            break
+        fall, searcher, found, marginal = marginal - cost, moved, again, cost
+        if fall < EM_CONVERGED:
+            break
+    return searcher, found, marginal
 
 
 def _expected_squares(searcher: Searcher, found: Fit) -> tuple[FloatArray, FloatArray, float]:
@@ -158,9 +159,7 @@ def robust_evidence(searcher: Searcher, program: Program, found: Fit) -> Evidenc
     joints = np.flatnonzero(segments.joined)
     weighted = (integrated[3][joints] - found.x0[joints + 1]) / segments.spread**2
     gradient[joints] += np.einsum("ji,jip->jp", weighted, integrated[4][joints][:, :, n:])
-    edges = np.linspace(0, len(gradient), int(np.sqrt(len(gradient))) + 1).astype(np.int64)
-    blocks = np.add.reduceat(gradient, edges[:-1], axis=0)
-    return weigh(searcher, found, expansion.information, blocks)
+    return weigh(searcher, found, expansion.information, in_blocks(gradient))
 
 
 def cost_without_process_noise(searcher: Searcher, outcome: Outcome) -> float:
@@ -237,8 +236,7 @@ def search_with_process_noise(searcher: Searcher, starts: Sequence[tuple[FloatAr
     evidence = robust_evidence(fitted, program, found)
     if evidence is None:
         return None
-    noise = fitted.segments.noise, fitted.segments.spread
-    return Noisy(found, fitted, *noise, marginal, evidence, free_run_error(seen, here.theta), trail)
+    return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail)
 
 
 def _search(

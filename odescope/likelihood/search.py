@@ -50,9 +50,7 @@ class Move:
 
     gap: float
     action: str
-    relation: int
-    factor: int
-    term: str
+    slot: Slot
     statistic: float
     price: float
     cost: float
@@ -149,9 +147,7 @@ class Searcher:
 
     def move(self, width: float, action: str, k: int, statistic: float, after: Fit) -> Move:
         """Return the step of the trail that did something to slot k."""
-        slot = self.slots[k]
-        price = float(self.price[k])
-        return Move(width, action, slot.relation, slot.factor, slot.term.text, statistic, price, after.cost)
+        return Move(width, action, self.slots[k], statistic, float(self.price[k]), after.cost)
 
     def fit(
         self, theta: FloatArray, present: IntArray, x0: FloatArray, gap: FloatArray, iterations: int = ITERATIONS

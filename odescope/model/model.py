@@ -12,6 +12,8 @@ from odescope.library.tape import Tape, write_tape
 from odescope.records import Coordinate, Input
 from odescope.signals.estimate import state_names
 
+NORMAL = 1.959963984540054  # of a standard normal, 97.5 %
+
 
 @dataclass(frozen=True)
 class RelationTerm:
@@ -28,6 +30,13 @@ class RelationTerm:
         if self.factor is None:
             return self.term.text
         return self.factor if not self.term.factors else f"{self.factor}*{self.term.text}"
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The 95 % interval of the coefficient, None without a standard error."""
+        if self.std_error is None:
+            return None
+        return self.coefficient - NORMAL * self.std_error, self.coefficient + NORMAL * self.std_error
 
 
 @dataclass(frozen=True)

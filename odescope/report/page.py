@@ -17,7 +17,6 @@ from odescope.report.data import Report
 from odescope.report.numerals import raised as exponent_digits
 from odescope.report.pictures import Picture, draw_job, pictures
 
-NORMAL = 1.959963984540054  # of a standard normal, 97.5 %
 LISTED = 6  # candidates of a target in the table
 LISTED_LIMITS = 12  # absent terms shown without asking for more
 
@@ -105,11 +104,9 @@ def _equations(report: Report) -> list[Equation]:
 
 def _interval(term: RelationTerm) -> str:
     """Return the 95 % interval of a coefficient, to the place of its error's second digit."""
-    if term.std_error is None:
+    if term.interval is None or term.std_error is None:
         return ""
-    reach = NORMAL * term.std_error
-    ends = (with_error(end, term.std_error)[0] for end in (term.coefficient - reach, term.coefficient + reach))
-    return " to ".join(ends)
+    return " to ".join(with_error(end, term.std_error)[0] for end in term.interval)
 
 
 def _small(body: str) -> str:

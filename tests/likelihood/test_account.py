@@ -159,8 +159,7 @@ def unexplained(seed, count=2000, **options):
     )  # fmt: skip
     it, found, marginal = estimate_noise(it, it.fit(PENDULUM.theta, PENDULUM.free, segments.initial, segments.spread))
     evidence = robust_evidence(it, PENDULUM.program, found)
-    noise = it.segments.noise, it.segments.spread
-    return Noisy(found, it, *noise, marginal, evidence, free_run_error(it, found.theta), ())
+    return Noisy(found, it, marginal, evidence, free_run_error(it, found.theta), ())
 
 
 def test_white_torque_is_not_taken_for_physics_over_seeds():

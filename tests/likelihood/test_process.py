@@ -653,7 +653,7 @@ def test_the_search_finds_the_pendulum_under_a_white_torque_and_its_size(when):
         prices = n.searcher.price[PENDULUM_PRESENT].sum() + 2 * np.log(n.searcher.segments.samples)
         assert n.penalised == pytest.approx(n.marginal + prices)
         if when == "a kick a segment":
-            assert n.measurement[0] == pytest.approx(0.005, rel=0.15)
+            assert n.searcher.segments.noise[0] == pytest.approx(0.005, rel=0.15)
 
 
 # steps of RK4

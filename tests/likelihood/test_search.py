@@ -69,7 +69,7 @@ def test_the_trail_says_what_moved(states):
     named = [s.term.text if s.factor < 0 else f"target {s.factor + 1} * {s.term.text}" for s in SPRING.slots]
     names = {name: k for k, name in enumerate(named)}
     for move in found.trail:
-        k = names[move.term]
+        k = names[move.slot.term.text]
         assert (k in now) == (move.action == "drop")
         now ^= {k}
     assert now == set(found.fit.present.tolist())
