@@ -9,7 +9,7 @@ __version__ = "0.1.0"
 
 # Heavy modules load when a name of theirs is first used, so that importing odescope stays quick.
 _HOMES = {
-    "errors": ("InputError", "NoModelError", "OdescopeError"),
+    "errors": ("InputError", "NoModelError", "OdescopeError", "Stopped", "WorkersLostError"),
     "records": ("Coordinate", "Input", "Record", "Records"),
     "readers": ("Layout", "read_records", "records_from"),
     "signals.estimate": ("Signals", "estimate_signals"),

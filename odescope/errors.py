@@ -24,8 +24,22 @@ class NoModelError(OdescopeError):
     exit_code = 3
 
     def __init__(self, stage: str, message: str) -> None:
-        super().__init__(f"no model: the {stage} stage came out empty: {message}")
+        super().__init__(stage, message)  # both: an error that comes from another process is made anew from these
         self.stage = stage
+        self.message = message
+
+    def __str__(self) -> str:
+        return f"no model: the {self.stage} stage came out empty: {self.message}"
+
+
+class WorkersLostError(OdescopeError):
+    """The machines that compute are gone; nothing is wrong with the input, and the same command may be run again."""
+
+
+class Stopped(OdescopeError):
+    """The user stopped the run; the message says what is kept of it."""
+
+    exit_code = 130
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
