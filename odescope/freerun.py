@@ -67,7 +67,8 @@ def free_runs(
 
 def _label(run: Record, data: Path, recording: str) -> str:
     """Return what the column `recording` says of a run: the reader leaves it in the run's source."""
-    return run.source.removeprefix(f"{data.name} ({recording} ").removesuffix(")")
+    _, _, label = run.source.removeprefix(data.name).partition(f" ({recording} ")  # of a folder, the file is named
+    return label.removesuffix(")")
 
 
 def _free_run(model: Model, run: Record, given: dict[str, float]) -> Trajectory:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -14,11 +18,12 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError, nearest
 from odescope.records import Record, Records
 from odescope.sampling import LARGEST_JITTER, Gaps, RawRun, split_gaps, uniform, unwrap
-from odescope.textfile import NUMBER, read_columns, read_header, refuse_blank_lines
+from odescope.textfile import NUMBER, TextFile, read_columns, read_header, refuse_blank_lines
 
 TEXT = (".csv", ".txt", ".tsv", ".csv.gz", ".txt.gz", ".tsv.gz")
 PARQUET = (".parquet", ".pq")
 MATLAB = (".mat",)
+NO_LABEL = "__HIVE_DEFAULT_PARTITION__"  # the folder of the rows whose cell was empty
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +31,7 @@ class Layout:
     """Which columns of a file mean what, and what to do about gaps and jitter.
 
     `columns` and `units` are pairs (name in odescope, column in the file) and (name, unit); `angles` and `held` hold
-    names in odescope; `time` and `recording` are columns in the file.
+    names in odescope; `time` and `recording` are columns in the file, or `recording` a folder's key (lap=7/a.parquet).
 
     Raises:
         InputError: not exactly one of `time` and `sample_period`, no column, a tolerance or period out of range.
@@ -79,15 +84,40 @@ class Layout:
 def read_records(files: Sequence[Path], layout: Layout) -> Records:
     """Read one recording a file, or several by the layout's `recording` column, ready for use.
 
-    Each is split or refused at gaps, its angles are unwrapped, its time made uniform (see sampling).
+    Each is split or refused at gaps, its angles are unwrapped, its time made uniform (see sampling). A folder stands
+    for the Parquet files in it.
 
     Raises:
         InputError: a file that is missing, unreadable, of another kind, or whose columns do not serve.
     """
     if not files:
         raise InputError("no data file: expected at least one")
-    runs = [run for file in map(Path, files) for run in _runs(_read_file(file, layout), layout, file.name)]
+    runs = [run for file in find_files(files) for run in _runs(_read_file(file, layout), layout, file.name)]
     return Records(tuple(runs))
+
+
+def find_files(files: Sequence[Path]) -> tuple[Path, ...]:
+    """Return the files, a folder replaced by the Parquet files in it and in its folders, in order of their paths.
+
+    What begins with "_" or "." is left out, as whoever writes such a dataset puts notes there.
+
+    Raises:
+        InputError: a folder without Parquet files.
+    """
+    return tuple(file for path in map(Path, files) for file in (_dataset(path) if path.is_dir() else (path,)))
+
+
+def _dataset(folder: Path) -> list[Path]:
+    files: list[Path] = []
+    for place, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(("_", "."))]  # the walk goes only into these
+        files += [Path(place, name) for name in names if name.lower().endswith(PARQUET) and name[0] not in "_."]
+    if not files:
+        raise InputError(
+            f"{folder} is a directory without Parquet files ({', '.join(PARQUET)}), expected a data file or a folder of"
+            " Parquet files; name files of other kinds one by one"
+        )
+    return sorted(files)
 
 
 def records_from(data: object, layout: Layout) -> Records:
@@ -110,38 +140,74 @@ def records_from(data: object, layout: Layout) -> Records:
 
 def _runs(columns: dict[str, Any], layout: Layout, source: str) -> Iterator[Record]:
     """Turn the used columns (Arrow, by their names in the file) into the records of one table."""
+    check_rows(len(columns[layout.numeric[0]]), source)
+    for run in raw_runs(columns, layout, source, _recordings(columns, layout, source)):
+        for record in split_gaps(run, layout.gaps):
+            yield ready(record, layout)
+
+
+def ready(record: Record, layout: Layout) -> Record:
+    """Return a record without gaps ready for use: its angles unwrapped, its time uniform.
+
+    Raises:
+        InputError: an angle in degrees, or time that is not uniform to within the layout's jitter.
+    """
+    return uniform(unwrap(record, layout.angles), layout.jitter, layout.held)
+
+
+def raw_runs(
+    columns: Mapping[str, Any], layout: Layout, source: str, groups: Iterable[tuple[str, IntArray]], before: int = 0
+) -> Iterator[RawRun]:
+    """Return the runs of a table of the used columns (Arrow, by their names in the file), `source` in messages.
+
+    `groups` are the label and the row indices (n,) of each; `before` rows of the file come before the table.
+
+    Raises:
+        InputError: a column that does not hold numbers.
+    """
     numbers = {label: _numbers(columns[label], label, source) for label in layout.numeric}
     values = np.column_stack([numbers[column] for _, column in layout.columns])
-    if not len(values):
-        raise InputError(f"{source} holds column names but no rows of data")
     units = dict(layout.units)
     counted = np.arange(len(values), dtype=np.float64) * (layout.sample_period or 0.0)
-    for label, rows in _recordings(columns, layout, len(values), source):
-        raw = RawRun(
+    for label, rows in groups:
+        yield RawRun(
             t=counted[: len(rows)] if layout.time is None else numbers[layout.time][rows],
             values=values[rows],
             names=layout.names,
             units=tuple(units.get(name) for name in layout.names),
             source=f"{source} ({layout.recording} {label})" if layout.recording is not None else source,
-            rows=rows + 1,
+            rows=before + rows + 1,
             labels=tuple(column for _, column in layout.columns),
         )
-        for piece in split_gaps(raw, layout.gaps):
-            yield uniform(unwrap(piece, layout.angles), layout.jitter, layout.held)
 
 
-def _recordings(columns: dict[str, Any], layout: Layout, rows: int, source: str) -> list[tuple[str, IntArray]]:
+def check_rows(rows: int, source: str) -> None:
+    """Refuse a table without rows."""
+    if not rows:
+        raise InputError(f"{source} holds column names but no rows of data")
+
+
+def _recordings(columns: Mapping[str, Any], layout: Layout, source: str) -> list[tuple[str, IntArray]]:
     """Return each recording's label and row indices, in order of first appearance."""
+    names, codes = recording_codes(columns, layout, source)
+    order = np.argsort(codes, kind="stable")
+    groups = np.split(order, np.cumsum(np.bincount(codes))[:-1])
+    return list(zip(names, groups, strict=True))
+
+
+def recording_codes(columns: Mapping[str, Any], layout: Layout, source: str) -> tuple[list[str], IntArray]:
+    """Return the labels of the recordings, in order of first appearance, and the index (N,) into them of each row.
+
+    Raises:
+        InputError: a row without a label.
+    """
     if layout.recording is None:
-        return [("", np.arange(rows))]
+        return [""], np.zeros(len(columns[layout.numeric[0]]), dtype=np.int64)
     labels = columns[layout.recording].combine_chunks().dictionary_encode()
     names = [str(name) for name in labels.dictionary.to_pylist()]
     if labels.null_count or "" in names or "nan" in names:
         raise InputError(f"column {layout.recording!r} in {source} has empty cells: every row needs its recording")
-    codes = labels.indices.to_numpy().astype(np.int64)
-    order = np.argsort(codes, kind="stable")
-    groups = np.split(order, np.cumsum(np.bincount(codes))[:-1])
-    return list(zip(names, groups, strict=True))
+    return names, labels.indices.to_numpy().astype(np.int64)
 
 
 def _numbers(column: Any, label: str, source: str) -> FloatArray:
@@ -160,7 +226,7 @@ def _numbers(column: Any, label: str, source: str) -> FloatArray:
         raise InputError(f"column {label!r} in {source} does not fit 64-bit floats: {_first_line(error)}") from error
 
 
-def _check_columns(labels: Sequence[str], available: Sequence[str], source: str) -> None:
+def check_columns(labels: Sequence[str], available: Sequence[str], source: str) -> None:
     """Refuse labels that are not the name of exactly one column, and say which columns there are."""
     for label in labels:
         count = available.count(label)
@@ -181,21 +247,26 @@ def _first_line(error: BaseException) -> str:
 
 def _read_file(path: Path, layout: Layout) -> dict[str, Any]:
     """Return the used columns of a file as Arrow columns by their names in the file."""
-    columns: dict[str, Any] = _opened(path, _READERS)(path, layout)
+    columns: dict[str, Any] = opened(path, _READERS)(path, layout)
     return columns
 
 
 def column_names(path: Path) -> tuple[str, ...]:
-    """Return the names of the columns of a data file.
+    """Return the names of the columns of a data file, or of the first one in a folder.
 
     Raises:
         InputError: the file is missing, empty, of no known kind or damaged.
     """
-    return tuple(_opened(path, _NAMES)(path))
+    file = find_files([path])[0]
+    return tuple(opened(file, _NAMES)(file))
 
 
-def _opened(path: Path, readers: Mapping[tuple[str, ...], Callable[..., Any]]) -> Callable[..., Any]:
-    """Return the reader of a file's kind, its errors worded for the user."""
+def opened(path: Path, readers: Mapping[tuple[str, ...], Callable[..., Any]]) -> Callable[..., Any]:
+    """Return the one of `readers`, by the endings of names, that serves a file; its errors are worded for the user.
+
+    Raises:
+        InputError: the file is missing, empty or of no known kind.
+    """
     import pyarrow as pa
 
     read = next((reader for endings, reader in readers.items() if path.name.lower().endswith(endings)), None)
@@ -218,19 +289,51 @@ def _opened(path: Path, readers: Mapping[tuple[str, ...], Callable[..., Any]]) -
 
 
 def _read_text(path: Path, layout: Layout) -> dict[str, Any]:
-    file = read_header(path)
-    _check_columns(layout.used, file.names, path.name)
+    file = text_header(path, layout)
     if layout.time is None:
         refuse_blank_lines(file)
     return read_columns(file, layout.used, layout.numeric)
+
+
+def text_header(path: Path, layout: Layout) -> TextFile:
+    """Return what the header of a text file says; InputError where it lacks a column."""
+    file = read_header(path)
+    check_columns(layout.used, file.names, path.name)
+    return file
 
 
 def _read_parquet(path: Path, layout: Layout) -> dict[str, Any]:
     from pyarrow import parquet
 
     with parquet.ParquetFile(path) as file:
-        _check_columns(layout.used, file.schema_arrow.names, path.name)
-        return _from_table(file.read(columns=list(layout.used)), layout)
+        return parquet_columns(file.read(columns=parquet_labels(file, path, layout)), path, layout)
+
+
+def parquet_labels(file: Any, path: Path, layout: Layout) -> list[str]:
+    """Return which columns of a Parquet file to read; InputError where one is lacking."""
+    names = file.schema_arrow.names
+    in_path = layout.recording not in names and _folder_label(path, layout) is not None
+    labels = [label for label in layout.used if not (in_path and label == layout.recording)]
+    check_columns(labels, names, path.name)
+    return labels
+
+
+def parquet_columns(table: Any, path: Path, layout: Layout) -> dict[str, Any]:
+    """Return the used columns of a table of `parquet_labels`, the recording from the path where the file lacks it."""
+    import pyarrow as pa
+
+    if layout.recording is not None and layout.recording not in table.column_names:
+        label = pa.scalar(_folder_label(path, layout), pa.string())
+        table = table.append_column(layout.recording, pa.repeat(label, len(table)))
+    return _from_table(table, layout)
+
+
+def _folder_label(path: Path, layout: Layout) -> str | None:
+    """Return what a folder KEY=VALUE on the path says of the recording, None if none does."""
+    for key, equals, value in (part.partition("=") for part in reversed(path.absolute().parent.parts)):
+        if equals and unquote(key) == layout.recording:
+            return "" if value == NO_LABEL else unquote(value)
+    return None
 
 
 def _from_memory(data: object, layout: Layout, source: str) -> dict[str, Any]:
@@ -242,11 +345,11 @@ def _from_memory(data: object, layout: Layout, source: str) -> dict[str, Any]:
             table = pa.table(data)
         except (pa.ArrowException, ValueError, TypeError) as error:
             raise InputError(f"{source} cannot be read as a table: {_first_line(error)}") from error
-        _check_columns(layout.used, table.column_names, source)
+        check_columns(layout.used, table.column_names, source)
         return _from_table(table, layout)
     if isinstance(data, Mapping):
         named = {str(name): column for name, column in data.items()}
-        _check_columns(layout.used, list(named), source)
+        check_columns(layout.used, list(named), source)
         return _from_arrays({label: named[label] for label in layout.used}, source)
     raise InputError(
         f"{source} is a {type(data).__name__}; expected a dataframe with the Arrow interface (pandas, polars, pyarrow)"
@@ -293,20 +396,40 @@ def _arrow_column(data: object, label: str, source: str) -> Any:
 
 
 def _read_matlab(path: Path, layout: Layout) -> dict[str, Any]:
-    from scipy.io import loadmat, whosmat
+    from scipy.io import loadmat
+
+    matlab_rows(path, layout)
+    with _matlab_faults(path):
+        arrays = loadmat(path, variable_names=list(layout.used))
+    return _from_arrays({label: arrays[label] for label in layout.used}, path.name)
+
+
+def matlab_rows(path: Path, layout: Layout) -> int:
+    """Return how many rows the used variables of a MATLAB file have, by the first of them.
+
+    Raises:
+        InputError: a variable is lacking or no column, or the file is none of MATLAB's.
+    """
+    from scipy.io import whosmat
+
+    with _matlab_faults(path):
+        kinds = {name: (shape, kind) for name, shape, kind in whosmat(path)}
+        _check_variables(kinds, layout, path.name)
+    return math.prod(kinds[layout.used[0]][0])
+
+
+@contextlib.contextmanager
+def _matlab_faults(path: Path) -> Iterator[None]:
     from scipy.io.matlab import MatReadError
 
     try:
-        kinds = {name: (shape, kind) for name, shape, kind in whosmat(path)}
-        _check_variables(kinds, layout, path.name)
-        arrays = loadmat(path, variable_names=list(layout.used))
+        yield
     except InputError:  # a ValueError too, but already worded
         raise
     except NotImplementedError as error:  # scipy's answer to HDF5
         raise InputError(f"{path.name} is a MATLAB 7.3 file; save it with save(..., '-v7')") from error
     except (MatReadError, ValueError, TypeError, KeyError, IndexError) as error:
         raise InputError(f"{path.name} cannot be read as a MATLAB file: {_first_line(error)}") from error
-    return _from_arrays({label: arrays[label] for label in layout.used}, path.name)
 
 
 def _check_variables(kinds: Mapping[str, tuple[tuple[int, ...], str]], layout: Layout, source: str) -> None:
@@ -322,7 +445,7 @@ def _check_variables(kinds: Mapping[str, tuple[tuple[int, ...], str]], layout: L
                 f"{lacking}{name!r} is a {size} {kind}: save each column as a variable of its own (for a struct, "
                 "save(file, '-struct', name) does it)"
             )
-    _check_columns(layout.used, list(kinds), source)
+    check_columns(layout.used, list(kinds), source)
 
 
 def _is_column(shape: tuple[int, ...], kind: str) -> bool:

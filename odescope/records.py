@@ -140,6 +140,31 @@ class Records:
         return sum(len(run) for run in self.runs)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """A record, of which the samples [first, stop) count; the others are there for the sake of filters.
+
+    `begins` and `ends` tell whether the recording does so where the record does: at a gap, at another recording, at an
+    end of the file. Elsewhere the record is cut out of a longer one.
+    """
+
+    record: Record
+    first: int
+    stop: int
+    begins: bool = True
+    ends: bool = True
+
+    @classmethod
+    def whole(cls, record: Record) -> Stretch:
+        """Return a record that is a whole recording, of which every sample counts."""
+        return cls(record, 0, len(record))
+
+    @property
+    def cut(self) -> bool:
+        """Whether the record is but a piece of a recording."""
+        return not (self.begins and self.ends)
+
+
 @dataclass(frozen=True, slots=True)
 class Coordinate:
     """A measured quantity and the order of its equation: a position has order 2, a concentration order 1.

@@ -46,22 +46,35 @@ def split_gaps(run: RawRun, gaps: Gaps = "refuse") -> tuple[Record, ...]:
         InputError: there are gaps and `gaps` is "refuse"; no piece is left; time goes back or repeats; a value is
             infinite.
     """
+    return tuple(piece(run, samples) for samples in gapless(run, gaps))
+
+
+def gapless(run: RawRun, gaps: Gaps, partial: bool = False) -> tuple[IntArray, ...]:
+    """Return the samples (n,) of each piece between the gaps of a raw run, as indices into it (see split_gaps).
+
+    A `partial` run is cut out of a longer one, whose rest may well serve: that nothing is left of it is no fault.
+
+    Raises:
+        InputError: as split_gaps does.
+    """
     check_finite(~np.isinf(run.t)[:, None], ("time",), run.rows, run.source)
     check_finite(~np.isinf(run.values), run.labels, run.rows, run.source)
     timed = np.flatnonzero(~np.isnan(run.t))
     check_increasing(run.t[timed], run.rows[timed], run.source)
     complete = np.flatnonzero(~np.isnan(run.t) & ~np.isnan(run.values).any(axis=1))
     if len(complete) < 2:
+        if partial and (gaps == "split" or len(complete) == len(run.t)):
+            return ()
         raise InputError(f"{len(complete)} of {len(run.t)} rows are complete{within(run.source)}: expected at least 2")
     steps = np.diff(run.t[timed])
     longest = GAP_PERIODS * float(np.median(steps))
     if gaps == "refuse":
         _refuse_gaps(run, run.rows[timed[:-1]][steps > longest])
-        return (_piece(run, complete),)
+        return (complete,)
     cuts = (np.diff(complete) > 1) | (np.diff(run.t[complete]) > longest)
     pieces = np.split(complete, np.flatnonzero(cuts) + 1)
-    kept = tuple(_piece(run, piece) for piece in pieces if len(piece) >= SHORTEST_PIECE)
-    if not kept:
+    kept = tuple(samples for samples in pieces if len(samples) >= SHORTEST_PIECE)
+    if not kept and not partial:
         raise InputError(
             f"nothing is left{within(run.source)} after splitting at its gaps: the longest of {len(pieces)} pieces "
             f"has {max(map(len, pieces))} samples, and pieces shorter than {SHORTEST_PIECE} are dropped"
@@ -69,8 +82,9 @@ def split_gaps(run: RawRun, gaps: Gaps = "refuse") -> tuple[Record, ...]:
     return kept
 
 
-def _piece(run: RawRun, rows: IntArray) -> Record:
-    return Record(run.t[rows], run.values[rows], run.names, run.units, run.source)
+def piece(run: RawRun, samples: IntArray) -> Record:
+    """Return some samples (n,) of a raw run as a record; InputError where one of them is not finite."""
+    return Record(run.t[samples], run.values[samples], run.names, run.units, run.source)
 
 
 def _refuse_gaps(run: RawRun, jumps: IntArray) -> None:

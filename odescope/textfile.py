@@ -2,36 +2,60 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import gzip
 import io
+import itertools
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any, cast
 
+import numpy as np
+
+from odescope.arrays import BoolArray, IntArray
 from odescope.errors import InputError
 
 MISSING = ("", " ", "NA", "N/A", "NaN", "nan", "NAN", "null", "NULL")
 HEAD_BYTES = 1 << 20
+BLOCK_BYTES = 1 << 20  # what counting lines reads at once
+MARK_ROWS = 8192  # the place of every so-manieth row is kept: part of a file is read from the one before it
+TELLING_MARKS = 8  # so many times MARK_ROWS rows are parsed at once to find the decimal mark
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE | re.ASCII)
 RAGGED = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
 @dataclass(frozen=True, slots=True)
 class TextFile:
-    """A text file and what its header line says: separator, column names, and how many lines come before the data."""
+    """A text file, or a part of one, and what its header line says.
+
+    `skip` lines come before the data; `decimals` are the decimal marks that its numbers may have, likeliest first.
+    A part is the bytes from `begin` to `end` of the file, and holds `rows` data rows after the `first` ones.
+    """
 
     path: Path
     separator: str
     names: tuple[str, ...]
     skip: int
+    decimals: tuple[str, ...]
+    begin: int = 0
+    end: int | None = None
+    first: int = 0
+    rows: int | None = None
 
-    @property
-    def decimals(self) -> tuple[str, ...]:
-        """The decimal marks that may come with this separator, likeliest first."""
-        return (",", ".") if self.separator == ";" else (".",)
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RowIndex:
+    r"""The rows of data in a text file, and where they are.
+
+    `marks` are the byte offsets from which every MARK_ROWS-th row is read (0, with the header, for the first) and the
+    size of the file. There are none where it can only be read whole: compressed, or with line ends of "\r" alone.
+    """
+
+    rows: int
+    marks: IntArray
 
 
 def read_header(path: Path) -> TextFile:
@@ -60,7 +84,75 @@ def read_header(path: Path) -> TextFile:
     bare = re.sub(r'"[^"]*"', "", text)  # a separator within quotes belongs to a name
     separator = max("\t;,", key=bare.count)
     names = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
-    return TextFile(path, separator, tuple(name.strip() for name in names), filled[0] + 1)
+    decimals = (",", ".") if separator == ";" else (".",)
+    return TextFile(path, separator, tuple(name.strip() for name in names), filled[0] + 1, decimals)
+
+
+def index_rows(file: TextFile, blanks: bool) -> RowIndex:
+    """Count the rows of data of a whole file, without parsing them or holding more than a block of it.
+
+    Raises:
+        InputError: there is a blank line between samples, and `blanks` are not allowed (see refuse_blank_lines).
+    """
+    rows = lines = lone = blank = 0
+    marks = []
+    with _open(file.path) as stream:
+        for starts, empty, returns in _line_starts(stream):
+            header = max(file.skip - lines, 0)
+            filled = starts[header:][~empty[header:]]
+            marks.append(filled[-rows % MARK_ROWS :: MARK_ROWS])
+            rows, lines = rows + len(filled), lines + len(starts)
+            lone, blank = lone + returns, blank + int(np.count_nonzero(empty[header:]))
+        size = stream.tell()
+    if lone:
+        rows = sum(1 for _ in _filled_lines(file))
+    if blank and not blanks:  # which of them lie between samples takes a look at each line
+        refuse_blank_lines(file)
+    if lone or _zipped(file.path):
+        return RowIndex(rows, np.empty(0, dtype=np.int64))
+    return RowIndex(rows, np.concatenate(([0], np.concatenate(marks)[1:], [size])))
+
+
+def _line_starts(stream: IO[bytes]) -> Iterator[tuple[IntArray, BoolArray, int]]:
+    r"""Yield the lines of each block: where they start, which are blank, and how many "\r" (in sum) end none."""
+    offset = start = 0
+    before = np.zeros(1, dtype=np.uint8)
+    while block := stream.read(BLOCK_BYTES):
+        characters = np.concatenate((before, np.frombuffer(block, dtype=np.uint8)))
+        ends = np.flatnonzero(characters[1:] == ord("\n"))
+        returns = characters[ends] == ord("\r")
+        lone = int(np.count_nonzero(characters[1:] == ord("\r"))) - int(np.count_nonzero(returns))
+        starts = np.concatenate(([start], offset + ends + 1))
+        yield starts[:-1], offset + ends - starts[:-1] <= returns, lone
+        start, offset, before = int(starts[-1]), offset + len(block), characters[-1:]
+    if start < offset:  # the last line may do without an end
+        yield np.array([start]), np.array([False]), 0
+
+
+def part_of(file: TextFile, index: RowIndex, start: int, stop: int) -> TextFile:
+    """Return the part of a whole file that holds the data rows [start, stop), counted from 0, and some around them."""
+    low, high = start // MARK_ROWS, -(-stop // MARK_ROWS)
+    begin, end = int(index.marks[low]), int(index.marks[high])
+    first = low * MARK_ROWS
+    rows = min(high * MARK_ROWS, index.rows) - first
+    return replace(file, skip=file.skip if low == 0 else 0, begin=begin, end=end, first=first, rows=rows)
+
+
+def settle_decimal(file: TextFile, index: RowIndex, numeric: Sequence[str]) -> TextFile:
+    """Return the file with one decimal mark, where its numbers tell: a part of it with whole numbers could not."""
+    import pyarrow as pa
+
+    step = TELLING_MARKS * MARK_ROWS
+    for start in range(0, index.rows, step) if len(file.decimals) > 1 else ():
+        part = part_of(file, index, start, min(start + step, index.rows))
+        fitting = []
+        for decimal in file.decimals:
+            with contextlib.suppress(pa.ArrowInvalid):
+                _parse(part, dict.fromkeys(numeric, pa.float64()), decimal)
+                fitting.append(decimal)
+        if len(fitting) == 1:
+            return replace(file, decimals=tuple(fitting))
+    return file
 
 
 def refuse_blank_lines(file: TextFile) -> None:
@@ -83,7 +175,8 @@ def read_columns(file: TextFile, labels: Sequence[str], numeric: Sequence[str]) 
     The cells are converted while parsing; only where that fails are they looked at one by one.
 
     Raises:
-        InputError: a row of too few or too many cells, a cell that is not a number.
+        InputError: a row of too few or too many cells, a cell that is not a number; a part of a file without the rows
+            that were counted there.
         pyarrow.ArrowInvalid: a file that Arrow cannot parse for any other reason.
     """
     import pyarrow as pa
@@ -114,7 +207,7 @@ def _parse(file: TextFile, types: Mapping[str, Any], decimal: str, threads: bool
     positions = {label: str(file.names.index(label)) for label in types}
     try:
         table = arrow_csv.read_csv(
-            pa.input_stream(str(file.path), compression="gzip" if _zipped(file.path) else None),
+            _arrow_stream(file),
             arrow_csv.ReadOptions(
                 column_names=[str(k) for k in range(len(file.names))], skip_rows=file.skip, use_threads=threads
             ),
@@ -135,7 +228,20 @@ def _parse(file: TextFile, types: Mapping[str, Any], decimal: str, threads: bool
         raise InputError(
             f"line {line} of {file.path.name} has {got} cell{'s' * (got != 1)} where the header has {expected}"
         ) from error
+    if file.rows not in (None, len(table)):
+        raise InputError(
+            f"{file.path.name} has {len(table)} rows where {file.rows} were counted, after data row {file.first}: it "
+            "was changed meanwhile, or the text of a cell goes over several lines; put it on one"
+        )
     return {label: table.column(position) for label, position in positions.items()}
+
+
+def _arrow_stream(file: TextFile) -> Any:
+    import pyarrow as pa
+
+    if file.end is None:
+        return pa.input_stream(str(file.path), compression="gzip" if _zipped(file.path) else None)
+    return pa.OSFile(str(file.path)).get_stream(file.begin, file.end - file.begin)
 
 
 def _faults(cells: Sequence[str], decimal: str) -> list[int]:
@@ -157,22 +263,32 @@ def _refuse_cells(file: TextFile, label: str, cells: Sequence[str], rows: list[i
     lines = _line_numbers(file, rows[:3])
     shown = ", ".join(f"line {line}: {cells[row][:40]!r}" for line, row in zip(lines, rows, strict=False))
     more = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
-    hint = "delete that line if it holds units or a comment" if rows == [0] else "empty cells and NaN count as missing"
+    units = rows == [0] and file.first == 0
+    hint = "delete that line if it holds units or a comment" if units else "empty cells and NaN count as missing"
     raise InputError(f"column {label!r} in {file.path.name} has cells that are not numbers ({shown}{more}); {hint}")
 
 
 def _line_numbers(file: TextFile, rows: Sequence[int]) -> list[int]:
-    """Return the line numbers in the file of some data rows, both in increasing order; Arrow skips blank lines."""
-    wanted, found, row = set(rows), [], -1
-    with _lines(file.path) as stream:
+    """Return the line numbers of some data rows, counted from 0 in the file or part, both in increasing order."""
+    wanted = set(rows)
+    numbered = (number for row, number in enumerate(_filled_lines(file)) if row in wanted)
+    return list(itertools.islice(numbered, len(wanted)))
+
+
+def _filled_lines(file: TextFile) -> Iterator[int]:
+    """Yield the number in the whole file of every line of data, except for blank ones: Arrow skips those."""
+    before = _newlines(file.path, file.begin)
+    with _lines(file.path, file.begin) as stream:
         for number, line in enumerate(stream, start=1):
             if number > file.skip and line != "\n":
-                row += 1
-                if row in wanted:
-                    found.append(number)
-                if len(found) == len(wanted):
-                    break
-    return found
+                yield before + number
+
+
+def _newlines(path: Path, stop: int) -> int:
+    """Count the line ends in the first `stop` bytes of a file."""
+    with path.open("rb") as stream:
+        sizes = (min(BLOCK_BYTES, stop - done) for done in range(0, stop, BLOCK_BYTES))
+        return sum(stream.read(size).count(b"\n") for size in sizes)
 
 
 def _zipped(path: Path) -> bool:
@@ -183,6 +299,8 @@ def _open(path: Path) -> IO[bytes]:
     return cast(IO[bytes], gzip.open(path)) if _zipped(path) else path.open("rb")
 
 
-def _lines(path: Path) -> IO[str]:
+def _lines(path: Path, begin: int = 0) -> IO[str]:
     """Open for counting lines: Latin-1 decodes any byte, and all three line endings come as one."""
-    return io.TextIOWrapper(_open(path), encoding="latin-1")
+    stream = _open(path)
+    stream.seek(begin)
+    return io.TextIOWrapper(stream, encoding="latin-1")

@@ -3,7 +3,9 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
 from recordings import linear, oscillator, pendulum, smooth, write
 from scipy.integrate import solve_ivp
 
@@ -163,6 +165,16 @@ def test_recordings_run_from_their_own_first_samples_and_keep_their_labels(simul
     assert list(found) == ["lap", "t", "c"]
     assert list(found["lap"]) == list(log["lap"])
     assert np.allclose(found["c"].astype(float), log["c"], rtol=1e-6, atol=0)
+
+
+def test_recordings_in_folders_keep_their_labels(simulated):
+    t = 0.05 * np.arange(60)
+    for lap in ("(b)", "7"):
+        Path(f"log.csv/lap={lap}").mkdir(parents=True)  # the fixture's log: a folder may be called anything
+        parquet.write_table(pa.table({"t": t, "c": np.exp(-0.5 * t)}), f"log.csv/lap={lap}/part-0.parquet")
+    decay = model([("c", 1)], [[("c_dot", "1", 1.0), (None, "c", 0.5)]])
+    found, _ = simulated(decay, recording="lap")
+    assert list(found["lap"]) == ["(b)"] * 60 + ["7"] * 60
 
 
 def test_the_time_is_the_column_as_identified_or_t_or_time_or_counted(simulated):
