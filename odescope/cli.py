@@ -105,6 +105,12 @@ def identify(
         int | None, typer.Option(help="Order of the equations of all coordinates.", show_default="1")
     ] = None,
     recording: Annotated[str | None, typer.Option(help="Column that splits a file into recordings.")] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="local | tcp://HOST:PORT", help="Run on Dask workers, which read the files where they lie."
+        ),
+    ] = None,
 ) -> None:
     """Identify the equations behind a recording: writes model.json, report.html and more to a folder."""
     from odescope.study import read_study
@@ -119,7 +125,7 @@ def identify(
         study = _study_of(source, time, sample_period, coordinate or [], input_ or [], order, recording)
         folder = Path()
     out = _results_folder(source) if out is None else out
-    _identify_and_write(study, folder, out, source.stem, source)
+    _identify_and_write(study, folder, out, source.stem, source, cluster=cluster)
 
 
 @app.command(short_help="Run a model under a recording's inputs.")
@@ -321,9 +327,11 @@ def _identify_and_write(
     source: Path,
     truth: Callable[[], dict[str, FloatArray]] = dict,
     table: Callable[[Model], Sequence[TableRow]] = lambda _: (),
+    cluster: str | None = None,
 ) -> Report:
     import msgspec
 
+    from odescope.errors import Stopped
     from odescope.export.text import to_text
     from odescope.identification import identify as run
     from odescope.report.assemble import measured, summary
@@ -332,7 +340,7 @@ def _identify_and_write(
     from odescope.report.paint import painters
     from odescope.report.pictures import early_pictures, pictures
     from odescope.report.searches import searched
-    from odescope.results import RESULT_FILES, check_writable, refuse_overwriting, result_files, write_files
+    from odescope.results import FACTORS, RESULT_FILES, check_writable, refuse_overwriting, result_files, write_files
     from odescope.study import moved, study_toml
 
     resolved = moved(study, folder, out)
@@ -354,7 +362,12 @@ def _identify_and_write(
 
     with painters() as painter:
         with _progress() as watch:
-            result = run(placed, watch=watch, draft=begin)
+            try:
+                result = run(placed, watch=watch, draft=begin, cluster=cluster, store=out / FACTORS)
+            except KeyboardInterrupt:
+                kept = len(list((out / FACTORS).glob("*.npz")))
+                resume = f"; {kept} portions of the log are done and kept: the same command goes on from there"
+                raise Stopped(f"stopped before any result was written{resume if kept else ''}") from None
         # The answer first: the report takes another second or two.
         _say(to_text(result.model, 6) + "\n")
         for note in result.notes:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from odescope.errors import InputError
-from odescope.records import Input, Record, Records, within
+from odescope.records import Input, Record, Records, Stretch, within
 
 GRID = 0.25  # periods of the highest cutoff between the first trials
 LARGEST = 4.0  # such periods: the longest delay that is looked for
@@ -44,10 +44,25 @@ def delayed(records: Records, inputs: Sequence[Input], lead: float | None = None
     """
     if lead is None and not any(i.delay for i in inputs):
         return records
-    return Records(tuple(_delayed(run, inputs, lead) for run in records))
+    return Records(tuple(_delayed(run, inputs, _dropped(run, lead)) for run in records))
 
 
-def _delayed(run: Record, inputs: Sequence[Input], lead: float | None) -> Record:
+def delayed_stretch(stretch: Stretch, inputs: Sequence[Input], lead: float | None) -> Stretch | None:
+    """Return a stretch with each input as it acted, as `delayed` does; None where nothing that counts is left."""
+    if lead is None and not any(i.delay for i in inputs):
+        return stretch
+    dropped = _dropped(stretch.record, lead)
+    first, stop = max(stretch.first - dropped, 0), min(stretch.stop, len(stretch.record) - dropped) - dropped
+    if stop <= first:
+        return None
+    return replace(stretch, record=_delayed(stretch.record, inputs, dropped), first=first, stop=stop)
+
+
+def _dropped(run: Record, lead: float | None) -> int:
+    return 0 if lead is None else int(np.ceil(lead / run.sample_period - 1e-9))
+
+
+def _delayed(run: Record, inputs: Sequence[Input], dropped: int) -> Record:
     values = run.values.copy()
     for i in inputs:
         column, at = run.names.index(i.name), run.t - i.delay
@@ -56,10 +71,10 @@ def _delayed(run: Record, inputs: Sequence[Input], lead: float | None) -> Record
         elif i.delay:
             before = np.searchsorted(run.t, at + 1e-9 * run.sample_period, side="right") - 1
             values[:, column] = run.values[np.clip(before, 0, len(run) - 1), column]
-    dropped = 0 if lead is None else int(np.ceil(lead / run.sample_period - 1e-9))
     if len(run) - 2 * dropped < 2:
         raise InputError(
-            f"a delay of {lead:.3g} s leaves nothing of a record of {run.duration:.3g} s{within(run.source)}"
+            f"a delay of {dropped * run.sample_period:.3g} s leaves nothing of a record of {run.duration:.3g} s"
+            f"{within(run.source)}"
         )
     kept = slice(dropped, len(run) - dropped)
     return replace(run, t=run.t[kept], values=values[kept])

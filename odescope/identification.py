@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,9 +11,11 @@ from itertools import compress, islice, permutations, product
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from odescope import __version__
 from odescope.arrays import FloatArray
 from odescope.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
 from odescope.errors import InputError, NoModelError
@@ -25,16 +28,18 @@ from odescope.model.explicit import denominator_ranges
 from odescope.model.model import Json, Model, Relation, RelationTerm
 from odescope.model.notebook import model_html
 from odescope.model.simulate import simulate
-from odescope.readers import read_records, records_from
-from odescope.records import Coordinate, Input, Records, check_channels
+from odescope.readers import records_from
+from odescope.records import Input, Records, check_channels
 from odescope.regression.proposers import Support
 from odescope.selection.bootstrap import inclusion
 from odescope.selection.problem import Problem, pose
-from odescope.selection.rank import Candidate, Ranked, left_column, rank
+from odescope.selection.rank import Candidate, Ranked, left_column, price, rank
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
 from odescope.signals.estimate import Signals, estimate_signals
 from odescope.signals.outliers import clip_outliers
+from odescope.streaming import Log, Plan, Store, Whole, open_log, reduce_all
 from odescope.study import Study
+from odescope.workers import Workers, workers
 
 TRIED = 4  # families a target that are tried when the best do not determine the targets together
 SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out, unless all are
@@ -106,6 +111,12 @@ class Identification:
         }
         if short := self.model.scores.get("left_out"):
             notes[f"{short} recordings are shorter than a period of the cutoff and were left out"] = None
+        if streamed := self.model.scores.get("streamed"):
+            told: Any = streamed
+            notes[
+                f"{told['rows']:,} rows were read in {told['portions']} portions: all of them count in the regression;"
+                f" cutoffs, ranking, likelihood and report rest on {told['sampled']} of the portions"
+            ] = None
         delays: Any = self.model.scores.get("delays", {})
         notes |= {
             f"{name} acts {d['delay']:.4g} s after it was recorded"
@@ -128,6 +139,8 @@ def identify(
     data: Any = None,
     watch: Watch = lambda _: None,
     draft: Callable[[Identification], None] = lambda _: None,
+    cluster: str | None = None,
+    store: Path | None = None,
 ) -> Identification:
     """Return the model that the recordings support, with everything that led to it.
 
@@ -135,19 +148,30 @@ def identify(
         study: the options; its coordinates and inputs name the columns.
         data: recordings in memory: Records, a dataframe with the Arrow interface, a mapping of arrays, or a list of
             these. Without it the study's files are read, relative to the working directory.
-        watch: told the name of each stage as it begins.
+        watch: told the name of each stage as it begins, and how far it got.
         draft: given the result as it stands before the likelihood stage, its model without scores.
+        cluster: "local", or the address of a Dask scheduler, whose workers see the files under the same names; without
+            it everything runs in this process.
+        store: folder in which the factors of recordings are kept that do not fit in memory, so that a run that was
+            interrupted, or got more recordings, computes only what is new.
 
     Raises:
         InputError: the data or the study are wrong.
         NoModelError: the data support no model; the error names the stage.
     """
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
-    with threadpool_limits(1, "blas"):
-        return _identify(study, data, watch, draft)
+    with threadpool_limits(1, "blas"), workers(cluster) as hands:
+        return _identify(study, data, watch, draft, hands, store)
 
 
-def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identification], None]) -> Identification:
+def _identify(
+    study: Study,
+    data: Any,
+    watch: Watch,
+    draft: Callable[[Identification], None],
+    hands: Workers,
+    store: Path | None,
+) -> Identification:
     seconds: dict[str, float] = {}
     memory: dict[str, int | None] = {}
     coordinates = study.measured()
@@ -161,38 +185,56 @@ def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identifica
         memory[name] = peak_bytes()
 
     with stage("records"):
-        recorded = _records(study, data)
-        check_channels(recorded, coordinates, study.driven())
+        log = open_log(study.data, study.layout(), _kept_in(store, study)) if data is None else _given(study, data)
+        check_channels(log.records, coordinates, study.driven())
     with stage("library"):
         libraries = [study.candidates(c.target) for c in coordinates]
         for c, library in zip(coordinates, libraries, strict=True):
-            if recorded.samples < len(library):
+            if log.records.samples < len(library):
                 raise InputError(
-                    f"{recorded.samples} samples cannot decide between {len(library)} candidate terms for {c.target}:"
-                    " record longer, or shrink the library ([library] degree, basis or rules)"
+                    f"{log.records.samples} samples cannot decide between {len(library)} candidate terms for"
+                    f" {c.target}: record longer, or shrink the library ([library] degree, basis or rules)"
                 )
-    records, outliers = recorded, dict[str, int]()
+    records, outliers, clipping = log.records, dict[str, int](), None
     if study.signals.outliers == "clip":
         with stage("signals"):
-            records, outliers = clip_outliers(recorded, coordinates, study.signals.differentiator)
+            records, outliers, clipping = clip_outliers(records, coordinates, study.signals.differentiator)
     inputs, delays = study.driven(), dict[str, Delay]()
     wanted = [name for name, i in study.inputs.items() if i.delay == "estimate"]
     if wanted:
         with stage("delays"):
             delays = _delays(study, records, libraries, wanted)
         inputs = with_delays(inputs, {name: d.seconds for name, d in delays.items()})
+    lead = max((abs(i.delay) for i in inputs), default=0.0) or None
     with stage("signals"):
-        records = delayed(records, inputs, max((abs(i.delay) for i in inputs), default=0.0) or None)
+        records = delayed(records, inputs, lead)
         signals = _signals(study, records, inputs)
-        long = [run.duration * min(c.cutoff for c in signals.channels) >= SHORTEST for run in records]
+        shortest = SHORTEST / min(c.cutoff for c in signals.channels)
+        long = [run.duration >= shortest for run in records]
         left_out = long.count(False) if any(long) else 0
         if left_out:  # a piece of an oscillation has no derivative worth fitting
-            recorded, records = (Records(tuple(compress(r, long))) for r in (recorded, records))
+            log, records = log.without([not kept for kept in long]), Records(tuple(compress(records, long)))
             signals = _signals(study, records, inputs)
+    with stage("regression"):
+        problems = [
+            pose(signals, c.target, c.order, library, study.regression.rows, log.folds)
+            for c, library in zip(coordinates, libraries, strict=True)
+        ]
+    whole = None
+    if not log.complete or (log.portions and hands.remote):
+        with stage("recordings"):
+            options = study.signals
+            plan = Plan(
+                study.layout(), options.differentiator, options.margin, inputs, lead, clipping,
+                shortest if left_out else 0.0, replace(signals, columns=(), start=()),
+                tuple(p.library for p in problems),
+            )  # fmt: skip
+            whole = reduce_all(log, plan, problems, hands, watch)
+            problems = list(whole.problems)
     searches = []
-    for c, library in zip(coordinates, libraries, strict=True):
+    for problem, library in zip(problems, libraries, strict=True):
         with stage("regression"):
-            problem, found = _swept(study, signals, c, library)
+            found = _swept(study, problem)
         with stage("selection"):
             ranked = rank(problem, found, study.selection)
             searches.append(Search(problem, found, ranked, library.removed, np.zeros(len(problem.terms))))
@@ -205,15 +247,14 @@ def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identifica
         chosen, model = proposals[0]
     with stage("bootstrap"):
         rng = np.random.default_rng(study.random.seed)
-        searches = [_drawn_anew(study, s, c, rng) for s, c in zip(searches, chosen, strict=True)]
-    draft(Identification(study, recorded, signals, tuple(searches), chosen, model, None, seconds, memory))
+        searches = [_drawn_anew(study, s, c, rng, hands) for s, c in zip(searches, chosen, strict=True)]
+    draft(Identification(study, log.records, signals, tuple(searches), chosen, model, None, seconds, memory))
     refinement = None
     if study.likelihood.enabled:
         with stage("likelihood"):
-            problems = [s.problem for s in searches]
             starts = [m.relations for _, m in proposals]
             plain = [_plain(s, c, signals.targets) for s, c in zip(searches, chosen, strict=True)]
-            refinement = refine(records, signals, problems, starts, plain, study.likelihood, watch)
+            refinement = refine(records, signals, problems, starts, plain, study.likelihood, watch, hands)
             model, refinement = _adopt(model, refinement, signals)
             chosen = tuple(
                 _as_adopted(s, c, r, signals.targets) for s, c, r in zip(searches, chosen, model.relations, strict=True)
@@ -226,19 +267,24 @@ def _identify(study: Study, data: Any, watch: Watch, draft: Callable[[Identifica
             scores["outliers"] = dict[str, Json](outliers)
         if delays:
             scores["delays"] = {n: {"delay": d.seconds, "std_error": d.std_error} for n, d in delays.items()}
-        model = replace(model, scores=scores, domain=_domain(signals, model))
-        model = replace(model, provenance=_provenance(study, signals))
-    return Identification(study, recorded, signals, tuple(searches), chosen, model, refinement, seconds, memory)
+        if not log.complete and whole is not None:
+            scores["streamed"] = {"rows": whole.rows, "portions": whole.portions, "sampled": len(log.portions)}
+        model = replace(model, scores=scores, domain=_domain(signals, model, whole))
+        model = replace(model, provenance=_provenance(study, signals, whole))
+    return Identification(study, log.records, signals, tuple(searches), chosen, model, refinement, seconds, memory)
 
 
-def _records(study: Study, data: Any) -> Records:
-    if data is None:
-        if not study.data.files:
-            raise InputError("the study names no files: set files in [data], or pass the recordings")
-        return read_records([Path(f) for f in study.data.files], study.layout())
-    if isinstance(data, Records):
-        return data
-    return records_from(data, study.layout())
+def _given(study: Study, data: Any) -> Log:
+    return Log(data if isinstance(data, Records) else records_from(data, study.layout()))
+
+
+def _kept_in(folder: Path | None, study: Study) -> Store | None:
+    """Return the store of a study: what is kept depends on the options up to the rows of the regression."""
+    if folder is None:
+        return None
+    data = msgspec.structs.replace(study.data, files=())
+    options = (__version__, data, study.coordinates, study.inputs, study.library, study.signals, study.regression.rows)
+    return Store(folder, hashlib.sha256(msgspec.json.encode(options)).hexdigest())
 
 
 def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals:
@@ -246,10 +292,9 @@ def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals
     return estimate_signals(records, study.measured(), inputs, options.differentiator, options.margin, options.thin)
 
 
-def _swept(study: Study, signals: Signals, coordinate: Coordinate, library: Library) -> tuple[Problem, Sweep]:
-    """Return the regression problem of a target, and all the supports that are found for it."""
-    problem = pose(signals, coordinate.target, coordinate.order, library, study.regression.rows)
-    return problem, sweep(problem.factor, problem.terms, _nested(study, problem), study.regression.proposers)
+def _swept(study: Study, problem: Problem) -> Sweep:
+    """Return all the supports that are found for a target."""
+    return sweep(problem.factor, problem.terms, _nested(study, problem), study.regression.proposers)
 
 
 def _nested(study: Study, problem: Problem) -> tuple[Support, ...]:
@@ -258,10 +303,10 @@ def _nested(study: Study, problem: Problem) -> tuple[Support, ...]:
     return nested_libraries(problem.rests, problem.own) if study.regression.nested else whole
 
 
-def _drawn_anew(study: Study, search: Search, chosen: Candidate, rng: np.random.Generator) -> Search:
+def _drawn_anew(study: Study, search: Search, chosen: Candidate, rng: np.random.Generator, hands: Workers) -> Search:
     """Return the search with the inclusion of every term."""
-    proposers = study.regression.proposers
-    return replace(search, inclusion=inclusion(search.problem, chosen, _nested(study, search.problem), proposers, rng))
+    nested = _nested(study, search.problem)
+    return replace(search, inclusion=inclusion(search.problem, chosen, nested, study.regression.proposers, rng, hands))
 
 
 def _delays(study: Study, records: Records, libraries: Sequence[Library], wanted: Sequence[str]) -> dict[str, Delay]:
@@ -274,9 +319,9 @@ def _delays(study: Study, records: Records, libraries: Sequence[Library], wanted
         signals = _signals(study, delayed(records, with_delays(inputs, delays), lead), inputs)
         total = 0.0
         for c, library in zip(study.measured(), libraries, strict=True):
-            problem, found = _swept(study, signals, c, library)
+            problem = pose(signals, c.target, c.order, library, study.regression.rows)
             try:
-                total += min(x.criterion for x in rank(problem, found, study.selection).candidates)
+                total += min(x.criterion for x in rank(problem, _swept(study, problem), study.selection).candidates)
             except NoModelError:  # far from the delay nothing fits
                 return np.inf
         return total
@@ -340,7 +385,7 @@ def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other
         return False
     same = np.array([xi.get(term, 0.0) for term in problem.terms]) / xi[problem.terms[left]]
     noise = max(factor.residual(chosen.xi), 1e-10 * float(factor.scale[left]) / np.sqrt(factor.rows))
-    allowed = (np.log(factor.rows) + 2.0 * np.log(factor.width)) / factor.rows
+    allowed = price(factor.rows, factor.width) / factor.rows
     return bool(factor.residual(chosen.xi - same) ** 2 <= allowed * noise**2)
 
 
@@ -382,9 +427,14 @@ def _determined(model: Model, signals: Signals) -> bool:
     return all(r["data"][0] * r["data"][1] > 0.0 for r in ranges.values())
 
 
-def _domain(signals: Signals, model: Model) -> dict[str, tuple[float, float]]:
+def _domain(signals: Signals, model: Model, whole: Whole | None) -> dict[str, tuple[float, float]]:
+    """Return the range of every state and input over all the data."""
     joined = np.concatenate(_rows(signals, model), axis=1)
-    return {name: (float(row.min()), float(row.max())) for name, row in zip(model.variables, joined, strict=True)}
+    low, high = joined.min(axis=1), joined.max(axis=1)
+    if whole is not None:
+        index = [signals.row(name) for name in model.variables]
+        low, high = np.minimum(low, whole.low[index]), np.maximum(high, whole.high[index])
+    return dict(zip(model.variables, zip(low.tolist(), high.tolist(), strict=True), strict=True))
 
 
 def _scores(
@@ -429,9 +479,7 @@ def _free_run(model: Model, signals: Signals, variables: FloatArray) -> dict[str
     return {"duration": float(t[-1]), "valid_time": valid, "ended": run.ended}
 
 
-def _provenance(study: Study, signals: Signals) -> dict[str, Json]:
-    from odescope import __version__
-
+def _provenance(study: Study, signals: Signals, whole: Whole | None) -> dict[str, Json]:
     columns: dict[str, Json] = dict(study.layout().columns)
     channels: dict[str, Json] = {c.name: {"noise": c.noise, "cutoff_hz": c.cutoff} for c in signals.channels}
     return {
@@ -439,6 +487,6 @@ def _provenance(study: Study, signals: Signals) -> dict[str, Json]:
         "time": study.data.time,
         "columns": columns,
         "channels": channels,
-        "recordings": len(signals.columns),
+        "recordings": len(signals.columns) if whole is None else whole.recordings,
         "seed": study.random.seed,
     }

@@ -18,6 +18,7 @@ from odescope.study import Study, study_toml
 
 RESULT_FILES = ("model.json", "candidates.csv", "study.toml", "report.html", "report.json")
 FIGURES = "figures"  # the folder beside them
+FACTORS = "factors"  # and the one of what is kept of logs that do not fit in memory
 
 CANDIDATE_COLUMNS = (
     "target",

@@ -29,7 +29,10 @@ from odescope.signals.differentiators import AnyDifferentiator, Spectral
 
 
 class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the recordings are and how they are laid out; see `odescope.readers.Layout`."""
+    """Where the recordings are and how they are laid out; see `odescope.readers.Layout`.
+
+    `memory` is what an identification may take, in MB: of a longer log the portions are read one by one.
+    """
 
     files: tuple[str, ...] = ()
     time: str | None = None
@@ -37,6 +40,7 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     recording: str | None = None
     gaps: Literal["refuse", "split"] = "refuse"
     jitter: float = 0.05
+    memory: float = 1000.0
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

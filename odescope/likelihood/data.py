@@ -16,7 +16,7 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.records import Coordinate, Input, Record, Records
 from odescope.signals.estimate import Channel, state_names
-from odescope.signals.spectral import bin_frequencies, differentiate
+from odescope.signals.spectral import differentiate, last_bin
 
 OVERSAMPLING = 8  # block averages a period of the highest cutoff
 SEGMENT = 25  # block averages a segment
@@ -131,8 +131,7 @@ def _averages(
     columns = []
     for c, channel in zip(coordinates, channels, strict=True):
         samples = run.column(c.name)
-        last = int(np.searchsorted(bin_frequencies(len(samples), period), channel.cutoff * (1 + 1e-12), "right")) - 1
-        values = differentiate(samples, period, max(last, 1), c.order - 1)
+        values = differentiate(samples, period, last_bin(len(samples), period, channel.cutoff), c.order - 1)
         at_centre = [v[centre] for v in values]
         smooth |= {c.derivative(k): v for k, v in enumerate(at_centre)}
         columns.append((samples - values[0])[:kept].reshape(blocks, block).mean(axis=1) + at_centre[0])

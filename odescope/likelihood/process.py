@@ -198,7 +198,7 @@ def in_pieces(
         if best is not None and not cost < least - WORTH_FINER * segments.samples:
             break
         best, least = pieces, cost
-        if time.monotonic() > searcher.deadline:
+        if time.time() > searcher.deadline:
             break
     assert best is not None
     return best
@@ -223,7 +223,7 @@ def search_with_process_noise(searcher: Searcher, starts: Sequence[tuple[FloatAr
         if end is not None:
             ends.append(end)
             seen = end[0]  # the next start begins with the noise that this one found
-        if time.monotonic() > searcher.deadline:
+        if time.time() > searcher.deadline:
             break
     if not ends:
         return None
@@ -251,7 +251,7 @@ def _search(
         seen, here, marginal = estimate_noise(seen, here)
         before = here.present
         here = _settle(seen, program, here, trail)
-        if np.array_equal(before, here.present) or time.monotonic() > seen.deadline:
+        if np.array_equal(before, here.present) or time.time() > seen.deadline:
             break
     here = _shortest(seen, program, here, trail)
     return seen, here, marginal + float(seen.price[here.present].sum()), tuple(trail)
@@ -263,7 +263,7 @@ def _settle(searcher: Searcher, program: Program, here: Fit, trail: list[Move]) 
     gap = searcher.segments.spread
     for _ in range(STEPS):
         evidence = robust_evidence(searcher, program, here)
-        if evidence is None or time.monotonic() > searcher.deadline:
+        if evidence is None or time.time() > searcher.deadline:
             return here
         short = evidence.wald - searcher.price[here.present]
         if short.min(initial=0.0) < 0.0:
@@ -300,7 +300,7 @@ def _without(searcher: Searcher, here: Fit, place: int) -> Fit | None:
 def _shortest(searcher: Searcher, program: Program, here: Fit, trail: list[Move]) -> Fit:
     """Return the shortest model, on the way back from `here`, whose free run of what it has not seen is no worse."""
     path, moves = [here], list[Move]()
-    while len(path[-1].present) > 1 and time.monotonic() < searcher.deadline:
+    while len(path[-1].present) > 1 and time.time() < searcher.deadline:
         evidence = robust_evidence(searcher, program, path[-1])
         if evidence is None:
             break

@@ -104,7 +104,10 @@ def universe(libraries: Sequence[Sequence[tuple[int, Term]]]) -> tuple[Slot, ...
 
 @dataclass(frozen=True, eq=False)
 class Searcher:
-    """Everything a search needs that does not change on the way."""
+    """Everything a search needs that does not change on the way.
+
+    `deadline` is when it gives up, in seconds of the clock that all machines share (`time.time`).
+    """
 
     evaluator: Evaluator
     slots: tuple[Slot, ...]
@@ -215,7 +218,7 @@ def search(searcher: Searcher, theta: FloatArray, present: Sequence[int]) -> Out
         best = (here, width, scale)
         if scale > NEAR_NOISE:
             break  # nothing that is absent explains the record: joining segments would only invent terms
-        if time.monotonic() > searcher.deadline:
+        if time.time() > searcher.deadline:
             finished = False
             break
     if best is None:
@@ -243,7 +246,7 @@ def _settle(searcher: Searcher, program: Program, here: Fit, width: float, trail
         scale = max(_scale(searcher, here, width), 1.0)
         lost = round_ >= PATIENCE * searcher.relations and scale > HOPELESS
         full = len(here.present) > MOST_TERMS * searcher.relations
-        if lost or full or time.monotonic() > searcher.deadline:
+        if lost or full or time.time() > searcher.deadline:
             return here
         stand = _Stand(searcher, program, width, scale, trail)
         moved = stand.drop(here) or stand.add(here)
@@ -330,7 +333,7 @@ class _Stand:
             if there is not None:
                 detour._note("drop", k, float(wald[weak]), there)
             for _ in range(DETOUR):
-                if there is None or there.cost > HOPELESS * here.cost or time.monotonic() > self.searcher.deadline:
+                if there is None or there.cost > HOPELESS * here.cost or time.time() > self.searcher.deadline:
                     break
                 if self.penalised(there) < self.penalised(here) - GAIN:
                     self.trail.extend(detour.trail)

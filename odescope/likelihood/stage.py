@@ -28,6 +28,9 @@ from odescope.records import Records
 from odescope.regression.proposers import MatchingPursuit
 from odescope.selection.problem import Problem
 from odescope.signals.estimate import Signals
+from odescope.workers import Threads, Workers
+
+THREADS = Threads()
 
 FORWARD_TERMS = 6  # of a sparse forward selection that a search may begin from
 FINEST = 8  # steps of RK4 a block average, at most
@@ -78,6 +81,7 @@ def refine(
     plain: Sequence[Relation],
     options: LikelihoodSearch,
     watch: Callable[[str], None] = lambda _: None,
+    hands: Workers = THREADS,
 ) -> Refinement | None:
     """Return the best end of the searches from several starts, or None where no start can be followed.
 
@@ -89,6 +93,7 @@ def refine(
         plain: relations that hold their targets bare; they are begun from too where one of those cannot be followed.
         options: how many starts, how long.
         watch: told what goes on.
+        hands: who searches from the starts.
     """
 
     def cut(length: int) -> Segments:
@@ -99,7 +104,7 @@ def refine(
         return None  # a library without the bare target has nothing that could be 1 throughout a search
     variables = (*signals.states, *(i.name for i in signals.inputs))
     measured = np.array([signals.states.index(c.name) for c in signals.coordinates], dtype=np.int64)
-    now = time.monotonic()
+    now = time.time()
     searcher = Searcher(
         Evaluator(cut(SEGMENT)), slots, variables, following_states(signals.coordinates), measured,
         now + JOINED_SHARE * options.seconds,
@@ -107,7 +112,7 @@ def refine(
     begun = [_slots_of(searcher, relations, signals.targets) for relations in starts][: options.starts]
     begun.append(_forward(searcher, problems))
     searcher = _fine_enough(searcher, begun)
-    outcomes = _searches(searcher, begun, _slots_of(searcher, plain, signals.targets), watch)
+    outcomes = _searches(searcher, begun, _slots_of(searcher, plain, signals.targets), watch, hands)
     if not outcomes:
         return None
     best = min(outcomes, key=lambda o: o.rank)
@@ -133,24 +138,30 @@ def _searches(
     begun: Sequence[tuple[FloatArray, list[int]]],
     plain: tuple[FloatArray, list[int]],
     watch: Callable[[str], None],
+    hands: Workers,
 ) -> list[Outcome]:
     """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails."""
     outcomes, failed = list[Outcome](), False
-    for number, (theta, present) in enumerate(begun, start=1):
-        watch(f"likelihood: search {number} of {len(begun)}")
-        found = search(searcher, theta, present)
+    watch(f"likelihood: search 1 of {len(begun)}")
+    for number, found in enumerate(hands.map(_search, begun, searcher, alone=True), start=1):
+        if number < len(begun):
+            watch(f"likelihood: search {number + 1} of {len(begun)}")
         if found is None:
             failed = True
             continue
         outcomes.append(found)
-        if found.clear or time.monotonic() > searcher.deadline:
+        if found.clear or time.time() > searcher.deadline:
             break
-    if failed and time.monotonic() < searcher.deadline:
+    if failed and time.time() < searcher.deadline:
         watch("likelihood: search from plain relations")
         found = search(searcher, *_shorter(searcher, plain, outcomes))
         if found is not None:
             outcomes.append(found)
     return outcomes
+
+
+def _search(start: tuple[FloatArray, list[int]], searcher: Searcher) -> Outcome | None:
+    return search(searcher, *start)
 
 
 def _shorter(

@@ -8,10 +8,10 @@ generalised least squares. docs/decisions/0002 has the figures.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Protocol
+from typing import Annotated, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -22,9 +22,13 @@ from odescope.regression.factor import Factor, factorise, merge
 from odescope.regression.proposers import MatchingPursuit
 from odescope.signals.estimate import Signals
 from odescope.signals.spectral import bin_frequencies
+from odescope.workers import Threads
+
+Result = TypeVar("Result")
 
 FOLDS = 5  # blocks of the record held out in turn
 LEAST_BINS_A_BLOCK = 40  # a block with fewer cosines below the cutoff is not cut further
+LONGEST_BLOCK = 1 << 14  # samples: the library of a block stands in memory, that of a record need not
 TAPER_PERIODS = 2.0  # of the cutoff, at each end of a block, and at most a tenth of it
 SMOOTHING_BINS = 81  # neighbours averaged into the noise spectrum
 ROWS_A_COLUMN = 5  # fewer rows than this for each term of a fit leave no residual to learn the noise from
@@ -43,7 +47,7 @@ class Block:
 class RowMap(Protocol):
     """A linear map from the samples of a block to rows."""
 
-    def rows(self, block: Block, columns: FloatArray) -> FloatArray:
+    def rows(self, columns: FloatArray) -> FloatArray:
         """Return the rows (n, p) of columns (p, samples of the block)."""
         ...
 
@@ -60,31 +64,36 @@ class RowChoice(Protocol):
             signals: where the values come from.
             order: order of the target's equation.
             blocks: stretches of the record.
-            values: library columns (m, n_b), one array a block.
+            values: library columns (m, n_b), one array a block, perhaps made anew each time they are asked for.
             left: the column of the target itself.
         """
         ...
 
 
-def cut_blocks(signals: Signals) -> tuple[Block, ...]:
-    """Return the blocks that are held out in turn: stretches of long records, whole short ones."""
+def cut_blocks(signals: Signals, folds: Sequence[int] | None = None) -> tuple[Block, ...]:
+    """Return the blocks that are held out in turn: stretches of long records, whole short ones.
+
+    Args:
+        signals: that are cut.
+        folds: the fold of each record, all of its blocks alike; by default blocks take turns.
+    """
     lowest = min(c.cutoff for c in signals.channels)
     pieces = []
-    wanted = -(-FOLDS // len(signals.columns))
+    wanted = 1 if folds is not None else -(-FOLDS // len(signals.columns))
     for r, columns in enumerate(signals.columns):
         count = columns.shape[1]
         bins = 2.0 * count * signals.period * lowest
-        parts = int(max(1, min(wanted, bins // LEAST_BINS_A_BLOCK)))
+        parts = int(max(1, min(wanted, bins // LEAST_BINS_A_BLOCK), -(-count // LONGEST_BLOCK)))
         edges = np.linspace(0, count, parts + 1).astype(int)
         pieces += [(r, int(a), int(b)) for a, b in pairwise(edges)]
-    return tuple(Block(r, a, b, k % FOLDS) for k, (r, a, b) in enumerate(pieces))
+    return tuple(Block(r, a, b, k % FOLDS if folds is None else folds[r]) for k, (r, a, b) in enumerate(pieces))
 
 
 @dataclass(frozen=True)
 class SampleRows:
     """The samples themselves."""
 
-    def rows(self, block: Block, columns: FloatArray) -> FloatArray:
+    def rows(self, columns: FloatArray) -> FloatArray:
         """Return columns as rows."""
         return columns.T
 
@@ -101,7 +110,7 @@ class CosineRows:
     frequency: FloatArray
     weight: FloatArray
 
-    def rows(self, block: Block, columns: FloatArray) -> FloatArray:
+    def rows(self, columns: FloatArray) -> FloatArray:
         """Return the weighted cosines (bins, p)."""
         cosines, frequency = self.cosines(columns)
         return cosines * np.interp(frequency, self.frequency, self.weight)[:, None]
@@ -148,9 +157,9 @@ class NoiseWeighted(msgspec.Struct, frozen=True, tag="noise_weighted", tag_field
         # A twentieth of the cutoff keeps the slowest cosines from outweighing all others.
         rows = CosineRows(signals.period, cutoff, grid, (grid**2 + (cutoff / 20) ** 2) ** (-order / 2))
         for _ in range(self.passes):
-            factor = merge([factorise([rows.rows(b, v)]) for b, v in zip(blocks, values, strict=True)])
+            factor = merge(_on_each(values, lambda v, rows=rows: factorise([rows.rows(v)])))  # type: ignore[misc]
             xi = factor.solve(_rich(factor, left), left)
-            parts = [rows.cosines((xi @ v)[None, :]) for v in values]
+            parts = _on_each(values, lambda v, rows=rows, xi=xi: rows.cosines((xi @ v)[None, :]))  # type: ignore[misc]
             frequency = np.concatenate([f for _, f in parts])
             power = np.concatenate([c[:, 0] for c, _ in parts]) ** 2
             sequence = np.argsort(frequency, kind="stable")
@@ -159,6 +168,11 @@ class NoiseWeighted(msgspec.Struct, frozen=True, tag="noise_weighted", tag_field
             weight = 1.0 / np.sqrt(np.maximum(smooth, floor))
             rows = CosineRows(signals.period, cutoff, frequency[sequence], weight / weight.max())
         return rows
+
+
+def _on_each(values: Sequence[FloatArray], function: Callable[[FloatArray], Result]) -> list[Result]:
+    """Return the function of the values of every block, evaluated where they are needed."""
+    return list(Threads().map(lambda k: function(values[k]), range(len(values))))
 
 
 def _rich(factor: Factor, left: int) -> Sequence[int]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,10 +11,27 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.regression.factor import Factor, merge
 from odescope.regression.proposers import Proposer, Support
 from odescope.selection.problem import Problem
-from odescope.selection.rank import Candidate
+from odescope.selection.rank import Candidate, price
+from odescope.workers import Workers
 
 REPLICATES = 50  # together no dearer than two sweeps
 LEAST_PIVOT = 1e-4  # of unit columns
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """What replicates are drawn from, and how they are searched: the factors of pieces and their Gram matrices.
+
+    Shapes: grams (pieces, m, m) of columns divided by scale (m,); own are the columns with the target.
+    """
+
+    pieces: tuple[Factor, ...]
+    grams: FloatArray
+    scale: FloatArray
+    own: frozenset[int]
+    guess: int
+    nested: tuple[Support, ...]
+    proposers: tuple[Proposer, ...]
 
 
 def inclusion(
@@ -24,6 +40,7 @@ def inclusion(
     nested: Sequence[Support],
     proposers: Sequence[Proposer],
     rng: np.random.Generator,
+    hands: Workers,
 ) -> FloatArray:
     """Return the share of replicates whose best relation holds each term, (m,).
 
@@ -36,57 +53,57 @@ def inclusion(
         nested: the sets of columns of the sweep; the smallest and the largest that hold the relation are searched.
         proposers: searched with.
         rng: draws the pieces.
+        hands: who searches.
     """
-    holding = sorted((n for n in nested if set(chosen.support) <= set(n)), key=len)
-    nested = [holding[0], holding[-1]] if len(holding) > 1 else holding
-    count = len(problem.pieces)
-    grams = np.array([(p.r * p.scale / problem.factor.scale) for p in problem.pieces])
-    grams = np.einsum("pki,pkj->pij", grams, grams)
+    drawn, count = _drawn(problem, chosen, nested, proposers), len(problem.pieces)
     draws = [np.bincount(rng.integers(count, size=count), minlength=count) for _ in range(REPLICATES)]
-
-    def best(draw: IntArray) -> Support:
-        return _best(_merged(problem, grams, draw), problem, chosen.guess, nested, proposers)
-
-    chosen_in = np.zeros(problem.factor.width)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for support in pool.map(best, draws):
-            chosen_in[list(support)] += 1.0
+    chosen_in = np.zeros(len(problem.terms))
+    for support in hands.map(_best, draws, drawn):
+        chosen_in[list(support)] += 1.0
     return chosen_in / REPLICATES
 
 
-def _merged(problem: Problem, grams: FloatArray, times: IntArray) -> Factor:
+def _drawn(problem: Problem, chosen: Candidate, nested: Sequence[Support], proposers: Sequence[Proposer]) -> _Drawn:
+    holding = sorted((n for n in nested if set(chosen.support) <= set(n)), key=len)
+    searched = (holding[0], holding[-1]) if len(holding) > 1 else tuple(holding)
+    scale = problem.factor.scale
+    scaled = np.array([(p.r * p.scale / scale) for p in problem.pieces])
+    grams = np.einsum("pki,pkj->pij", scaled, scaled)
+    return _Drawn(problem.pieces, grams, scale, frozenset(problem.own), chosen.guess, searched, tuple(proposers))
+
+
+def _merged(times: IntArray, drawn: _Drawn) -> Factor:
     """Return the factor of pieces drawn so many times each.
 
     By Cholesky, ten times as quick as by orthogonal merging, unless that would lose half of the digits.
     """
-    gram = np.tensordot(times, grams, axes=1)
+    gram = np.tensordot(times, drawn.grams, axes=1)
     norms = np.sqrt(np.diag(gram))
     if norms.all():
         try:
             r = np.linalg.cholesky(gram / np.outer(norms, norms)).T
             if np.diag(r).min() > LEAST_PIVOT:
-                rows = sum(p.rows * int(n) for p, n in zip(problem.pieces, times, strict=True))
-                return Factor(np.ascontiguousarray(r), norms * problem.factor.scale, rows)
+                rows = sum(p.rows * int(n) for p, n in zip(drawn.pieces, times, strict=True))
+                return Factor(np.ascontiguousarray(r), norms * drawn.scale, rows)
         except np.linalg.LinAlgError:  # dependent columns: merge with all digits
             pass
-    return merge([p for p, n in zip(problem.pieces, times, strict=True) for _ in range(n)])
+    return merge([p for p, n in zip(drawn.pieces, times, strict=True) for _ in range(n)])
 
 
-def _best(
-    factor: Factor, problem: Problem, guess: int, nested: Sequence[Support], proposers: Sequence[Proposer]
-) -> Support:
+def _best(times: IntArray, drawn: _Drawn) -> Support:
     """Return the relation of least criterion that holds the target and the guess; empty if there is none."""
+    factor, guess = _merged(times, drawn), drawn.guess
     found = {
         tuple(sorted((*support, guess)))
-        for columns in nested
+        for columns in drawn.nested
         if guess in columns
-        for p in proposers
+        for p in drawn.proposers
         for support in p.supports(factor, guess, columns)
     }
-    price = np.log(factor.rows) + 2.0 * np.log(factor.width)
+    dear = price(factor.rows, factor.width)
 
     def criterion(support: Support) -> float:
         rest = max(factor.residual(factor.solve(support, guess)), 1e-10 * float(factor.scale[guess]))
-        return 2.0 * factor.rows * float(np.log(rest)) + float(price) * len(support)
+        return 2.0 * factor.rows * float(np.log(rest)) + dear * len(support)
 
-    return min((s for s in sorted(found) if set(s) & set(problem.own)), key=criterion, default=())
+    return min((s for s in sorted(found) if set(s) & drawn.own), key=criterion, default=())

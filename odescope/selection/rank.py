@@ -9,10 +9,11 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.errors import NoModelError
 from odescope.regression.proposers import Support
 from odescope.selection.problem import Problem
+from odescope.selection.score import Scores, score
 from odescope.selection.sweep import Sweep
 
 
@@ -33,8 +34,9 @@ class Candidate:
     """One relation for one target.
 
     xi (m,) are its coefficients over the library, that of the target's first term 1. `criterion` is what ranks it:
-    n ln(held-out residual^2) + terms (ln n + 2 ln m). `explained` is the part of the target's weighted power that it
-    predicts on held-out data, `target_rmse` the error of its prediction there in units of the target.
+    n ln(held-out residual^2) + terms (ln n + 2 ln m), and what data beyond the signals add. `explained` is the part of
+    the target's weighted power that it predicts on held-out data, `target_rmse` the error of its prediction there in
+    units of the target.
     """
 
     target: str
@@ -49,7 +51,6 @@ class Candidate:
     criterion: float
     cluster: int
     family: int
-    prediction: FloatArray
 
 
 @dataclass(frozen=True)
@@ -76,19 +77,16 @@ def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
             keep.append(k)
     kept = found.restrict(keep)
     labels = kept.clusters()
-    scored = []
-    for k, (support, guesses) in enumerate(zip(kept.supports, kept.guesses, strict=True)):
-        candidate = _score(problem, support, guesses, int(labels[k]))
-        if candidate is None:
-            discarded["its denominator changes sign inside the data"] += 1
-        else:
-            scored.append(candidate)
+    if not keep:
+        raise _nothing_left(problem, found, discarded)
+    scores = score(problem, kept.supports, [left_column(problem, s) for s in kept.supports])
+    poles = int((~scores.sound).sum())
+    if poles:
+        discarded["its denominator changes sign inside the data"] = poles
+    scored = [(int(k), _candidate(problem, kept, labels, scores, int(k))) for k in np.flatnonzero(scores.sound)]
     if not scored:
-        tally = "; ".join(f"{count} {reason}" for reason, count in discarded.items())
-        raise NoModelError(
-            "selection", f"of {len(found.supports)} relations for {problem.target} none is left: {tally}"
-        )
-    ranked = _families(problem, sorted(scored, key=lambda c: c.criterion))
+        raise _nothing_left(problem, found, discarded)
+    ranked = _families(problem, sorted(scored, key=lambda pair: pair[1].criterion), scores)
     best = ranked[0]
     if best.explained < options.explain:
         raise NoModelError(
@@ -98,6 +96,16 @@ def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
             " lacks the right terms, or something that drives the system was not recorded, or there is too much noise",
         )
     return Ranked(ranked, tuple(discarded.items()))
+
+
+def price(rows: int, width: int) -> float:
+    """Return what a term has to earn: ln n, as Bayes' criterion has it, and 2 ln m for the choice among m."""
+    return float(np.log(rows) + 2.0 * np.log(width))
+
+
+def _nothing_left(problem: Problem, found: Sweep, discarded: Counter[str]) -> NoModelError:
+    tally = "; ".join(f"{count} {reason}" for reason, count in discarded.items())
+    return NoModelError("selection", f"of {len(found.supports)} relations for {problem.target} none is left: {tally}")
 
 
 def _refusal(problem: Problem, support: Support, guesses: tuple[int, ...], options: Ranking) -> str:
@@ -115,68 +123,48 @@ def left_column(problem: Problem, support: Support) -> int:
     return problem.left if problem.left in support else next(j for j in problem.own if j in support)
 
 
-def _score(problem: Problem, support: Support, guesses: tuple[int, ...], cluster: int) -> Candidate | None:
-    left = left_column(problem, support)
-    weighted = total = squares = power = 0.0
-    rows = 0
-    numbers = sorted({b.fold for b in problem.blocks})
-    solutions = [f.solve(support, left) for f in problem.training]
-    xi = problem.factor.solve(support, left)
-    # A denominator may keep its sign in every block and yet change it from one recording to the next.
-    if len({float(np.sign(xi[list(problem.own)] @ m[:, 0])) for m in problem.multipliers}) > 1:
-        return None
-    predictions = []
-    for k, block in enumerate(problem.blocks):
-        held_out = problem.residual(k, solutions[numbers.index(block.fold) % len(solutions)])
-        final = problem.residual(k, xi)
-        if held_out is None or final is None:
-            return None
-        joined = problem.row_map.rows(block, np.array([held_out, problem.measured[k], problem.measured[k] - final]))
-        weighted += float(joined[:, 0] @ joined[:, 0])
-        total += float(joined[:, 1] @ joined[:, 1])
-        predictions.append(joined[:, 2])
-        rows += len(joined)
-        squares += float(held_out @ held_out)
-        power += float(np.sum((problem.measured[k] - problem.measured[k].mean()) ** 2))
+def _candidate(problem: Problem, kept: Sweep, labels: IntArray, scores: Scores, k: int) -> Candidate:
+    """Return one of the relations that were scored."""
+    support, guesses, factor = kept.supports[k], kept.guesses[k], problem.factor
     # A residual of rounding alone cannot rank: the floor makes exact relations equal, and the simplest of them wins.
-    noise = max(weighted, 1e-20 * total) / rows
-    criterion = rows * np.log(noise) + len(support) * (np.log(rows) + 2.0 * np.log(len(problem.terms)))
-    implicit = {g: problem.factor.residual(problem.factor.solve(support, g)) for g in guesses}
-    guess = min(implicit, key=lambda g: implicit[g] / problem.factor.scale[g])
+    noise = max(float(scores.weighted[k]), 1e-20 * scores.total) / scores.rows
+    evidence = scores.rows * float(np.log(noise)) + float(scores.elsewhere[k])
+    implicit = {g: factor.residual(factor.solve(support, g)) for g in guesses}
+    guess = min(implicit, key=lambda g: implicit[g] / factor.scale[g])
     return Candidate(
         target=problem.target,
         support=support,
         guesses=guesses,
         guess=guess,
-        xi=xi,
+        xi=scores.xi[k],
         implicit_rmse=implicit[guess],
-        target_rmse=float(np.sqrt(squares / problem.samples)),
-        target_r2=1.0 - squares / power if power > 0 else 0.0,
-        explained=1.0 - weighted / total if total > 0 else 0.0,
-        criterion=float(criterion),
-        cluster=cluster,
+        target_rmse=float(np.sqrt(scores.squares[k] / scores.samples)),
+        target_r2=1.0 - float(scores.squares[k]) / scores.power if scores.power > 0 else 0.0,
+        explained=1.0 - float(scores.weighted[k]) / scores.total if scores.total > 0 else 0.0,
+        criterion=evidence + len(support) * price(factor.rows, len(problem.terms)),
+        cluster=int(labels[k]),
         family=0,
-        prediction=np.concatenate(predictions),
     )
 
 
-def _families(problem: Problem, ranked: list[Candidate]) -> tuple[Candidate, ...]:
+def _families(problem: Problem, ranked: list[tuple[int, Candidate]], scores: Scores) -> tuple[Candidate, ...]:
     """Label candidates that predict the target alike, and let the simplest of each family go first.
 
     Alike: the difference of two predictions is no larger than one term more has to earn by the criterion.
     """
-    rows = len(ranked[0].prediction)
-    allowed = np.log(rows) + 2.0 * np.log(len(problem.terms))
-    heads: list[Candidate] = []
+    rows = problem.factor.rows  # of the signals there may be fewer, and differences as much smaller
+    allowed = price(rows, len(problem.terms)) * scores.rows / rows
+    heads: list[int] = []
     members: list[list[Candidate]] = []
-    for candidate in ranked:
+    for k, candidate in ranked:
         for head, family in zip(heads, members, strict=True):
-            noise = np.exp((head.criterion - len(head.support) * allowed) / rows)
-            if np.sum((candidate.prediction - head.prediction) ** 2) <= allowed * noise:
+            noise = max(float(scores.weighted[head]), 1e-20 * scores.total) / scores.rows
+            apart = scores.gram[k, k] + scores.gram[head, head] - 2.0 * scores.gram[k, head]
+            if apart <= allowed * noise:
                 family.append(candidate)
                 break
         else:
-            heads.append(candidate)
+            heads.append(k)
             members.append([candidate])
     return tuple(
         replace(c, family=k)

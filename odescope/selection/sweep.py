@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +11,7 @@ from odescope.arrays import BoolArray, IntArray
 from odescope.library.expression import ONE, Term
 from odescope.regression.factor import Factor
 from odescope.regression.proposers import Proposer, Support
+from odescope.workers import Threads
 
 
 @dataclass(frozen=True)
@@ -75,9 +74,7 @@ def sweep(factor: Factor, terms: Sequence[Term], nested: Sequence[Support], prop
             for support in p.supports(factor, guess, columns)
         ]
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        searched = list(pool.map(search, range(factor.width)))
-    for guess, supports in enumerate(searched):
+    for guess, supports in enumerate(Threads().map(search, range(factor.width))):
         for support in dict.fromkeys(supports):
             relation, common = _primitive(tuple(sorted((*support, guess))), terms, place)
             left = place[terms[guess] * common]

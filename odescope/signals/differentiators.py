@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Protocol
 
 import msgspec
@@ -12,7 +12,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.signals.cutoff import AnyCutoff, LeastRisk, noise_level
-from odescope.signals.spectral import Spectrum, bin_frequencies, differentiate
+from odescope.signals.spectral import Spectrum, differentiate, differentiate_smoothly, last_bin
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +44,31 @@ class Spectral(msgspec.Struct, frozen=True, tag="spectral", tag_field="kind", fo
     def derivatives(self, channel: Sequence[FloatArray], period: float, order: int) -> Derivatives:
         """Return values and derivatives up to `order` from one transform a record."""
         hertz = self.cutoff.hertz(channel, period, order)
-        values = []
-        for samples in channel:
-            last = int(np.searchsorted(bin_frequencies(len(samples), period), hertz * (1 + 1e-12), side="right")) - 1
-            values.append(differentiate(samples, period, max(last, 1), order))
-        return Derivatives(tuple(values), noise_level([Spectrum.of(s) for s in channel]), hertz)
+        noise = noise_level([Spectrum.of(s) for s in channel])
+        return replace(Settled(hertz).derivatives(channel, period, order), noise=noise)
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A spectral filter whose cutoff, in hertz, was found before; with a smooth edge where a record is but a piece."""
+
+    cutoff: float
+    smooth: bool = False
+
+    def derivatives(self, channel: Sequence[FloatArray], period: float, order: int) -> Derivatives:
+        """Return values and derivatives up to `order`; the noise is left to whoever found the cutoff."""
+        values = (
+            differentiate_smoothly(samples, period, self.cutoff, order)
+            if self.smooth
+            else differentiate(samples, period, last_bin(len(samples), period, self.cutoff), order)
+            for samples in channel
+        )
+        return Derivatives(tuple(values), np.nan, self.cutoff)
+
+
+def settled(differentiator: Differentiator, cutoff: float, smooth: bool) -> Differentiator:
+    """Return the differentiator for more records of a channel whose cutoff was found."""
+    return Settled(cutoff, smooth) if isinstance(differentiator, Spectral) else differentiator
 
 
 class SmoothingSpline(

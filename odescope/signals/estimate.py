@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, NoModelError
-from odescope.records import Coordinate, Input, Records
-from odescope.signals.differentiators import Derivatives, Differentiator
-from odescope.signals.spectral import differentiate
+from odescope.records import Coordinate, Input, Records, Stretch, within
+from odescope.signals.differentiators import Derivatives, Differentiator, settled
+from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, differentiate, differentiate_smoothly
 
 OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
+PERIODS_DIFFER = 1e-4  # of a period: beyond that, recordings are not sampled alike
+INPUT_BAND = 0.9  # of half the thinned rate: where inputs end
 SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below the cutoff
 
 
@@ -99,20 +101,70 @@ def estimate_signals(
         channel = [run.column(c.name) for run in records]
         found[c.name] = differentiator.derivatives(channel, period, c.order)
         _check_signal(c, found[c.name], period)
-    lowest = min(d.cutoff for d in found.values())
     highest = max(d.cutoff for d in found.values())
     stride = max(1, int(1.0 / (period * OVERSAMPLING * highest))) if thin else 1
     names = (*state_names(coordinates), *(c.target for c in coordinates), *(i.name for i in inputs))
-    columns, start = [], []
-    for r, run in enumerate(records):
-        drop = min(round(margin / (lowest * period)), len(run) // 20)
-        kept = slice(drop, len(run) - drop, stride)
-        rows = {c.derivative(k): found[c.name].values[r][k] for c in coordinates for k in range(c.order + 1)}
-        rows |= {i.name: _held_back(_centred(run.column(i.name), i.hold), stride) for i in inputs}
-        columns.append(np.ascontiguousarray([rows[name][kept] for name in names]))
-        start.append(float(run.t[drop]))
     channels = tuple(Channel(c.name, found[c.name].noise, found[c.name].cutoff) for c in coordinates)
-    return Signals(names, tuple(columns), tuple(start), period * stride, channels, tuple(coordinates), tuple(inputs))
+    signals = Signals(names, (), (), period * stride, channels, tuple(coordinates), tuple(inputs))
+    kept = [
+        _kept(signals, Stretch.whole(run), [found[c.name].values[r] for c in coordinates], stride, margin)
+        for r, run in enumerate(records)
+    ]
+    return replace(signals, columns=tuple(c for _, c in kept), start=tuple(t for t, _ in kept))
+
+
+def signals_like(
+    like: Signals, stretches: Sequence[Stretch], differentiator: Differentiator, margin: float = 0.5
+) -> Signals:
+    """Return the signals of other records, filtered and thinned as those that are there already.
+
+    A piece of a recording is filtered with a smooth edge (see `differentiate_smoothly`), a whole one as `like` was.
+
+    Args:
+        like: signals whose cutoffs, noise, period, coordinates and inputs are taken over.
+        stretches: uniformly sampled at the period of the records behind `like`.
+        differentiator: that of `like`.
+        margin: that of `like`.
+
+    Raises:
+        InputError: the sampling periods differ.
+    """
+    columns, start = [], []
+    for stretch in stretches:
+        run = stretch.record
+        stride = max(1, round(like.period / run.sample_period))
+        period = like.period / stride
+        if abs(run.sample_period - period) > PERIODS_DIFFER * period:
+            raise InputError(
+                f"a recording is sampled every {run.sample_period:g} s{within(run.source)}, which does not suit"
+                f" the others, {like.period:g} s after thinning: resample them to one period, or study them apart"
+            )
+        values = [
+            settled(differentiator, channel.cutoff, stretch.cut)
+            .derivatives([run.column(c.name)], period, c.order)
+            .values[0]
+            for c, channel in zip(like.coordinates, like.channels, strict=True)
+        ]
+        time, kept = _kept(like, stretch, values, stride, margin)
+        if kept.shape[1]:
+            columns.append(kept)
+            start.append(time)
+    return replace(like, columns=tuple(columns), start=tuple(start))
+
+
+def _kept(
+    signals: Signals, stretch: Stretch, values: Sequence[FloatArray], stride: int, margin: float
+) -> tuple[float, FloatArray]:
+    """Return the time of the first sample that is kept of a record, and the columns (names, n)."""
+    run, period = stretch.record, signals.period / stride
+    drop = min(round(margin / (min(c.cutoff for c in signals.channels) * period)), len(run) // 20)
+    first = max(stretch.first, drop) if stretch.begins else stretch.first
+    stop = min(stretch.stop, len(run) - drop) if stretch.ends else stretch.stop
+    found = zip(signals.coordinates, values, strict=True)
+    rows = {c.derivative(k): v for c, derivatives in found for k, v in enumerate(derivatives)}
+    rows |= {i.name: _held_back(_centred(run.column(i.name), i.hold), stride, stretch.cut) for i in signals.inputs}
+    columns = np.ascontiguousarray([rows[name][first:stop:stride] for name in signals.names])
+    return float(run.t[min(first, len(run) - 1)]), columns
 
 
 def _centred(samples: FloatArray, hold: str) -> FloatArray:
@@ -123,17 +175,22 @@ def _centred(samples: FloatArray, hold: str) -> FloatArray:
     return centred
 
 
-def _held_back(samples: FloatArray, stride: int) -> FloatArray:
+def _held_back(samples: FloatArray, stride: int, cut: bool) -> FloatArray:
     # An input is not band-limited; what lies above half the thinned rate would fold down onto the signals.
     if stride == 1:
         return samples
-    smooth: FloatArray = differentiate(samples, 1.0, max(int(0.9 * len(samples) / stride), 1), 0)[0]
-    return smooth
+    if cut:
+        band = INPUT_BAND / (1.0 + 2.0 * EDGE_DEVIATIONS * EDGE)
+        smooth = differentiate_smoothly(samples, 1.0, 0.5 * band / stride, 0)
+    else:
+        smooth = differentiate(samples, 1.0, max(int(INPUT_BAND * len(samples) / stride), 1), 0)
+    held: FloatArray = smooth[0]
+    return held
 
 
 def _common_period(records: Records) -> float:
     periods = [run.sample_period for run in records]
-    if max(periods) - min(periods) > 1e-4 * min(periods):
+    if max(periods) - min(periods) > PERIODS_DIFFER * min(periods):
         raise InputError(
             f"the recordings are sampled at different periods, {min(periods):g} s to {max(periods):g} s:"
             " resample them to one period, or study them apart"

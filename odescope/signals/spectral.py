@@ -15,10 +15,15 @@ from functools import lru_cache
 import numpy as np
 import scipy.fft
 from numpy.polynomial import legendre
+from scipy.special import ndtr
 
 from odescope.arrays import FloatArray
 
 TREND_DEGREE = 3
+EDGE = 0.025  # of the cutoff: deviation of the error function by which a smooth gain falls
+EDGE_DEVIATIONS = 5.0  # of these from the cutoff, where the gain is 1 - 3e-7, to the middle of the fall
+ENDS = 8.5  # of these beyond the middle the gain is below the last digit
+FORGOTTEN = 1e-7
 
 
 @lru_cache(maxsize=8)
@@ -33,6 +38,11 @@ def _trend_spectrum(samples: int) -> FloatArray:
 def bin_frequencies(samples: int, period: float) -> FloatArray:
     """Return the frequency in hertz of each bin of the mirrored record, (N,): v / (2 N dt), as (17) mended."""
     return np.arange(samples) / (2.0 * samples * period)
+
+
+def last_bin(samples: int, period: float, hertz: float) -> int:
+    """Return the last bin that a cutoff in hertz keeps, at least the first after the mean."""
+    return max(int(np.searchsorted(bin_frequencies(samples, period), hertz * (1 + 1e-12), side="right")) - 1, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +111,37 @@ def differentiate(samples: FloatArray, period: float, cutoff: int, order: int) -
         cutoff: last bin kept; bin v is the frequency v / (2 N dt).
         order: highest derivative.
     """
+    return _differentiated(samples, period, np.ones(min(cutoff + 1, len(samples))), order)
+
+
+def differentiate_smoothly(samples: FloatArray, period: float, hertz: float, order: int) -> FloatArray:
+    """Return the same with a gain that falls smoothly, from 1 at `hertz` through 1/2 at 1.125 times that.
+
+    What a sharp cutoff does to a sample depends on samples however far away, as 1 / distance. This gain, an error
+    function of the frequency, forgets what is further away than `reach(hertz)` but for 1e-7: so a long record can be
+    filtered piece by piece.
+    """
+    frequency = bin_frequencies(len(samples), period)
+    middle, deviation = (1.0 + EDGE_DEVIATIONS * EDGE) * hertz, EDGE * hertz
+    below = frequency[: int(np.searchsorted(frequency, middle + ENDS * deviation, side="right"))]
+    return _differentiated(samples, period, ndtr((middle - below) / deviation), order)
+
+
+def reach(hertz: float) -> float:
+    """Return the time in seconds beyond which `differentiate_smoothly` has forgotten a sample but for 1e-7.
+
+    The impulse response of an error function of deviation s is that of a sharp edge times exp(-2 (pi s t)^2).
+    """
+    return float(np.sqrt(0.5 * np.log(1.0 / FORGOTTEN)) / (np.pi * EDGE * hertz))
+
+
+def _differentiated(samples: FloatArray, period: float, gain: FloatArray, order: int) -> FloatArray:
+    """Return filtered record and derivatives; the gain is that of the first bins, and 0 beyond."""
     count = len(samples)
     spectrum = Spectrum.of(samples)
-    cubic = spectrum.cubic(cutoff)
-    kept = spectrum.values - spectrum.trend @ cubic
-    kept[cutoff + 1 :] = 0.0
+    cubic = spectrum.cubic(len(gain) - 1)
+    kept = np.zeros(count)
+    kept[: len(gain)] = (spectrum.values[: len(gain)] - spectrum.trend[: len(gain)] @ cubic) * gain
     omega = 2.0 * np.pi * bin_frequencies(count, period)
     time = np.linspace(-1.0, 1.0, count)
     slope = 2.0 / ((count - 1) * period)

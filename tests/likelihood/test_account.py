@@ -155,7 +155,7 @@ def unexplained(seed, count=2000, **options):
     )  # fmt: skip
     it = Searcher(
         Evaluator(segments), PENDULUM.slots, PENDULUM.variables, PENDULUM.following, PENDULUM.measured,
-        time.monotonic() + 1000.0,
+        time.time() + 1000.0,
     )  # fmt: skip
     it, found, marginal = estimate_noise(it, it.fit(PENDULUM.theta, PENDULUM.free, segments.initial, segments.spread))
     evidence = robust_evidence(it, PENDULUM.program, found)

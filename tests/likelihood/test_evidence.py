@@ -23,7 +23,7 @@ def searcher(count=SLOTS):
     scope = Scope.of(list(SPRING.variables))
     texts = ["1", *(f"x**{k}" for k in range(1, count))]
     slots = tuple(Slot(0, 0 if k == 0 else -1, parse_term(t, scope), k == 0) for k, t in enumerate(texts))
-    return Searcher(Evaluator(data), slots, SPRING.variables, SPRING.following, SPRING.measured, time.monotonic() + 9.0)
+    return Searcher(Evaluator(data), slots, SPRING.variables, SPRING.following, SPRING.measured, time.time() + 9.0)
 
 
 def regression(rng, theta=None, rows=ROWS, correlated=1, twin=None):

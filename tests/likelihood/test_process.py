@@ -125,7 +125,7 @@ def white_kicks(rng, q, lengths):
 def searcher(system, segments, substeps=2, seconds=1000.0):
     return Searcher(
         Evaluator(segments, substeps), system.slots, system.variables, system.following, system.measured,
-        time.monotonic() + seconds,
+        time.time() + seconds,
     )  # fmt: skip
 
 

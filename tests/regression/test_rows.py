@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from odescope.records import Coordinate
 from odescope.regression.factor import factorise
-from odescope.regression.rows import FOLDS, Block, CosineRows, NoiseWeighted, PlainRows, cut_blocks
+from odescope.regression.rows import FOLDS, CosineRows, NoiseWeighted, PlainRows, cut_blocks
 from odescope.signals.estimate import Channel, Signals
 
 repeatable = settings(derandomize=True, deadline=None, max_examples=60)
@@ -22,10 +22,6 @@ def signals_of(columns, period=0.01, cutoffs=(5.0,)):
 
 def cosine_rows(cutoff=5.0, period=0.01, frequency=(0.0, 100.0), weight=(1.0, 1.0)):
     return CosineRows(period, cutoff, np.array(frequency), np.array(weight))
-
-
-def whole(count):
-    return Block(0, 0, count, 0)
 
 
 def colored(rng, count, period, deviation):
@@ -84,12 +80,12 @@ def test_cosine_rows_are_linear_and_keep_relations(seed, count, cutoff):
     rng = np.random.default_rng(seed)
     first, second = rng.standard_normal((2, 3, count))
     rows = cosine_rows(cutoff, frequency=(0.0, 10.0, 50.0), weight=(1.0, 0.3, 0.7))
-    a, b = rows.rows(whole(count), first), rows.rows(whole(count), second)
-    both = rows.rows(whole(count), 2.0 * first - 0.5 * second)
+    a, b = rows.rows(first), rows.rows(second)
+    both = rows.rows(2.0 * first - 0.5 * second)
     np.testing.assert_allclose(both, 2.0 * a - 0.5 * b, atol=1e-12)
     # A relation that holds at every sample holds in every row.
     related = np.vstack([first, 3.0 * first[0] - first[2]])
-    mapped = rows.rows(whole(count), related)
+    mapped = rows.rows(related)
     np.testing.assert_allclose(mapped @ [3.0, 0.0, -1.0, -1.0], 0.0, atol=1e-12)
 
 
@@ -111,14 +107,12 @@ def test_cosine_rows_are_the_sums_they_say(count):
             wave = np.cos(np.pi * k * (2 * np.arange(count) + 1) / (2 * length))
             scale = np.sqrt((1 if k == 0 else 2) / length)
             expected.append(np.interp(hertz, [0.0, 4.0, 25.0], [2.0, 1.0, 0.5]) * scale * np.sum(taper * x * wave))
-    np.testing.assert_allclose(rows.rows(whole(count), x[None])[:, 0], expected, atol=1e-12)
+    np.testing.assert_allclose(rows.rows(x[None])[:, 0], expected, atol=1e-12)
 
 
 def test_what_lies_above_the_cutoff_leaves_the_rows():
     t = 0.01 * np.arange(2000)
-    below, above = (
-        cosine_rows(5.0).rows(whole(2000), np.array([np.sin(2 * np.pi * 3 * t), np.sin(2 * np.pi * 9 * t)])).T
-    )
+    below, above = cosine_rows(5.0).rows(np.array([np.sin(2 * np.pi * 3 * t), np.sin(2 * np.pi * 9 * t)])).T
     assert np.sum(below**2) == pytest.approx(1000, rel=0.05)  # the energy of a sine, less the tapers
     assert np.sum(above**2) < 1e-4 * np.sum(below**2)
 
@@ -127,7 +121,7 @@ def test_plain_rows_are_the_samples():
     signals = signals_of([np.zeros((2, 30))])
     columns = np.random.default_rng(0).standard_normal((4, 30))
     rows = PlainRows().row_map(signals, 2, cut_blocks(signals), [columns], 0)
-    np.testing.assert_array_equal(rows.rows(whole(30), columns), columns.T)
+    np.testing.assert_array_equal(rows.rows(columns), columns.T)
 
 
 # weights
@@ -176,7 +170,7 @@ def test_noise_weighted_rows_estimate_better_than_samples():
         values = [columns[b.record][:, b.start : b.stop] for b in blocks]
         for name, choice in (("samples", PlainRows()), ("weighted", NoiseWeighted())):
             rows = choice.row_map(signals, 1, blocks, values, 2)
-            factor = factorise(rows.rows(b, v) for b, v in zip(blocks, values, strict=True))
+            factor = factorise(rows.rows(v) for v in values)
             xi = factor.solve((0, 1, 2), 2)
             errors[name].append(np.hypot(xi[0] + 2.0, xi[1] - 1.0))
     assert np.median(errors["weighted"]) < 0.3 * np.median(errors["samples"])
@@ -203,7 +197,7 @@ def test_the_noise_is_learnt_where_a_fit_on_all_columns_would_leave_none():
     blocks = cut_blocks(signals)
     values = [columns[b.record][:, b.start : b.stop] for b in blocks]
     rows = NoiseWeighted().row_map(signals, 1, blocks, values, 2)
-    assert sum(len(rows.rows(b, v)) for b, v in zip(blocks, values, strict=True)) < 403
+    assert sum(len(rows.rows(v)) for v in values) < 403
     bands = (np.linspace(0.3, 1.2, 50), np.linspace(3.0, 6.5, 50))
     low, high = (np.median(np.interp(band, rows.frequency, rows.weight)) for band in bands)
     assert 3.0 < low / high < 10.0  # 4, and what a pursuit among so many columns fits of the noise
@@ -216,7 +210,7 @@ def test_nothing_above_the_lowest_cutoff_is_fitted():
     values = [columns[b.record][:, b.start : b.stop] for b in blocks]
     rows = NoiseWeighted().row_map(signals, 1, blocks, values, 0)
     waves = np.sin(2 * np.pi * np.array([[4.0], [9.0]]) * 0.01 * np.arange(values[0].shape[1]))
-    below, above = np.sum(rows.rows(blocks[0], waves) ** 2, axis=0)
+    below, above = np.sum(rows.rows(waves) ** 2, axis=0)
     assert above < 1e-3 * below
 
 
@@ -226,5 +220,5 @@ def test_an_exact_relation_leaves_weights_that_can_be_used():
     blocks = cut_blocks(signals)
     values = [columns[b.record][:, b.start : b.stop] for b in blocks]
     rows = NoiseWeighted(passes=2).row_map(signals, 1, blocks, values, 2)
-    factor = factorise(rows.rows(b, v) for b, v in zip(blocks, values, strict=True))
+    factor = factorise(rows.rows(v) for v in values)
     np.testing.assert_allclose(factor.solve((0, 1, 2), 2), [-2.0, 1.0, 1.0], rtol=1e-9)

@@ -191,7 +191,7 @@ def test_held_out_means_held_out(report, result):
     assert report.at_work.held_out
     search = result.searches[0]
     last = max(b.fold for b in search.problem.blocks)
-    (factor,) = (f for k, f in enumerate(search.problem.training) if k == last)
+    factor = search.problem.training[last]
     assert factor.rows < search.problem.factor.rows
     refitted = without_last(result, 0)
     for own, other in zip(refitted.relations[0].terms, result.model.relations[0].terms, strict=True):

@@ -6,8 +6,9 @@ import pytest
 from odescope import Data, Driven, EnergyThreshold, Measured, Study, identify
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.regression.factor import factorise, merge
-from odescope.selection.bootstrap import REPLICATES, _merged, inclusion
+from odescope.selection.bootstrap import REPLICATES, _drawn, _merged, inclusion
 from odescope.selection.sweep import nested_libraries
+from odescope.workers import Threads
 
 STUDY = Study(
     data=Data(time="t"),
@@ -57,8 +58,7 @@ def test_pieces_make_up_the_rows_of_the_problem(clear):
 def test_a_drawn_factor_is_that_of_the_repeated_rows(clear):
     problem = clear.searches[0].problem
     times = np.random.default_rng(3).integers(0, 3, len(problem.pieces))
-    scaled = np.array([p.r * p.scale / problem.factor.scale for p in problem.pieces])
-    quick = _merged(problem, np.einsum("pki,pkj->pij", scaled, scaled), times)
+    quick = _merged(times, _drawn(problem, clear.chosen[0], [range(len(problem.terms))], [EnergyThreshold()]))
     rows = [p.r * p.scale for p, n in zip(problem.pieces, times, strict=True) for _ in range(n)]
     slow = factorise(rows)
     assert quick.rows == sum(p.rows * n for p, n in zip(problem.pieces, times, strict=True))
@@ -97,7 +97,7 @@ def test_the_seed_decides_and_the_cost_is_that_of_few_guesses(clear):
             yield from EnergyThreshold(terms=30).supports(factor, left, columns)
 
     nested = nested_libraries(problem.rests, problem.own)
-    one, two = (inclusion(problem, chosen, nested, [Counted()], np.random.default_rng(7)) for _ in range(2))
+    one, two = (inclusion(problem, chosen, nested, [Counted()], np.random.default_rng(7), Threads()) for _ in range(2))
     np.testing.assert_array_equal(one, two)
     assert set(asked) == {chosen.guess}
     sweep = sum(len(n) for n in nested)  # searches of one sweep: every guess in every set that holds it

@@ -7,6 +7,7 @@ from odescope.library.parse import Scope
 from odescope.records import Coordinate, Input
 from odescope.regression.rows import NoiseWeighted, PlainRows
 from odescope.selection.problem import pose
+from odescope.selection.score import residuals
 from odescope.signals.estimate import Channel, Signals
 
 NAMES = ("phi", "phi_dot", "phi_ddot", "u")
@@ -70,9 +71,9 @@ def test_values_are_the_candidates_on_the_samples(problem, signals):
         for j, term in enumerate(problem.terms):
             np.testing.assert_allclose(problem.values[k][j], DIRECT[term.text](*columns), rtol=1e-13, atol=1e-14)
         np.testing.assert_array_equal(problem.measured[k], columns[2])
-        np.testing.assert_allclose(
-            problem.values[k][list(problem.own)], problem.multipliers[k] * problem.measured[k], rtol=1e-13
-        )
+        candidates, multipliers = np.split(problem.evaluated(k), [len(problem.terms)])
+        np.testing.assert_array_equal(candidates, problem.values[k])
+        np.testing.assert_allclose(candidates[list(problem.own)], multipliers * problem.measured[k], rtol=1e-13)
     assert texts(problem.terms[j] for j in problem.own) == ["phi_ddot*cos(phi)**2", "phi_ddot"]
     assert problem.terms[problem.left].text == "phi_ddot"
     assert problem.samples == signals.samples
@@ -84,37 +85,40 @@ def gram(factor):
 
 
 def test_training_leaves_its_fold_out_and_nothing_else(problem):
-    rows = [problem.row_map.rows(b, v) for b, v in zip(problem.blocks, problem.values, strict=True)]
-    numbers = sorted({b.fold for b in problem.blocks})
-    assert len(problem.training) == len(numbers) > 1
+    rows = [problem.row_map.rows(v) for v in problem.values]
+    assert set(problem.training) == {b.fold for b in problem.blocks}
+    assert len(problem.training) > 1
     everything = sum(r.T @ r for r in rows)
     np.testing.assert_allclose(gram(problem.factor), everything, atol=1e-9 * np.abs(everything).max())
-    for fold, factor in zip(numbers, problem.training, strict=True):
+    for fold, factor in problem.training.items():
         kept = [r for r, b in zip(rows, problem.blocks, strict=True) if b.fold != fold]
         assert factor.rows == sum(map(len, kept))
         np.testing.assert_allclose(gram(factor), sum(r.T @ r for r in kept), atol=1e-9 * np.abs(everything).max())
 
 
 def test_the_residual_is_what_the_explicit_prediction_leaves(problem, signals):
-    xi = np.zeros(len(problem.terms))
+    xi = np.zeros((2, len(problem.terms)))
     coefficients = {"phi_ddot": 1.0, "phi_ddot*cos(phi)**2": 0.3, "u": -0.7, "sin(phi)": 1.5, "1": 0.2}
     for j, term in enumerate(problem.terms):
-        xi[j] = coefficients.get(term.text, 0.0)
+        xi[0, j] = coefficients.get(term.text, 0.0)
+    xi[1] = -3.0 * xi[0]  # the same relation, its denominator negative
     for k, block in enumerate(problem.blocks):
         phi, _, a, u = signals.columns[block.record][:, block.start : block.stop]
         expected = a - (0.7 * u - 1.5 * np.sin(phi) - 0.2) / (1 + 0.3 * np.cos(phi) ** 2)
-        np.testing.assert_allclose(problem.residual(k, xi), expected, atol=1e-12)
+        left, signs = residuals(problem, xi, problem.evaluated(k))
+        np.testing.assert_allclose(left, [expected, expected], atol=1e-12)
+        assert signs.tolist() == [1.0, -1.0]
 
 
 def test_a_denominator_that_changes_sign_predicts_nothing(problem):
-    xi = np.zeros(len(problem.terms))
-    xi[problem.left] = 1.0
-    xi[texts(problem.terms).index("phi_ddot*cos(phi)**2")] = -2.0
-    assert problem.residual(0, xi) is None
-    xi[problem.left] = 0.0  # cos^2 touches zero between samples, but keeps its sign
-    assert problem.residual(0, xi) is not None
-    xi[list(problem.own)] = 0.0
-    assert problem.residual(0, xi) is None
+    xi = np.zeros((3, len(problem.terms)))
+    square = texts(problem.terms).index("phi_ddot*cos(phi)**2")
+    xi[0, [problem.left, square]] = 1.0, -2.0
+    xi[1, square] = -2.0  # cos^2 touches zero between samples, but keeps its sign
+    left, signs = residuals(problem, xi, problem.evaluated(0))
+    assert signs.tolist() == [0.0, -1.0, 0.0]
+    assert not left[[0, 2]].any()
+    assert left[1].any()
 
 
 def test_one_fold_trains_on_all_there_is():

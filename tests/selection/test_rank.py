@@ -75,7 +75,7 @@ def ranked(problem, found):
 
 def least_squares(problem, support, left, blocks):
     """The relation by numpy alone, on the rows of some blocks."""
-    rows = np.concatenate([problem.row_map.rows(problem.blocks[k], problem.values[k]) for k in blocks])
+    rows = np.concatenate([problem.row_map.rows(problem.values[k]) for k in blocks])
     others = [j for j in support if j != left]
     size = np.linalg.norm(rows[:, others], axis=0)
     solution, *_ = np.linalg.lstsq(rows[:, others] / size, rows[:, left])
@@ -110,7 +110,7 @@ def test_held_out_scores_are_those_of_fits_without_the_fold(problem, ranked):
         power = sum(np.sum((y - y.mean()) ** 2) for y, _ in pairs)
         assert candidate.target_rmse == pytest.approx(np.sqrt(squares / sum(len(y) for y, _ in pairs)), rel=1e-6)
         assert candidate.target_r2 == pytest.approx(1 - squares / power, abs=1e-6)
-        rows = [problem.row_map.rows(b, np.array([y - p, y])) for b, (y, p) in zip(problem.blocks, pairs, strict=True)]
+        rows = [problem.row_map.rows(np.array([y - p, y])) for y, p in pairs]
         rest, total = (sum(np.sum(r[:, c] ** 2) for r in rows) for c in (0, 1))
         n = sum(len(r) for r in rows)
         assert candidate.explained == pytest.approx(1 - rest / total, abs=1e-6)
@@ -120,7 +120,7 @@ def test_held_out_scores_are_those_of_fits_without_the_fold(problem, ranked):
 
 def test_the_coefficients_and_the_implicit_error_are_those_of_all_rows(problem, ranked):
     everything = range(len(problem.blocks))
-    rows = np.concatenate([problem.row_map.rows(b, v) for b, v in zip(problem.blocks, problem.values, strict=True)])
+    rows = np.concatenate([problem.row_map.rows(v) for v in problem.values])
     for candidate in (*ranked.candidates[:6], ranked.candidates[-1]):
         left = left_column(problem, candidate.support)
         np.testing.assert_allclose(
@@ -251,6 +251,34 @@ def test_among_exact_relations_the_simplest_comes_first(problem):
     simple, rich = (c.criterion for c in result.candidates)
     assert rich - simple == pytest.approx(2 * (np.log(exact.samples) + 2 * np.log(len(exact.terms))), rel=1e-6)
     assert result.candidates[0].target_r2 == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_term_too_weak_for_the_signals_is_told_by_the_data_beyond_them():
+    """A relation with a denominator, and damping that a tenth of the data cannot show."""
+    support, weak = ("u", "sin(phi)", "phi_ddot", "phi_ddot*cos(phi)**2"), "phi_dot"
+    won = {"sample": [], "all": []}
+    for seed in range(3):
+        signals = signals_of(noise=0.5, lengths=(1500,) * 12, seed=seed)
+        columns = []
+        for phi, speed, target, u in signals.columns:
+            columns.append(np.array([phi, speed, target - 0.013 * speed / (1 + 0.3 * np.cos(phi) ** 2), u]))
+        signals = replace(signals, columns=tuple(columns))
+        whole = pose(signals, "phi_ddot", 2, LIBRARY, PlainRows())
+        few = pose(replace(signals, columns=signals.columns[:2]), "phi_ddot", 2, LIBRARY, PlainRows(), (0, 1))
+        told = replace(few, folds=whole.folds)
+        multiple = tuple(t + "*cos(phi)" if t != "1" else "cos(phi)" for t in ("u", "phi_dot"))
+        supports = [support_of(few, *support), support_of(few, *support, weak), support_of(few, *support, *multiple)]
+        criteria = {}
+        for name, problem in (("sample", few), ("all", told), ("whole", whole)):
+            ranked = rank(problem, given_supports(problem, *supports), LOOSE)
+            criteria[name] = {c.support: c.criterion for c in ranked.candidates}
+            if name in won:
+                won[name].append(ranked.candidates[0].support == supports[1])
+        # What the weak term is worth is what it is worth to all the data, but for the chance of the signals.
+        gains = [criteria[name][supports[0]] - criteria[name][supports[1]] for name in ("all", "whole")]
+        assert gains[0] == pytest.approx(gains[1], rel=0.2)
+    assert sum(won["sample"]) == 0
+    assert sum(won["all"]) == 3
 
 
 def test_the_target_itself_gets_the_coefficient_one_where_it_is_there(problem):

@@ -1,14 +1,15 @@
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from odescope.errors import InputError, NoModelError
-from odescope.records import Coordinate, Input, Record, Records
+from odescope.records import Coordinate, Input, Record, Records, Stretch
 from odescope.signals.cutoff import FixedCutoff
 from odescope.signals.differentiators import Derivatives, SavitzkyGolay, Spectral
-from odescope.signals.estimate import estimate_signals, state_names
+from odescope.signals.estimate import estimate_signals, signals_like, state_names
+from odescope.signals.spectral import differentiate_smoothly, reach
 
 X, PHI, U = Coordinate("x", order=2), Coordinate("phi", order=1), Input("u")
 
@@ -171,3 +172,68 @@ def test_a_slow_wave_under_three_times_its_noise_is_still_a_signal(order):
         found = signals.columns[0][0]
         expected = np.sin(signals.start[0] + signals.period * np.arange(len(found)))
         assert np.corrcoef(found, expected)[0, 1] > 0.9
+
+
+# piece by piece
+
+
+def long_record(count=60_000, seed=0):
+    """A drift, a sine, a random walk and noise; and an input with steps."""
+    rng = np.random.default_rng(seed)
+    t = 0.01 * np.arange(count)
+    walk, noise = 0.02 * np.cumsum(rng.standard_normal(count)), 0.1 * rng.standard_normal(count)
+    x = 0.2 * t + 3.0 * np.sin(4.0 * t) + walk + noise
+    return record(t, x=x, u=np.sign(np.sin(0.7 * t)) + 0.1 * np.sin(3.0 * t))
+
+
+@pytest.mark.parametrize("rows", [3000, 7777, 20_000])
+def test_a_long_record_filtered_piece_by_piece_has_the_derivatives_of_the_whole(rows):
+    """To a millionth of their scale, away from the ends of the record: there, no filter is right."""
+    whole = long_record()
+    x = Coordinate("x", 2)
+    like = estimate_signals(Records((whole,)), [x], [U], Spectral(FixedCutoff(1.5)), thin=False)
+    overlap = int(np.ceil(reach(1.5) / 0.01)) + 1
+    pieces = []
+    for first in range(0, len(whole), rows):
+        low, high = max(0, first - overlap), min(len(whole), first + rows + overlap)
+        own = first - low, min(first + rows, len(whole)) - low
+        piece = replace(whole, t=whole.t[low:high], values=whole.values[low:high])
+        pieces.append(Stretch(piece, *own, begins=low == 0, ends=high == len(whole)))
+    at_once = signals_like(like, [Stretch(whole, 0, len(whole), begins=False, ends=False)], Spectral()).columns[0]
+    joined = signals_like(like, pieces, Spectral())
+    drop = len(whole) - joined.samples
+    assert 0 < drop < 0.01 * len(whole)  # margins at the two ends
+    found = np.concatenate(joined.columns, axis=1)[:, overlap : -2 * overlap]
+    expected = at_once[:, drop // 2 :][:, overlap : overlap + found.shape[1]]
+    scale = at_once.std(axis=1)
+    assert np.all(np.abs(found - expected).max(axis=1) < 1e-6 * scale)
+    half = overlap // 2  # the overlap is not longer than it has to be
+    piece = pieces[1]
+    run, own = piece.record, slice(half, len(piece.record) - half)
+    shorter = replace(run, t=run.t[own], values=run.values[own])
+    worse = replace(piece, record=shorter, first=piece.first - half, stop=piece.stop - half)
+    (cut,) = signals_like(like, [worse], Spectral()).columns
+    assert np.any(np.abs(cut - at_once[:, rows : rows + cut.shape[1]]).max(axis=1) > 1e-6 * scale)
+
+
+def test_a_piece_passes_what_lies_below_the_cutoff_and_nothing_far_above():
+    t = 0.01 * np.arange(20_000)
+    for hertz, gain in ((0.5, 1.0), (1.45, 1.0), (2.1, 0.0), (9.0, 0.0)):
+        x = np.sin(2 * np.pi * hertz * t)
+        middle = differentiate_smoothly(x, 0.01, 1.5, 1)[:, 5000:15_000]
+        assert np.abs(middle[0] - gain * x[5000:15_000]).max() < 1e-5
+        slope = 2 * np.pi * hertz * np.cos(2 * np.pi * hertz * t[5000:15_000])
+        assert np.abs(middle[1] - gain * slope).max() < 1e-5 * np.abs(slope).max()
+
+
+@pytest.mark.parametrize("differentiator", [Spectral(), SavitzkyGolay(31)])
+def test_other_whole_records_are_filtered_as_those_before(differentiator):
+    records = sines((0.0, 9.0), (1500, 1100))
+    both = estimate_signals(records, [X], [U], differentiator)
+    again = signals_like(both, [Stretch.whole(r) for r in records], differentiator)
+    assert again.start == both.start
+    for one, other in zip(again.columns, both.columns, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+    slow = record(0.037 * np.arange(500), x=np.sin(0.1 * np.arange(500)), u=np.zeros(500))
+    with pytest.raises(InputError, match=r"a recording is sampled every 0\.037 s"):
+        signals_like(both, [Stretch.whole(slow)], differentiator)

@@ -24,7 +24,7 @@ def record(seed, share, size=1.0):
 def test_the_filtered_signal_minimises_hubers_loss(seed):
     # The filter is a projection; at the least of Huber's loss nothing of the bent residual is left in what it passes.
     _, _, records, _ = record(seed, 0.02)
-    clipped, _ = clip_outliers(records, [X], Spectral())
+    clipped, _, _ = clip_outliers(records, [X], Spectral())
     y = clipped.runs[0].column("x")
     smooth = Spectral().derivatives([y], PERIOD, 2)
     residual = records.runs[0].column("x") - smooth.values[0][0]
@@ -38,7 +38,7 @@ def test_the_filtered_signal_minimises_hubers_loss(seed):
 def test_outliers_are_counted_and_cost_little(seed):
     t, _, records, struck = record(seed, 0.02)
     _, _, plain, _ = record(seed, 0.0)
-    clipped, counts = clip_outliers(records, [X], Spectral())
+    clipped, counts, _ = clip_outliers(records, [X], Spectral())
     assert struck <= counts["x"] <= struck + 0.01 * len(t)  # 0.3 % of a normal distribution lie beyond the bend
 
     def errors(of):
@@ -56,6 +56,6 @@ def test_outliers_are_counted_and_cost_little(seed):
 def test_a_quantised_record_that_is_still_is_left_alone():
     t = PERIOD * np.arange(500)
     records = Records.of(Record(t, np.zeros((500, 1)), ("x",)))
-    clipped, counts = clip_outliers(records, [X], Spectral())
+    clipped, counts, _ = clip_outliers(records, [X], Spectral())
     assert counts == {"x": 0}
     np.testing.assert_array_equal(clipped.runs[0].values, records.runs[0].values)

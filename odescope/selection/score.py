@@ -1,0 +1,133 @@
+"""Held-out scores of many relations in one pass over the blocks of the signals (METHOD section 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from odescope.arrays import BoolArray, FloatArray
+from odescope.regression.factor import Factor, merge
+from odescope.regression.proposers import Support
+from odescope.selection.problem import Problem
+from odescope.workers import Threads
+
+AT_ONCE = 32  # relations evaluated together: their predictions on a block stay in cache
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """What C relations leave of the target, relations fitted on the other folds where a block is held out.
+
+    Shapes: xi (C, m) fitted on all rows; weighted, squares (C,) sums of squares of the held-out residual in rows and in
+    samples; total, power, rows, samples those of the target; sound (C,) whether the denominator keeps its sign; gram
+    (C, C) products of the residuals of xi, in rows. elsewhere (C,) is what the data beyond the signals add to -2 log
+    likelihood: 0 where the signals are all the data.
+    """
+
+    xi: FloatArray
+    weighted: FloatArray
+    squares: FloatArray
+    total: float
+    power: float
+    rows: int
+    samples: int
+    sound: BoolArray
+    gram: FloatArray
+    elsewhere: FloatArray
+
+
+def score(problem: Problem, supports: Sequence[Support], left: Sequence[int]) -> Scores:
+    """Return the scores of relations.
+
+    Args:
+        problem: where they are fitted and tried.
+        supports: their columns.
+        left: the column of each that has the coefficient 1.
+    """
+    pairs = list(zip(supports, left, strict=True))
+    xi = np.array([problem.factor.solve(s, k) for s, k in pairs])
+    held_out = {fold: np.array([f.solve(s, k) for s, k in pairs]) for fold, f in problem.training.items()}
+
+    def on_block(k: int) -> tuple[Scores, FloatArray]:
+        return _on_block(problem, k, held_out[problem.blocks[k].fold], xi)
+
+    parts = list(Threads().map(on_block, range(len(problem.blocks))))
+    signs = np.array([sign for _, sign in parts])
+    return Scores(
+        xi=xi,
+        weighted=np.sum([p.weighted for p, _ in parts], axis=0),
+        squares=np.sum([p.squares for p, _ in parts], axis=0),
+        total=sum(p.total for p, _ in parts),
+        power=sum(p.power for p, _ in parts),
+        rows=sum(p.rows for p, _ in parts),
+        samples=sum(p.samples for p, _ in parts),
+        # A denominator may keep its sign in every block and yet change it from one recording to the next.
+        sound=np.all([p.sound for p, _ in parts], axis=0) & np.all(signs == signs[0], axis=0),
+        gram=np.sum([p.gram for p, _ in parts], axis=0),
+        elsewhere=np.zeros(len(xi))
+        if problem.here is problem.folds
+        else _evidence(problem, problem.folds, xi, held_out) - _evidence(problem, problem.here, xi, held_out),
+    )
+
+
+def _evidence(
+    problem: Problem, folds: Mapping[int, Factor], xi: FloatArray, held_out: Mapping[int, FloatArray]
+) -> FloatArray:
+    """Return rows times ln of the held-out square of each relation over the least that its denominator allows, (C,).
+
+    Factors know relations, not predictions: a multiple of a relation has another size in every stretch of the data.
+    What its terms without the target leave, beside what all such terms would leave, can be compared; which denominator
+    predicts best, only the signals tell.
+    """
+    whole = merge(list(folds.values()))
+    own = list(problem.own)
+    plain = [j for j in range(whole.width) if j not in problem.own]
+    products = whole.r[:, own] @ (xi[:, own] * whole.scale[own]).T
+    basis = np.asarray(np.linalg.qr(whole.r[:, plain])[0])
+    least = np.sum((products - basis @ (basis.T @ products)) ** 2, axis=0)
+    left = np.sum([np.sum((f.r @ (held_out[k] * f.scale).T) ** 2, axis=0) for k, f in folds.items()], axis=0)
+    rounding = 1e-20 * np.sum(products**2, axis=0)
+    evidence: FloatArray = whole.rows * np.log(np.maximum(left, rounding) / np.maximum(least, rounding))
+    return evidence
+
+
+def _on_block(problem: Problem, k: int, held_out: FloatArray, xi: FloatArray) -> tuple[Scores, FloatArray]:
+    """Return the scores on one block, and the sign of each denominator there."""
+    evaluated = problem.evaluated(k)
+    measured = problem.measured[k]
+    target = problem.row_map.rows(measured[None])
+    count, rows = len(xi), len(target)
+    weighted, squares, sound, signs = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_), np.zeros(count)
+    left = np.empty((rows, count))
+    for start in range(0, count, AT_ONCE):
+        now = slice(start, start + AT_ONCE)
+        tried, kept = residuals(problem, held_out[now], evaluated)
+        final, keeps = residuals(problem, xi[now], evaluated)
+        mapped = problem.row_map.rows(np.concatenate([tried, final]))
+        weighted[now] = np.einsum("rc,rc->c", mapped[:, : len(tried)], mapped[:, : len(tried)])
+        squares[now] = np.einsum("cn,cn->c", tried, tried)
+        left[:, now] = mapped[:, len(tried) :]
+        sound[now] = (kept != 0.0) & (keeps != 0.0)
+        signs[now] = keeps
+    power = float(np.sum((measured - measured.mean()) ** 2))
+    total = float(target[:, 0] @ target[:, 0])
+    gram = left.T @ left
+    return Scores(xi, weighted, squares, total, power, rows, len(measured), sound, gram, np.zeros(count)), signs
+
+
+def residuals(problem: Problem, xi: FloatArray, evaluated: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return target minus prediction (c, n) of relations (c, m), and the sign of their denominators, 0 if it changes.
+
+    The prediction solves the relation for the target: -(terms without it) / (what multiplies it). Where it cannot, the
+    residual is 0.
+    """
+    m = xi.shape[1]
+    multiplier = xi[:, list(problem.own)] @ evaluated[m:]
+    low, high = multiplier.min(axis=1), multiplier.max(axis=1)
+    sign = np.where(low * high > 0.0, np.sign(low), 0.0)
+    multiplier[sign == 0.0] = 1.0
+    residual: FloatArray = (xi @ evaluated[:m]) / multiplier
+    residual[sign == 0.0] = 0.0
+    return residual, sign
