@@ -17,6 +17,7 @@ import argparse
 from pathlib import Path
 
 import regressions
+import streams
 import trajectories
 from threadpoolctl import threadpool_limits
 from timing import Row, table
@@ -60,6 +61,29 @@ WHAT = """## What was run
 - **Simulation**: for SciPy the same equations are written by hand and compiled for this model, input included; its
   solvers step over the kinks of the sampled input and pay for it in rejected steps.
 """
+
+
+FEW_ROWS = (2_500_000, 5_000_000, 10_000_000, 20_000_000)
+MANY_ROWS = (*FEW_ROWS, 100_000_000)
+LOG_HEAD = (
+    "rows",
+    "file, MB",
+    "portions",
+    "pass",
+    "million rows a second",
+    "in all",
+    "peak MB",
+    "exact",
+    "worst error",
+)
+STREAMED = f"""The demo's pendulum on a cart under a sum of tones at noise level 2, at a thousand samples a second, one
+recording in one Parquet file; 35 candidates for each of two targets; memory = {streams.MEMORY} MB, the default. The
+pass reads, filters, differentiates, evaluates and factors. Errors are those of the coefficients, after the
+likelihood."""
+FLOOR_HEAD = ("work", "rate", "floor", "its rate", "share")
+FLOORS = """Blocks of 4096 samples, which stay in cache, in threads of one process, BLAS in one thread each. Evaluation
+writes its values once: its floor is the copy of as many. Factorisation is arithmetic: its floor is a product of
+matrices of 512 x 512. A Householder QR of a tall block does much of its work on vectors and cannot come near."""
 
 
 def explained(rows: list[Row]) -> str:
@@ -126,9 +150,12 @@ def main() -> None:
             "## How it grows",
             "The least of several runs at each size, and the slope of its logarithm over that of the size.",
         )
-        curves = [*regressions.growth(few), trajectories.growth(few)]
+        curves = [*regressions.growth(few), trajectories.growth(few), streams.recordings((4, 16, 64), few)]
         cells = [(name, sizes, times, f"{steep:.2f}") for name, sizes, times, steep in curves]
         add(table(("what", "sizes", "ms", "slope"), cells, right=(3,)))
+        logs, told = streams.streamed(FEW_ROWS if options.quick else MANY_ROWS)
+        add("## More data than memory", STREAMED, table(LOG_HEAD, logs, right=tuple(range(7))), told)
+        add("## How far from the floor", FLOORS, table(FLOOR_HEAD, streams.floors(options.repeats)))
     if options.write:
         PAGE.write_text("\n".join(parts), encoding="utf-8", newline="\n")
 

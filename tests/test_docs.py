@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from odescope.study import parse_study
+from odescope.study import Data, parse_study
 
 ROOT = Path(__file__).parent.parent
 
@@ -58,8 +58,9 @@ def test_readme_python_runs(
 
 
 def test_readme_study_is_a_study() -> None:
-    (study,) = blocks("README.md", "toml")
+    study, streamed = blocks("README.md", "toml")
     assert parse_study(study).coordinates["phi"].column == "angle"
+    assert parse_study(f"{streamed}\n[coordinates.x]").data.memory == Data().memory
 
 
 def test_links_lead_somewhere() -> None:
