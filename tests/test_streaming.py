@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import dataclass, field
 
 import msgspec
@@ -22,6 +24,7 @@ from odescope.workers import Threads
 LITTLE = 570.0  # MB: just above what is refused, so that 50 000 rows are too many
 ROWS = 120_000
 PORTIONS = -(-ROWS // (rows_in_memory(LITTLE, 3) // SAMPLED))
+SCHEMA = [("t", pa.float64()), ("x", pa.float64()), ("u", pa.float64()), ("run", pa.int64())]
 REGRESSED = LikelihoodSearch(enabled=False)
 
 
@@ -270,3 +273,40 @@ def test_a_filter_that_reaches_further_than_a_portion_is_refused(tmp_path):
     parquet.write_table(pa.table(columns), tmp_path / "log.parquet")
     with pytest.raises(InputError, match=r"reaches over \d+ samples, too many for portions of \d+: allow more memory"):
         identify(study_of(tmp_path / "log.parquet"))
+
+
+# memory
+
+
+PEAK = """
+import sys
+from odescope.identification import identify
+from odescope.memory import peak_bytes
+from odescope.study import read_study
+from pathlib import Path
+
+result = identify(read_study(Path(sys.argv[1])))
+print(peak_bytes(), result.model.provenance["recordings"], *(t.text for t in result.model.relations[0].terms))
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="peaks of a process alone are told by Linux")
+def test_memory_is_bounded_by_the_setting_however_long_the_log(tmp_path, log):
+    peaks, memory = [], LITTLE + 10.0  # a column more
+    for recordings in (1, 8):
+        with parquet.ParquetWriter(tmp_path / "log.parquet", pa.schema(SCHEMA)) as writer:
+            for k in range(recordings):  # all in one row group each, far larger than a portion
+                writer.write_table(pa.table({**log, "run": np.full(ROWS, k)}, schema=pa.schema(SCHEMA)))
+        (tmp_path / "study.toml").write_text(
+            f'[data]\nfiles = ["{(tmp_path / "log.parquet").as_posix()}"]\ntime = "t"\nrecording = "run"\n'
+            f"memory = {memory}\n[coordinates.x]\norder = 2\n[inputs.u]\n"
+        )
+        ended = subprocess.run(
+            [sys.executable, "-c", PEAK, str(tmp_path / "study.toml")], capture_output=True, text=True, check=True
+        )
+        peak, begun, *terms = ended.stdout.split()
+        assert int(begun) == recordings
+        assert set(terms) == {"x_ddot", "x", "x_dot", "u"}
+        peaks.append(int(peak) / 1e6)
+    assert peaks[1] < memory
+    assert peaks[1] < 1.1 * peaks[0]  # with all in memory, 8 times as many rows would take 400 MB more
