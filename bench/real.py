@@ -18,17 +18,17 @@ import numpy as np
 import pandas as pd
 
 from odescope import Candidates, Identification, LikelihoodSearch, Study, identify
-from odescope.library.tape import evaluate, write_tape
 from odescope.model.initial import initial_state
 from odescope.model.model import Model
 from odescope.model.simulate import simulate
 from odescope.readers import records_from
 from odescope.records import Records
+from odescope.report.at_work import predicted
+from odescope.scores import VALID_ERROR
 from odescope.signals.estimate import Signals, estimate_signals
 from odescope.study import read_study
 
 STUDIES = Path(__file__).parents[1] / "docs" / "studies"
-VALID_ERROR = 0.3
 CASES = (
     ("actuated pendulum", "actuated_pendulum", "direct_collocation.csv", False),
     ("single pendulum, default library", "single_pendulum", "free_swing_250Hz.csv", True),
@@ -56,18 +56,8 @@ def signals_of(study: Study, records: Records) -> Signals:
 def target_r2(model: Model, signals: Signals) -> list[float]:
     """Return the share of each filtered target's variance that the model predicts from filtered states."""
     joined = signals.joined()
-    columns = joined[[signals.row(v) for v in model.variables]]
     truth = joined[[signals.row(t) for t in model.targets]]
-    n = len(truth)
-    a, b = np.zeros((columns.shape[1], n, n)), np.zeros((columns.shape[1], n, 1))
-    for r, relation in enumerate(model.relations):
-        values = evaluate(write_tape(model.variables, [t.term for t in relation.terms]), columns)
-        for t, value in zip(relation.terms, values, strict=True):
-            if t.factor is None:
-                b[:, r, 0] -= t.coefficient * value
-            else:
-                a[:, r, model.targets.index(t.factor)] += t.coefficient * value
-    error = np.linalg.solve(a, b)[:, :, 0].T - truth
+    error = predicted(model, joined[[signals.row(v) for v in model.variables]]) - truth
     return [float(1.0 - e.var() / t.var()) for e, t in zip(error, truth, strict=True)]
 
 

@@ -41,7 +41,8 @@ _HOMES = {
     "export.mathml": ("to_mathml",),
     "export.modelfile": ("from_json", "read_model", "to_json"),
     "study": ("Candidates", "Data", "Driven", "Filtering", "Measured", "Regression", "Study", "read_study"),
-    "identification": ("Identification", "Search", "identify", "to_relation"),
+    "proposals": ("Search", "to_relation"),
+    "identification": ("Identification", "identify"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from odescope.identification import Identification, Search
+from odescope.identification import Identification
 from odescope.model.model import Relation
+from odescope.proposals import Search
 from odescope.report.data import (
     Correlations,
     Dependent,
