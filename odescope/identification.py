@@ -206,7 +206,7 @@ def _identify(
             options = study.signals
             plan = Plan(
                 study.layout(), options.differentiator, options.margin, inputs, lead, clipping,
-                shortest if left_out else 0.0, replace(signals, columns=(), start=()),
+                shortest if any(long) else 0.0, replace(signals, columns=(), start=()),
                 tuple(p.library for p in problems),
             )  # fmt: skip
             whole = reduce_all(log, plan, problems, hands, watch)

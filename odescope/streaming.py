@@ -123,17 +123,14 @@ def _signals(task: Task, plan: Plan) -> tuple[Signals, int]:
     """Return the signals of a portion, and how many recordings begin in it."""
     kept, recordings = [], 0
     for read in read_portion(task.portion, plan.layout):
-        if not read.cut and read.record.duration < plan.shortest:
+        clipped = read
+        if plan.clipping is not None:
+            clipped = clip_like(plan.clipping, read, plan.like.coordinates, plan.differentiator)
+        stretch = delayed_stretch(clipped, plan.inputs, plan.lead)
+        if stretch is None or (not read.cut and stretch.record.duration < plan.shortest):
             continue
         recordings += read.begins and read.first == 0
-        clipped = (
-            read
-            if plan.clipping is None
-            else clip_like(plan.clipping, read, plan.like.coordinates, plan.differentiator)
-        )
-        stretch = delayed_stretch(clipped, plan.inputs, plan.lead)
-        if stretch is not None:
-            kept.append(stretch)
+        kept.append(stretch)
     return signals_like(plan.like, kept, plan.differentiator, plan.margin), recordings
 
 
@@ -178,6 +175,7 @@ def open_log(data: Data, layout: Layout, store: Store | None) -> Log:
     complete = sum(f.rows for f in files) <= rows
     portions = tuple(p for f in files for p in cut(f, f.rows if complete else rows // SAMPLED))
     if not complete:
+        _refuse_indivisible(files, rows)
         sampled = () if store is None else store.sampled(portions)
         portions = sampled or sample(portions, rows)
         if store is not None:
@@ -186,6 +184,15 @@ def open_log(data: Data, layout: Layout, store: Store | None) -> Log:
     origin = tuple(k for k, records in enumerate(read) for _ in records)
     records = Records(tuple(record for own in read for record in own))
     return Log(records, portions, origin, files, rows // SAMPLED, complete, store)
+
+
+def _refuse_indivisible(files: Sequence[DataFile], rows: int) -> None:
+    for file in files:
+        if not file.divisible and file.rows > rows:
+            raise InputError(
+                f"{file.path.name} has {file.rows} rows and can only be read whole, but {rows} fit in the memory that"
+                " is allowed: unpack it, convert it to Parquet, or allow more ([data] memory)"
+            )
 
 
 def sample(portions: Sequence[Portion], rows: int) -> tuple[Portion, ...]:
@@ -211,7 +218,7 @@ def _tasks(log: Log, plan: Plan, blocks: Sequence[Block]) -> list[Task]:
         parts = pieces_a_block(len(blocks))
         return [Task(p, parts, blocks=tuple(b)) for p, b in zip(log.portions, own, strict=True)]
     overlap = plan.overlap(log.records.runs[0].sample_period)
-    if overlap > log.rows:
+    if overlap > log.rows and any(f.rows > log.rows for f in log.files):
         slowest = min(c.cutoff for c in plan.like.channels)
         raise InputError(
             f"a cutoff of {slowest:.3g} Hz reaches over {overlap} samples, too many for portions of {log.rows}: allow"
@@ -248,11 +255,11 @@ class Store:
         content = {"study": self.study, "portions": [self._identity(p) for p in portions]}
         self._write("sample.json", lambda path: path.write_text(json.dumps(content), encoding="utf-8"))
 
-    def key(self, task: Task, sampled: Sequence[Portion]) -> str:
-        """Return the name under which the factors of a portion are kept: it says all that they depend on."""
-        portion = task.portion
-        about = [self.study, [self._identity(p) for p in sampled], self._identity(portion)]
-        return hashlib.sha256(json.dumps([*about, portion.before, portion.after]).encode()).hexdigest()[:32] + ".npz"
+    def keys(self, tasks: Sequence[Task], sampled: Sequence[Portion]) -> list[str]:
+        """Return the names under which factors of portions are kept: they say all that these depend on."""
+        common = _digest([self.study, *(self._identity(p) for p in sampled)])
+        portions = [task.portion for task in tasks]
+        return [f"{_digest([common, self._identity(p), p.before, p.after])}.npz" for p in portions]
 
     def holds(self, key: str) -> bool:
         """Return whether something is kept under a name."""
@@ -289,6 +296,10 @@ class Store:
     def _identity(portion: Portion) -> str:
         about = portion.path.stat()
         return f"{portion.path.resolve()}|{about.st_size}|{about.st_mtime_ns}|{portion.first}|{portion.stop}"
+
+
+def _digest(about: Sequence[str | int]) -> str:
+    return hashlib.sha256(json.dumps(about).encode()).hexdigest()[:32]
 
 
 def _save(path: Path, arrays: dict[str, FloatArray]) -> None:
@@ -360,7 +371,7 @@ def _each(
 ) -> Iterator[Reduced]:
     """Yield what is kept of each portion, in order, and tell how far it got and how long it will take."""
     store = None if log.complete else log.store
-    keys = [""] * len(todo) if store is None else [store.key(task, log.portions) for task in todo]
+    keys = [""] * len(todo) if store is None else store.keys(todo, log.portions)
     missing = [k for k, key in enumerate(keys) if store is None or not store.holds(key)]
     tasks = [_anywhere(todo[k]) if hands.remote else todo[k] for k in missing]
     computed = zip(missing, hands.map(reduce, tasks, plan), strict=True)

@@ -266,6 +266,26 @@ def test_too_little_memory_is_refused_with_what_would_do(folder):
     assert rows_in_memory(LITTLE, 3) >= LEAST_ROWS
 
 
+def test_a_packed_file_that_does_not_fit_is_refused(tmp_path, folder):
+    import gzip
+
+    (tmp_path / "log.csv.gz").write_bytes(gzip.compress((folder / "log.csv").read_bytes(), 1))
+    with pytest.raises(InputError, match=r"log\.csv\.gz has 120000 rows and can only be read whole, but \d+ fit"):
+        identify(study_of(tmp_path / "log.csv.gz"))
+
+
+def test_a_slow_signal_in_small_files_needs_no_overlap(tmp_path):
+    """Each file is filtered whole: how far a filter reaches does not matter."""
+    t = 0.01 * np.arange(4000)
+    rng = np.random.default_rng(0)
+    for k in range(20):
+        x = (1.0 + k) * np.exp(-0.05 * t) + 0.01 * rng.standard_normal(len(t))
+        parquet.write_table(pa.table({"t": t, "x": x}), tmp_path / f"{k:02}.parquet")
+    study = study_of(tmp_path, coordinates={"x": Measured()}, inputs={})
+    found = coefficients(identify(study))
+    assert found["x"] == pytest.approx(0.05, rel=0.01)
+
+
 def test_a_filter_that_reaches_further_than_a_portion_is_refused(tmp_path):
     rng = np.random.default_rng(0)
     t = 1e-4 * np.arange(100_000)
