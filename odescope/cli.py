@@ -362,12 +362,17 @@ def _identify_and_write(
 
     with painters() as painter:
         with _progress() as watch:
+            kept = [""]
+
+            def follow(stage: str) -> None:
+                kept[0] = stage.split(",")[0] if stage.startswith("recordings: ") else kept[0]
+                watch(stage)
+
             try:
-                result = run(placed, watch=watch, draft=begin, cluster=cluster, store=out / FACTORS)
+                result = run(placed, watch=follow, draft=begin, cluster=cluster, store=out / FACTORS)
             except KeyboardInterrupt:
-                kept = len(list((out / FACTORS).glob("*.npz")))
-                resume = f"; {kept} portions of the log are done and kept: the same command goes on from there"
-                raise Stopped(f"stopped before any result was written{resume if kept else ''}") from None
+                resume = f"; {kept[0]} are kept: the same command goes on from there" if kept[0] else ""
+                raise Stopped(f"stopped before any result was written{resume}") from None
         # The answer first: the report takes another second or two.
         _say(to_text(result.model, 6) + "\n")
         for note in result.notes:

@@ -33,28 +33,27 @@ from odescope.signals.estimate import Signals, signals_like
 from odescope.signals.outliers import Clipping, clip_like
 from odescope.signals.spectral import reach
 from odescope.study import Data
-from odescope.workers import Workers
+from odescope.workers import Threads, Workers
 
 PROGRAM = 550.0  # MB that an identification takes however short its log is
 BYTES_A_CELL = 110.0  # at the most, while a table is read and filtered
 SAMPLED = 8  # portions of the size that fits in memory together, of which decisions are made
+OUTGROWN = 2.0  # times the rows there were when the sample was drawn: then another is
 LEAST_ROWS = 50_000  # in memory at once: fewer decide nothing
 
 
 def rows_in_memory(memory: float, columns: int) -> int:
-    """Return how many rows of so many columns may stand in memory, given the memory of all in MB.
+    """Return how many rows of so many columns may stand in memory, given the memory of all in MB."""
+    return int((memory - PROGRAM) * 1e6 / (BYTES_A_CELL * columns))
 
-    Raises:
-        InputError: it is too little to work with.
-    """
-    rows = int((memory - PROGRAM) * 1e6 / (BYTES_A_CELL * columns))
-    if rows < LEAST_ROWS:
+
+def _refuse_too_little(memory: float, columns: int) -> None:
+    if rows_in_memory(memory, columns) < LEAST_ROWS:
         least = PROGRAM + LEAST_ROWS * BYTES_A_CELL * columns / 1e6
         raise InputError(
-            f"memory = {memory:g} MB is too little for {columns} columns: expected at least {least:.0f}, of which the"
-            f" program itself takes {PROGRAM:.0f} (memory in [data])"
+            f"memory = {memory:g} MB is too little for a long log of {columns} columns: expected at least {least:.0f},"
+            f" of which the program itself takes {PROGRAM:.0f} (memory in [data])"
         )
-    return rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +73,17 @@ class Plan:
     shortest: float
     like: Signals
     libraries: tuple[LibraryRows, ...]
+
+    @property
+    def digest(self) -> str:
+        """What tells this plan from any other."""
+        settled = (self.differentiator, self.margin, self.inputs, self.lead, self.clipping, self.shortest)
+        found = hashlib.sha256(repr((settled, self.like.channels, self.like.period, self.like.coordinates)).encode())
+        for library in self.libraries:
+            found.update(repr([t.text for t in library.terms]).encode())
+            for name, value in sorted(vars(library.row_map).items()):
+                found.update(value.tobytes() if isinstance(value, np.ndarray) else f"{name}={value!r}".encode())
+        return found.hexdigest()
 
     def overlap(self, period: float) -> int:
         """Return the rows that a cut has to be away from a sample to leave it alone."""
@@ -111,7 +121,12 @@ def reduce(task: Task, plan: Plan) -> Reduced:
     """
     signals, recordings = _signals(task, plan)
     blocks = cut_blocks(signals, [task.fold] * len(signals.columns)) if task.blocks is None else task.blocks
-    factors = tuple(tuple(factored(library, signals, blocks, task.parts)) for library in plan.libraries)
+    one = Threads(1)  # portions themselves are in several hands
+    try:
+        factors = tuple(tuple(factored(library, signals, blocks, task.parts, one)) for library in plan.libraries)
+    except InputError as error:
+        where = f"{task.portion.path.name}, data rows {task.portion.first + 1} to {task.portion.stop}"
+        raise InputError(f"{where}: {error}") from error
     names = len(signals.names)
     columns = (*signals.columns, np.empty((names, 0)))
     low = np.min([c.min(axis=1, initial=np.inf) for c in columns], axis=0)
@@ -170,16 +185,19 @@ def open_log(data: Data, layout: Layout, store: Store | None) -> Log:
     """
     if not data.files:
         raise InputError("the study names no files: set files in [data], or pass the recordings")
-    files = tuple(survey(path, layout) for path in find_files([Path(f) for f in data.files]))
-    rows = rows_in_memory(data.memory, len(layout.used))
-    complete = sum(f.rows for f in files) <= rows
-    portions = tuple(p for f in files for p in cut(f, f.rows if complete else rows // SAMPLED))
+    paths = find_files([Path(f) for f in data.files])
+    files = tuple(_anywhere(f) for f in Threads().map(survey, paths, layout))
+    columns, total = len(layout.used), sum(f.rows for f in files)
+    rows = rows_in_memory(data.memory, columns)
+    complete = total <= max(rows, LEAST_ROWS)
+    portions = tuple(p for f in files for p in cut(f, f.rows if complete else max(rows // SAMPLED, 1)))
     if not complete:
+        _refuse_too_little(data.memory, columns)
         _refuse_indivisible(files, rows)
-        sampled = () if store is None else store.sampled(portions)
+        sampled = () if store is None else store.sampled(portions, total)
         portions = sampled or sample(portions, rows)
-        if store is not None:
-            store.keep_sample(portions)
+        if store is not None and not sampled:
+            store.keep_sample(portions, total)
     read = [[s.record for s in read_portion(p, layout)] for p in portions]
     origin = tuple(k for k, records in enumerate(read) for _ in records)
     records = Records(tuple(record for own in read for record in own))
@@ -197,10 +215,21 @@ def _refuse_indivisible(files: Sequence[DataFile], rows: int) -> None:
 
 def sample(portions: Sequence[Portion], rows: int) -> tuple[Portion, ...]:
     """Return portions evenly spread among all that have together about so many rows."""
-    total = sum(p.stop - p.first for p in portions)
+    sizes = np.array([p.stop - p.first for p in portions])
+    middles, total = np.cumsum(sizes) - 0.5 * sizes, int(sizes.sum())
     count = max(min(len(portions), FOLDS), int(len(portions) * min(1.0, rows / total)))
-    index = np.unique(np.linspace(0, len(portions) - 1, count).round().astype(int))
-    return tuple(portions[k] for k in index)
+    while True:
+        wanted = total * (np.arange(count) + 0.5) / count
+        index = np.unique(np.abs(middles[None] - wanted[:, None]).argmin(axis=1))
+        if sizes[index].sum() <= rows or count <= FOLDS:
+            return tuple(portions[k] for k in index)
+        count = max(FOLDS, int(0.9 * count))
+
+
+def _anywhere(file: DataFile) -> DataFile:
+    """Return a file whose path does not depend on where it is read from."""
+    path = file.path.absolute()
+    return replace(file, path=path, text=None if file.text is None else replace(file.text, path=path))
 
 
 def _tasks(log: Log, plan: Plan, blocks: Sequence[Block]) -> list[Task]:
@@ -227,7 +256,9 @@ def _tasks(log: Log, plan: Plan, blocks: Sequence[Block]) -> list[Task]:
     turns = {_place(p): k % FOLDS for k, p in enumerate(log.portions)}
     portions = [p for file in log.files for p in cut(file, log.rows, overlap)]
     parts = pieces_a_block(len(portions))
-    return [Task(p, parts, turns.get(_place(p), k % FOLDS)) for k, p in enumerate(portions)]
+    # The fold of the others is their own, whatever other files there are: what is kept of them stays what it is.
+    folds = [int(_digest([str(p.path), p.first]), 16) % FOLDS for p in portions]
+    return [Task(p, parts, turns.get(_place(p), fold)) for p, fold in zip(portions, folds, strict=True)]
 
 
 def _place(portion: Portion) -> tuple[Path, int, int]:
@@ -236,30 +267,36 @@ def _place(portion: Portion) -> tuple[Path, int, int]:
 
 @dataclass(frozen=True)
 class Store:
-    """Where factors of finished portions are kept, so that nothing is done twice. None of it is executed when read."""
+    """Where factors of finished portions of a study are kept, so that nothing is done twice.
 
-    folder: Path
+    Nothing of it is executed when it is read. `study` is a digest of the options.
+    """
+
+    root: Path
     study: str
 
-    def sampled(self, portions: Sequence[Portion]) -> tuple[Portion, ...]:
-        """Return the portions of which decisions were made before, where they are all as they were; else none."""
+    @property
+    def folder(self) -> Path:
+        """The study's own folder."""
+        return self.root / self.study
+
+    def sampled(self, portions: Sequence[Portion], rows: int) -> tuple[Portion, ...]:
+        """Return the portions of which decisions were made before; none where they changed, or the log has doubled."""
         try:
             kept = json.loads((self.folder / "sample.json").read_text(encoding="utf-8"))
             known = {self._identity(p): p for p in portions}
-            return tuple(known[name] for name in kept["portions"]) if kept["study"] == self.study else ()
+            return tuple(known[name] for name in kept["portions"]) if rows <= OUTGROWN * kept["rows"] else ()
         except (OSError, ValueError, TypeError, KeyError):  # none yet, or of other files
             return ()
 
-    def keep_sample(self, portions: Sequence[Portion]) -> None:
-        """Keep the portions of which decisions are made."""
-        content = {"study": self.study, "portions": [self._identity(p) for p in portions]}
+    def keep_sample(self, portions: Sequence[Portion], rows: int) -> None:
+        """Keep the portions of which decisions are made, and the rows of the log."""
+        content = {"rows": rows, "portions": [self._identity(p) for p in portions]}
         self._write("sample.json", lambda path: path.write_text(json.dumps(content), encoding="utf-8"))
 
-    def keys(self, tasks: Sequence[Task], sampled: Sequence[Portion]) -> list[str]:
+    def keys(self, tasks: Sequence[Task], plan: Plan) -> list[str]:
         """Return the names under which factors of portions are kept: they say all that these depend on."""
-        common = _digest([self.study, *(self._identity(p) for p in sampled)])
-        portions = [task.portion for task in tasks]
-        return [f"{_digest([common, self._identity(p), p.before, p.after])}.npz" for p in portions]
+        return [f"{_digest([plan.digest, self._identity(t.portion), *_around(t)])}.npz" for t in tasks]
 
     def holds(self, key: str) -> bool:
         """Return whether something is kept under a name."""
@@ -278,10 +315,9 @@ class Store:
         self._write(key, lambda path: _save(path, _packed(reduced)))
 
     def prune(self, keys: Sequence[str]) -> None:
-        """Remove the factors that no longer serve."""
-        for path in self.folder.glob("*.npz"):
-            if path.name not in keys:
-                path.unlink(missing_ok=True)
+        """Remove the study's factors that no longer serve."""
+        for name in {path.name for path in self.folder.glob("*.npz")} - set(keys):
+            (self.folder / name).unlink(missing_ok=True)
 
     def _write(self, name: str, write: Callable[[Path], object]) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -296,6 +332,10 @@ class Store:
     def _identity(portion: Portion) -> str:
         about = portion.path.stat()
         return f"{portion.path.resolve()}|{about.st_size}|{about.st_mtime_ns}|{portion.first}|{portion.stop}"
+
+
+def _around(task: Task) -> tuple[int, int, int]:
+    return task.portion.before, task.portion.after, task.fold
 
 
 def _digest(about: Sequence[str | int]) -> str:
@@ -360,7 +400,7 @@ def reduce_all(
         rows, recordings = rows + reduced.rows, recordings + reduced.recordings
     folds = [own.folds() for own in pieces]
     found = tuple(
-        replace(p, folds=f, here=f if log.complete else p.here, pieces=own.all())
+        replace(p, folds=f, pieces=own.all(), sample=None if log.complete else p.folds)
         for p, f, own in zip(problems, folds, pieces, strict=True)
     )
     return Whole(found, low, high, rows, len(todo), recordings)
@@ -371,14 +411,16 @@ def _each(
 ) -> Iterator[Reduced]:
     """Yield what is kept of each portion, in order, and tell how far it got and how long it will take."""
     store = None if log.complete else log.store
-    keys = [""] * len(todo) if store is None else store.keys(todo, log.portions)
+    keys = [""] * len(todo) if store is None else store.keys(todo, plan)
     missing = [k for k, key in enumerate(keys) if store is None or not store.holds(key)]
-    tasks = [_anywhere(todo[k]) if hands.remote else todo[k] for k in missing]
-    computed = zip(missing, hands.map(reduce, tasks, plan), strict=True)
+    if not hands.remote:  # as many at once as stand in memory beside the sample
+        around = max(t.portion.before + t.portion.after for t in todo) / log.rows
+        hands = replace(hands, count=max(1, min(hands.count, int(0.5 * SAMPLED / (1.0 + around)))))  # type: ignore[type-var]
+    computed = hands.map(reduce, [todo[k] for k in missing], plan)
     begin, done = time.monotonic(), 0
     for k, task in enumerate(todo):
         if done < len(missing) and missing[done] == k:
-            _, found = next(computed)
+            found = next(computed)
             done += 1
             left = (time.monotonic() - begin) / done * (len(missing) - done)
             watch(f"recordings: {k + 1} of {len(todo)} portions, {_span(left)} left")
@@ -386,15 +428,13 @@ def _each(
                 store.write(keys[k], found)
         else:
             assert store is not None  # it holds what is not missing
-            found = store.read(keys[k]) or reduce(task, plan)
+            kept = store.read(keys[k])
+            found = reduce(task, plan) if kept is None else kept
+            if kept is None:  # damaged
+                store.write(keys[k], found)
         yield found
     if store is not None:
         store.prune(keys)
-
-
-def _anywhere(task: Task) -> Task:
-    """Return a task whose path does not depend on where it is read from."""
-    return replace(task, portion=replace(task.portion, path=task.portion.path.absolute()))
 
 
 def _span(seconds: float) -> str:

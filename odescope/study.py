@@ -42,6 +42,10 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     jitter: float = 0.05
     memory: float = 1000.0
 
+    def __post_init__(self) -> None:
+        if not 0.0 < self.memory < math.inf:
+            raise InputError(f"memory must be a number of megabytes, got {self.memory!r}")
+
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A measured coordinate; its name is its key in the study."""

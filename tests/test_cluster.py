@@ -8,6 +8,7 @@ from pyarrow import parquet
 from recordings import oscillator, write
 
 from odescope.identification import identify
+from odescope.likelihood.search import LikelihoodSearch
 from odescope.study import Data, Driven, Filtering, Measured, Study
 
 RECORDINGS = 64
@@ -36,7 +37,11 @@ def study(tmp_path_factory):
             parquet.write_table(pa.table(log), files[-1])
     data = Data(files=tuple(files), time="t")
     return Study(
-        data=data, coordinates={"x": Measured(order=2)}, inputs={"u": Driven()}, signals=Filtering(outliers="clip")
+        data=data,
+        coordinates={"x": Measured(order=2)},
+        inputs={"u": Driven()},
+        signals=Filtering(outliers="clip"),
+        likelihood=LikelihoodSearch(seconds=300.0),  # so that no deadline decides
     )
 
 
@@ -93,7 +98,7 @@ def test_a_log_in_portions_is_read_by_the_workers(machines, tmp_path):
     study = Study(data=data, coordinates={"x": Measured(order=2)}, inputs={"u": Driven()})
     machines.staff(2)
     here, there = identify(study), identify(study, cluster=machines.address, store=tmp_path / "factors")
-    assert there.model.scores["streamed"]["portions"] == len(list((tmp_path / "factors").glob("*.npz"))) > 5
+    assert there.model.scores["streamed"]["portions"] == len(list((tmp_path / "factors").rglob("*.npz"))) > 5
     assert_same(there, here)
 
 

@@ -68,7 +68,7 @@ def _drawn(problem: Problem, chosen: Candidate, nested: Sequence[Support], propo
     searched = (holding[0], holding[-1]) if len(holding) > 1 else tuple(holding)
     scale = problem.factor.scale
     scaled = np.array([(p.r * p.scale / scale) for p in problem.pieces])
-    grams = np.einsum("pki,pkj->pij", scaled, scaled)
+    grams = scaled.transpose(0, 2, 1) @ scaled
     return _Drawn(problem.pieces, grams, scale, frozenset(problem.own), chosen.guess, searched, tuple(proposers))
 
 

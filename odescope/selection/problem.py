@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -17,10 +17,10 @@ from odescope.library.tape import Tape, evaluate, write_tape
 from odescope.regression.factor import Factor, factorise, merge
 from odescope.regression.rows import Block, RowChoice, RowMap, cut_blocks
 from odescope.signals.estimate import Signals
-from odescope.workers import Threads
+from odescope.workers import Threads, Workers
 
 PIECES = 40  # of all rows, at least, that a bootstrap draws from
-MOST_PIECES = 64  # of a fold that are kept apart: of very many, neighbours are merged
+MOST_PIECES = 16  # of a fold, to twice as many, that are kept apart: of very many, neighbours are merged
 LARGEST_CANDIDATE = 1e140  # sums of squares must not overflow
 
 
@@ -70,8 +70,8 @@ class Problem:
 
     `own` lists the k candidates that hold the target, `rests` the candidates without any target, `pieces` are the
     factors of runs of rows within the blocks, `dependent` what was left out because it is a combination of others on
-    these data. `folds` are, by number, the factors of all the data; `here` those of the signals alone, where these are
-    but a sample of the data.
+    these data. `folds` are, by number, the factors of all the data, `sample` those of the signals where these are but a
+    sample of the data.
     """
 
     target: str
@@ -82,9 +82,9 @@ class Problem:
     signals: Signals
     blocks: tuple[Block, ...]
     folds: Mapping[int, Factor]
-    here: Mapping[int, Factor]
     pieces: tuple[Factor, ...]
     dependent: tuple[tuple[Term, tuple[Term, ...]], ...] = ()
+    sample: Mapping[int, Factor] | None = None
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -123,37 +123,45 @@ class Problem:
         """The values of the candidates on each block, (m, n_b)."""
         return OnBlocks(self.library.tape, self.signals, self.blocks, slice(0, len(self.terms)))
 
-    @property
-    def measured(self) -> tuple[FloatArray, ...]:
-        """The target on each block, (n_b,)."""
-        row = self.signals.row(self.target)
-        return tuple(self.signals.columns[b.record][row, b.start : b.stop] for b in self.blocks)
+    def measured(self, block: int) -> FloatArray:
+        """Return the target on a block, (n_b,)."""
+        b = self.blocks[block]
+        target: FloatArray = self.signals.columns[b.record][self.signals.row(self.target), b.start : b.stop]
+        return target
 
 
-@dataclass(frozen=True)
 class Pieces:
-    """Factors of pieces of the data by the number of their fold.
+    """Collects factors of pieces of the data by the number of their fold.
 
-    However many come, few stand in memory: neighbours within a fold merge into one.
+    However many come, few stand in memory: beyond a number, each that is kept is merged from as many as its neighbours.
     """
 
-    kept: dict[int, list[Factor]] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self._kept: dict[int, list[Factor]] = {}
+        self._span: dict[int, int] = {}  # factors that make one that is kept
+        self._open: dict[int, int] = {}  # factors that the last one is made of so far
 
     def take(self, factors: Iterable[tuple[int, Factor]]) -> None:
         """Add factors with their folds."""
         for fold, factor in factors:
-            own = self.kept.setdefault(fold, [])
-            own.append(factor)
-            if len(own) > 2 * MOST_PIECES:
-                own[:] = [merge(own[k : k + 2]) for k in range(0, len(own), 2)]
+            kept, span = self._kept.setdefault(fold, []), self._span.setdefault(fold, 1)
+            if kept and self._open[fold] < span:
+                kept[-1] = merge([kept[-1], factor])
+                self._open[fold] += 1
+                continue
+            if len(kept) == 2 * MOST_PIECES:
+                kept[:] = [merge(kept[k : k + 2]) for k in range(0, len(kept), 2)]
+                self._span[fold] = 2 * span
+            kept.append(factor)
+            self._open[fold] = 1
 
     def folds(self) -> dict[int, Factor]:
         """Return the factor of every fold."""
-        return {fold: merge(self.kept[fold]) for fold in sorted(self.kept)}
+        return {fold: merge(self._kept[fold]) for fold in sorted(self._kept)}
 
     def all(self) -> tuple[Factor, ...]:
         """Return the factors, fold by fold."""
-        return tuple(f for fold in sorted(self.kept) for f in self.kept[fold])
+        return tuple(f for fold in sorted(self._kept) for f in self._kept[fold])
 
 
 def pose(
@@ -197,9 +205,9 @@ def pose(
     values = OnBlocks(tape, signals, blocks, slice(0, len(kept)))
     rows = LibraryRows(kept, tape, choice.row_map(signals, order, blocks, values, left))
     pieces = Pieces()
-    pieces.take(factored(rows, signals, blocks, pieces_a_block(len(blocks))))
-    rests, here = tuple(split[term][1] for term in kept), pieces.folds()
-    return Problem(target, rows, rests, own, left, signals, blocks, here, here, pieces.all(), dependent)
+    pieces.take(factored(rows, signals, blocks, pieces_a_block(len(blocks)), Threads()))
+    rests = tuple(split[term][1] for term in kept)
+    return Problem(target, rows, rests, own, left, signals, blocks, pieces.folds(), pieces.all(), dependent)
 
 
 def pieces_a_block(blocks: int) -> int:
@@ -207,11 +215,13 @@ def pieces_a_block(blocks: int) -> int:
     return -(-PIECES // blocks)
 
 
-def factored(rows: LibraryRows, signals: Signals, blocks: Sequence[Block], parts: int) -> Iterator[tuple[int, Factor]]:
+def factored(
+    rows: LibraryRows, signals: Signals, blocks: Sequence[Block], parts: int, hands: Workers
+) -> Iterator[tuple[int, Factor]]:
     """Yield the factors of so many pieces of every block, with the number of its fold."""
     for block, found in zip(
         blocks,
-        Threads().map(lambda b: rows.factors(signals.columns[b.record][:, b.start : b.stop], parts), blocks),
+        hands.map(lambda b: rows.factors(signals.columns[b.record][:, b.start : b.stop], parts), blocks),
         strict=True,
     ):
         yield from ((block.fold, factor) for factor in found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -83,7 +84,10 @@ def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
     poles = int((~scores.sound).sum())
     if poles:
         discarded["its denominator changes sign inside the data"] = poles
-    scored = [(int(k), _candidate(problem, kept, labels, scores, int(k))) for k in np.flatnonzero(scores.sound)]
+    criteria = _criteria(problem, kept.supports, scores)
+    scored = [
+        (int(k), _candidate(problem, kept, labels, scores, criteria, int(k))) for k in np.flatnonzero(scores.sound)
+    ]
     if not scored:
         raise _nothing_left(problem, found, discarded)
     ranked = _families(problem, sorted(scored, key=lambda pair: pair[1].criterion), scores)
@@ -123,12 +127,41 @@ def left_column(problem: Problem, support: Support) -> int:
     return problem.left if problem.left in support else next(j for j in problem.own if j in support)
 
 
-def _candidate(problem: Problem, kept: Sweep, labels: IntArray, scores: Scores, k: int) -> Candidate:
+def _criteria(problem: Problem, supports: Sequence[Support], scores: Scores) -> FloatArray:
+    """Return what ranks each relation, (C,).
+
+    Where the signals are but a sample, all the data rank relations with the same target terms, and the best of these
+    compete on the signals.
+    """
+    dear = price(problem.factor.rows, len(problem.terms))
+    terms = np.array([len(s) for s in supports])
+    here = scores.rows * np.log(_noise(scores)) + terms * dear
+    if scores.elsewhere is None:
+        return here
+    everywhere, ranked = here + scores.elsewhere, here.copy()
+    groups: dict[frozenset[int], list[int]] = {}
+    for k in np.flatnonzero(scores.sound).tolist():
+        groups.setdefault(frozenset(supports[k]) & frozenset(problem.own), []).append(k)
+    for members in groups.values():
+        best = min(members, key=lambda k: everywhere[k])
+        ranked[members] = here[best] + everywhere[members] - everywhere[best]
+    return ranked
+
+
+def _noise(scores: Scores) -> FloatArray:
+    """Return the mean square of the held-out residual in rows, (C,).
+
+    A residual of rounding alone cannot rank: the floor makes exact relations equal, and the simplest of them wins.
+    """
+    noise: FloatArray = np.maximum(scores.weighted, 1e-20 * scores.total) / scores.rows
+    return noise
+
+
+def _candidate(
+    problem: Problem, kept: Sweep, labels: IntArray, scores: Scores, criteria: FloatArray, k: int
+) -> Candidate:
     """Return one of the relations that were scored."""
     support, guesses, factor = kept.supports[k], kept.guesses[k], problem.factor
-    # A residual of rounding alone cannot rank: the floor makes exact relations equal, and the simplest of them wins.
-    noise = max(float(scores.weighted[k]), 1e-20 * scores.total) / scores.rows
-    evidence = scores.rows * float(np.log(noise)) + float(scores.elsewhere[k])
     implicit = {g: factor.residual(factor.solve(support, g)) for g in guesses}
     guess = min(implicit, key=lambda g: implicit[g] / factor.scale[g])
     return Candidate(
@@ -141,7 +174,7 @@ def _candidate(problem: Problem, kept: Sweep, labels: IntArray, scores: Scores, 
         target_rmse=float(np.sqrt(scores.squares[k] / scores.samples)),
         target_r2=1.0 - float(scores.squares[k]) / scores.power if scores.power > 0 else 0.0,
         explained=1.0 - float(scores.weighted[k]) / scores.total if scores.total > 0 else 0.0,
-        criterion=evidence + len(support) * price(factor.rows, len(problem.terms)),
+        criterion=float(criteria[k]),
         cluster=int(labels[k]),
         family=0,
     )
@@ -154,13 +187,13 @@ def _families(problem: Problem, ranked: list[tuple[int, Candidate]], scores: Sco
     """
     rows = problem.factor.rows  # of the signals there may be fewer, and differences as much smaller
     allowed = price(rows, len(problem.terms)) * scores.rows / rows
+    noise = _noise(scores)
     heads: list[int] = []
     members: list[list[Candidate]] = []
     for k, candidate in ranked:
         for head, family in zip(heads, members, strict=True):
-            noise = max(float(scores.weighted[head]), 1e-20 * scores.total) / scores.rows
             apart = scores.gram[k, k] + scores.gram[head, head] - 2.0 * scores.gram[k, head]
-            if apart <= allowed * noise:
+            if apart <= allowed * noise[head]:
                 family.append(candidate)
                 break
         else:

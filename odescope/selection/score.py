@@ -23,7 +23,7 @@ class Scores:
     Shapes: xi (C, m) fitted on all rows; weighted, squares (C,) sums of squares of the held-out residual in rows and in
     samples; total, power, rows, samples those of the target; sound (C,) whether the denominator keeps its sign; gram
     (C, C) products of the residuals of xi, in rows. elsewhere (C,) is what the data beyond the signals add to -2 log
-    likelihood: 0 where the signals are all the data.
+    likelihood, to be compared among relations with the same target terms; None where the signals are all the data.
     """
 
     xi: FloatArray
@@ -35,7 +35,7 @@ class Scores:
     samples: int
     sound: BoolArray
     gram: FloatArray
-    elsewhere: FloatArray
+    elsewhere: FloatArray | None
 
 
 def score(problem: Problem, supports: Sequence[Support], left: Sequence[int]) -> Scores:
@@ -50,26 +50,24 @@ def score(problem: Problem, supports: Sequence[Support], left: Sequence[int]) ->
     xi = np.array([problem.factor.solve(s, k) for s, k in pairs])
     held_out = {fold: np.array([f.solve(s, k) for s, k in pairs]) for fold, f in problem.training.items()}
 
-    def on_block(k: int) -> tuple[Scores, FloatArray]:
+    def on_block(k: int) -> _Part:
         return _on_block(problem, k, held_out[problem.blocks[k].fold], xi)
 
-    parts = list(Threads().map(on_block, range(len(problem.blocks))))
-    signs = np.array([sign for _, sign in parts])
-    return Scores(
-        xi=xi,
-        weighted=np.sum([p.weighted for p, _ in parts], axis=0),
-        squares=np.sum([p.squares for p, _ in parts], axis=0),
-        total=sum(p.total for p, _ in parts),
-        power=sum(p.power for p, _ in parts),
-        rows=sum(p.rows for p, _ in parts),
-        samples=sum(p.samples for p, _ in parts),
+    count = len(pairs)
+    weighted, squares, gram = np.zeros(count), np.zeros(count), np.zeros((count, count))
+    total, power, rows, samples, sound, signs = 0.0, 0.0, 0, 0, np.ones(count, dtype=np.bool_), np.zeros(count)
+    for part in Threads().map(on_block, range(len(problem.blocks))):
+        weighted, squares, gram = weighted + part.weighted, squares + part.squares, gram + part.gram
+        total, power = total + part.total, power + part.power
+        rows, samples = rows + part.rows, samples + part.samples
         # A denominator may keep its sign in every block and yet change it from one recording to the next.
-        sound=np.all([p.sound for p, _ in parts], axis=0) & np.all(signs == signs[0], axis=0),
-        gram=np.sum([p.gram for p, _ in parts], axis=0),
-        elsewhere=np.zeros(len(xi))
-        if problem.here is problem.folds
-        else _evidence(problem, problem.folds, xi, held_out) - _evidence(problem, problem.here, xi, held_out),
-    )
+        signs = np.where(signs == 0.0, part.signs, signs)
+        sound &= (part.signs != 0.0) & (part.signs == signs)
+    elsewhere = None
+    if problem.sample is not None:
+        everywhere = _evidence(problem, problem.folds, xi, held_out)
+        elsewhere = everywhere - _evidence(problem, problem.sample, xi, held_out)
+    return Scores(xi, weighted, squares, total, power, rows, samples, sound, gram, elsewhere)
 
 
 def _evidence(
@@ -77,29 +75,42 @@ def _evidence(
 ) -> FloatArray:
     """Return rows times ln of the held-out square of each relation over the least that its denominator allows, (C,).
 
-    Factors know relations, not predictions: a multiple of a relation has another size in every stretch of the data.
-    What its terms without the target leave, beside what all such terms would leave, can be compared; which denominator
-    predicts best, only the signals tell.
+    Factors know relations, not predictions, and a multiple of a relation has another size in every stretch of the data.
+    So relations with one denominator can be compared, by what their terms without the target leave beside what all such
+    terms would; which denominator predicts best, only the signals tell.
     """
     whole = merge(list(folds.values()))
     own = list(problem.own)
     plain = [j for j in range(whole.width) if j not in problem.own]
     products = whole.r[:, own] @ (xi[:, own] * whole.scale[own]).T
-    basis = np.asarray(np.linalg.qr(whole.r[:, plain])[0])
-    least = np.sum((products - basis @ (basis.T @ products)) ** 2, axis=0)
+    fitted = np.linalg.lstsq(whole.r[:, plain], products, rcond=1e-10)[0]
+    least = np.sum((products - whole.r[:, plain] @ fitted) ** 2, axis=0)
     left = np.sum([np.sum((f.r @ (held_out[k] * f.scale).T) ** 2, axis=0) for k, f in folds.items()], axis=0)
     rounding = 1e-20 * np.sum(products**2, axis=0)
     evidence: FloatArray = whole.rows * np.log(np.maximum(left, rounding) / np.maximum(least, rounding))
     return evidence
 
 
-def _on_block(problem: Problem, k: int, held_out: FloatArray, xi: FloatArray) -> tuple[Scores, FloatArray]:
-    """Return the scores on one block, and the sign of each denominator there."""
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Scores on one block; signs (C,) of the denominators, 0 where one changes it."""
+
+    weighted: FloatArray
+    squares: FloatArray
+    total: float
+    power: float
+    rows: int
+    samples: int
+    signs: FloatArray
+    gram: FloatArray
+
+
+def _on_block(problem: Problem, k: int, held_out: FloatArray, xi: FloatArray) -> _Part:
     evaluated = problem.evaluated(k)
-    measured = problem.measured[k]
+    measured = problem.measured(k)
     target = problem.row_map.rows(measured[None])
     count, rows = len(xi), len(target)
-    weighted, squares, sound, signs = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_), np.zeros(count)
+    weighted, squares, signs = np.zeros(count), np.zeros(count), np.zeros(count)
     left = np.empty((rows, count))
     for start in range(0, count, AT_ONCE):
         now = slice(start, start + AT_ONCE)
@@ -109,12 +120,10 @@ def _on_block(problem: Problem, k: int, held_out: FloatArray, xi: FloatArray) ->
         weighted[now] = np.einsum("rc,rc->c", mapped[:, : len(tried)], mapped[:, : len(tried)])
         squares[now] = np.einsum("cn,cn->c", tried, tried)
         left[:, now] = mapped[:, len(tried) :]
-        sound[now] = (kept != 0.0) & (keeps != 0.0)
-        signs[now] = keeps
+        signs[now] = keeps * (kept != 0.0)
     power = float(np.sum((measured - measured.mean()) ** 2))
     total = float(target[:, 0] @ target[:, 0])
-    gram = left.T @ left
-    return Scores(xi, weighted, squares, total, power, rows, len(measured), sound, gram, np.zeros(count)), signs
+    return _Part(weighted, squares, total, power, rows, len(measured), signs, left.T @ left)
 
 
 def residuals(problem: Problem, xi: FloatArray, evaluated: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -70,10 +70,10 @@ def test_values_are_the_candidates_on_the_samples(problem, signals):
         columns = signals.columns[block.record][:, block.start : block.stop]
         for j, term in enumerate(problem.terms):
             np.testing.assert_allclose(problem.values[k][j], DIRECT[term.text](*columns), rtol=1e-13, atol=1e-14)
-        np.testing.assert_array_equal(problem.measured[k], columns[2])
+        np.testing.assert_array_equal(problem.measured(k), columns[2])
         candidates, multipliers = np.split(problem.evaluated(k), [len(problem.terms)])
         np.testing.assert_array_equal(candidates, problem.values[k])
-        np.testing.assert_allclose(candidates[list(problem.own)], multipliers * problem.measured[k], rtol=1e-13)
+        np.testing.assert_allclose(candidates[list(problem.own)], multipliers * problem.measured(k), rtol=1e-13)
     assert texts(problem.terms[j] for j in problem.own) == ["phi_ddot*cos(phi)**2", "phi_ddot"]
     assert problem.terms[problem.left].text == "phi_ddot"
     assert problem.samples == signals.samples

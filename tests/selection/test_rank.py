@@ -86,7 +86,7 @@ def least_squares(problem, support, left, blocks):
 
 def predictions(problem, xi, k):
     """What the relation says of the target on block k, from the terms without it and those with it."""
-    values, measured = problem.values[k], problem.measured[k]
+    values, measured = problem.values[k], problem.measured(k)
     own = list(problem.own)
     without = np.delete(xi, own) @ np.delete(values, own, axis=0)
     return -without / (xi[own] @ (values[own] / measured))
@@ -97,7 +97,7 @@ def held_out(problem, support, left):
     pairs = []
     for k, block in enumerate(problem.blocks):
         training = [i for i, b in enumerate(problem.blocks) if b.fold != block.fold]
-        pairs.append((problem.measured[k], predictions(problem, least_squares(problem, support, left, training), k)))
+        pairs.append((problem.measured(k), predictions(problem, least_squares(problem, support, left, training), k)))
     return pairs
 
 
@@ -265,7 +265,7 @@ def test_a_term_too_weak_for_the_signals_is_told_by_the_data_beyond_them():
         signals = replace(signals, columns=tuple(columns))
         whole = pose(signals, "phi_ddot", 2, LIBRARY, PlainRows())
         few = pose(replace(signals, columns=signals.columns[:2]), "phi_ddot", 2, LIBRARY, PlainRows(), (0, 1))
-        told = replace(few, folds=whole.folds)
+        told = replace(few, folds=whole.folds, sample=few.folds)
         multiple = tuple(t + "*cos(phi)" if t != "1" else "cos(phi)" for t in ("u", "phi_dot"))
         supports = [support_of(few, *support), support_of(few, *support, weak), support_of(few, *support, *multiple)]
         criteria = {}
