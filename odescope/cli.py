@@ -365,7 +365,7 @@ def _identify_and_write(
             kept = [""]
 
             def follow(stage: str) -> None:
-                kept[0] = stage.split(",")[0] if stage.startswith("recordings: ") else kept[0]
+                kept[0] = stage.split(",")[0].split(": ")[-1] if stage.startswith("recordings: ") else kept[0]
                 watch(stage)
 
             try:

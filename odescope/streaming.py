@@ -278,7 +278,7 @@ class Store:
     @property
     def folder(self) -> Path:
         """The study's own folder."""
-        return self.root / self.study
+        return self.root / self.study[:16]
 
     def sampled(self, portions: Sequence[Portion], rows: int) -> tuple[Portion, ...]:
         """Return the portions of which decisions were made before; none where they changed, or the log has doubled."""
