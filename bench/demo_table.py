@@ -17,7 +17,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from odescope import Candidates, Data, Driven, Measured, NoModelError, Study, identify
-from odescope.demo import cart_pendulum, simulate_log, table_two
+from odescope.commands.demo import cart_pendulum, simulate_log, table_two
 
 STUDY = Study(
     data=Data(time="t"),

@@ -18,15 +18,15 @@ import numpy as np
 import pandas as pd
 
 from odescope import Candidates, Identification, LikelihoodSearch, Study, identify
-from odescope.model.initial import initial_state
+from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
-from odescope.model.simulate import simulate
-from odescope.readers import records_from
-from odescope.records import Records
+from odescope.model.simulation import simulate
+from odescope.pipeline.evaluation import VALID_ERROR
+from odescope.recordings.readers import records_from
+from odescope.recordings.record import Records
 from odescope.report.at_work import predicted
-from odescope.scores import VALID_ERROR
 from odescope.signals.estimate import Signals, estimate_signals
-from odescope.study import read_study
+from odescope.study.options import read_study
 
 STUDIES = Path(__file__).parents[1] / "docs" / "studies"
 CASES = (

@@ -9,7 +9,7 @@ coefficients within 1.96 of their standard errors of the truth. Coverage counts 
 error apart. Times are wall times of one process of two, one thread of BLAS each.
 
 The bound is that of the whole continuous record, the noise level known, by a path that shares nothing with the
-likelihood: finite differences of free runs of `odescope.model.simulate` at a relative tolerance of 1e-11 over short
+likelihood: finite differences of free runs of `odescope.model.simulation` at a relative tolerance of 1e-11 over short
 stretches that start at the true states, chained by their transition matrices in a square-root information filter. A
 stretch is short so that chaos does not spoil the differences. What a state once was is known ever better where the
 system forgets it, without bound, so the ends of stretches meet to 1e-7 of the spread of each state, not exactly.
@@ -29,10 +29,11 @@ from systems import CASES, noisy
 from threadpoolctl import threadpool_limits
 
 from odescope import NoModelError, Study, identify
-from odescope.demo import NOISE, cart_pendulum, simulate_log
+from odescope.commands.demo import NOISE, cart_pendulum, simulate_log
 from odescope.library.parse import Scope, parse_term
-from odescope.model.model import Model, Relation, RelationTerm
-from odescope.model.simulate import simulate
+from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
+from odescope.model.simulation import simulate
 
 STRETCH = 0.25  # seconds
 JOINT = 1e-7  # of the spread of a state

@@ -19,12 +19,12 @@ from scipy.integrate import solve_ivp
 from scipy.linalg.lapack import dposv
 from timing import Row, Timing, alternate, command, duration, once, slope
 
-from odescope.demo import cart_pendulum, simulate_log, true_signals
+from odescope.commands.demo import cart_pendulum, simulate_log, true_signals
 from odescope.library.candidates import Library
 from odescope.library.expression import Name, Term
 from odescope.library.parse import Scope
 from odescope.library.tape import evaluate, write_tape
-from odescope.readers import records_from
+from odescope.recordings.readers import records_from
 from odescope.regression.factor import Factor, factorise
 from odescope.regression.proposers import EnergyThreshold
 from odescope.regression.solve import normal_fit

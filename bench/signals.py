@@ -14,7 +14,7 @@ import numpy as np
 import scipy.fft
 
 from odescope import LeastRisk, NoiseCeiling
-from odescope.demo import NOISE, PERIOD, simulate_log
+from odescope.commands.demo import NOISE, PERIOD, simulate_log
 from odescope.signals.spectral import differentiate
 
 ORDER = 2

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 from odescope import identify, read_study
-from odescope.demo import write_demo
+from odescope.commands.demo import write_demo
 
 
 def main() -> None:
@@ -27,7 +27,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         study = read_study(write_demo(Path(folder), 0, 1, 0.01))
         data = study.layout()
-        from odescope.readers import read_records
+        from odescope.recordings.readers import read_records
 
         records = read_records([Path(folder) / "log.csv"], data)
         identify(study, records)

@@ -25,7 +25,7 @@ from pyarrow import parquet
 from threadpoolctl import threadpool_limits
 from timing import alternate, command, duration, figures, slope
 
-from odescope.demo import cart_pendulum
+from odescope.commands.demo import cart_pendulum
 from odescope.library.candidates import Library
 from odescope.library.parse import Scope
 from odescope.library.tape import evaluate, write_tape
@@ -95,9 +95,9 @@ def run(path: Path) -> None:
     """Identify a log by regression and likelihood; print rows, seconds of the pass and in all, and peak memory."""
     import msgspec
 
-    from odescope.identification import identify
-    from odescope.memory import peak_bytes
-    from odescope.study import Data
+    from odescope.parallel.memory import peak_bytes
+    from odescope.pipeline.identification import identify
+    from odescope.study.options import Data
 
     study = msgspec.structs.replace(STUDY, data=Data(files=(str(path),), time="t", memory=MEMORY))
     begin = time.perf_counter()
@@ -207,9 +207,9 @@ def recordings(counts: tuple[int, ...], repeats: int) -> tuple[str, str, str, fl
     """Return how the whole identification grows with the number of recordings of 6500 samples, each a file."""
     import msgspec
 
-    from odescope.identification import identify
     from odescope.likelihood.search import LikelihoodSearch
-    from odescope.study import Data
+    from odescope.pipeline.identification import identify
+    from odescope.study.options import Data
 
     times = []
     with tempfile.TemporaryDirectory() as folder:

@@ -14,14 +14,15 @@ from scipy.integrate import solve_ivp
 from timing import Process, Row, Timing, alternate, command, duration, slope
 
 from odescope import identify
-from odescope.demo import START, cart_pendulum, simulate_log
+from odescope.commands.demo import START, cart_pendulum, simulate_log
 from odescope.library.expression import ONE
-from odescope.likelihood.data import Segments, cut_segments
 from odescope.likelihood.fit import Evaluator, Fit, Program, Slot, fit
 from odescope.likelihood.search import GAPS
-from odescope.model.simulate import following_states, simulate
-from odescope.readers import records_from
-from odescope.records import Records
+from odescope.likelihood.segments import Segments, cut_segments
+from odescope.model.simulation import simulate
+from odescope.recordings.coordinate import following_states
+from odescope.recordings.readers import records_from
+from odescope.recordings.record import Records
 from odescope.signals.estimate import Signals, estimate_signals
 
 EVERY = 10  # of the demo's samples, for the simulation: 6 501

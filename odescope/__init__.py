@@ -10,8 +10,9 @@ __version__ = "0.1.0"
 # Heavy modules load when a name of theirs is first used, so that importing odescope stays quick.
 _HOMES = {
     "errors": ("InputError", "NoModelError", "OdescopeError", "Stopped", "WorkersLostError"),
-    "records": ("Coordinate", "Input", "Record", "Records"),
-    "readers": ("Layout", "read_records", "records_from"),
+    "recordings.record": ("Record", "Records"),
+    "recordings.coordinate": ("Coordinate", "Input"),
+    "recordings.readers": ("Layout", "read_records", "records_from"),
     "signals.estimate": ("Signals", "estimate_signals"),
     "signals.cutoff": ("FixedCutoff", "LeastRisk", "NoiseCeiling"),
     "signals.differentiators": ("Derivatives", "SavitzkyGolay", "SmoothingSpline", "Spectral"),
@@ -28,28 +29,29 @@ _HOMES = {
         "NullSpace",
     ),
     "regression.rows": ("NoiseWeighted", "PlainRows"),
-    "selection.problem": ("Problem", "pose"),
+    "regression.problem": ("Problem", "pose"),
     "selection.sweep": ("Sweep", "nested_libraries", "sweep"),
-    "selection.rank": ("Ranking", "rank"),
-    "model.model": ("Model", "Relation", "RelationTerm"),
+    "selection.ranking": ("Ranking", "rank"),
+    "model.model": ("Model",),
+    "model.relation": ("Relation", "RelationTerm"),
     "model.explicit": ("explicit",),
-    "model.simulate": ("Trajectory", "simulate"),
-    "model.initial": ("initial_state",),
+    "model.simulation": ("Trajectory", "simulate"),
+    "model.initial_state": ("initial_state",),
     "likelihood.search": ("LikelihoodSearch",),
     "export.text": ("to_latex", "to_text"),
     "export.code": ("to_python",),
     "export.mathml": ("to_mathml",),
-    "export.modelfile": ("from_json", "read_model", "to_json"),
-    "study": ("Candidates", "Data", "Driven", "Filtering", "Measured", "Regression", "Study", "read_study"),
-    "proposals": ("Search", "to_relation"),
-    "identification": ("Identification", "identify"),
+    "export.model_file": ("from_json", "read_model", "to_json"),
+    "study.options": ("Candidates", "Data", "Driven", "Filtering", "Measured", "Regression", "Study", "read_study"),
+    "pipeline.joint_models": ("Search", "to_relation"),
+    "pipeline.identification": ("Identification", "identify"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = ["__version__", *sorted(_HOME)]
 
 if TYPE_CHECKING:
-    from odescope.identification import identify as identify
+    from odescope.pipeline.identification import identify as identify
 
 
 def __getattr__(name: str) -> Any:

@@ -1,5 +1,5 @@
 """`python -m odescope`."""
 
-from odescope.cli import entry
+from odescope.commands.cli import entry
 
 entry()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from odescope.study import Data, parse_study
+from odescope.study.options import Data, parse_study
 
 ROOT = Path(__file__).parent.parent
 

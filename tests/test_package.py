@@ -54,9 +54,12 @@ def test_errors_are_light_too():
 
 
 def test_identify_stays_a_function_after_its_module_is_imported():
-    code = "import odescope.identification, odescope.study, odescope.model.simulate, odescope.cli, odescope as o; "
+    modules = "pipeline.identification", "study.options", "model.simulation", "commands.cli"
+    code = "".join(f"import odescope.{module}; " for module in modules) + "import odescope as o; "
     assert python(code + "print(type(o.identify).__name__, type(o.simulate).__name__)") == "function function"
-    assert python("import odescope as o; o.identify; import odescope.identification; print(callable(o.identify))")
+    assert python(
+        "import odescope as o; o.identify; import odescope.pipeline.identification; print(callable(o.identify))"
+    )
 
 
 @pytest.mark.parametrize("name", [n for n in odescope.__all__ if n != "__version__"])

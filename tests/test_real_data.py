@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from odescope.identification import identify
-from odescope.study import read_study
+from odescope.pipeline.identification import identify
+from odescope.study.options import read_study
 
 ROOT = Path(__file__).parent.parent
 DATA = Path(os.environ.get("ODESCOPE_DATA", ROOT.parent / "shared" / "data"))

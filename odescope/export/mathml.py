@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from odescope.library.mathml import TIMES, math, mathml_name, mathml_sum, mathml_term
 from odescope.model.explicit import explicit
-from odescope.model.model import Model, Relation, RelationTerm
+from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
 
 
 def to_mathml(model: Model) -> str:

@@ -9,7 +9,7 @@ from odescope.errors import InputError
 from odescope.library.candidates import Library
 from odescope.library.parse import Scope
 from odescope.library.rules import Exclusive, Identity, MaximumDegree, Rule
-from odescope.records import Coordinate, Input
+from odescope.recordings.coordinate import Coordinate, Input
 
 COMFORTABLE = 60  # polynomial degree is lowered until a default has no more products of states and inputs than this
 

@@ -10,10 +10,11 @@ from odescope.arrays import FloatArray
 from odescope.library.expression import Term
 from odescope.likelihood.evidence import between, in_blocks
 from odescope.likelihood.fit import Slot
-from odescope.likelihood.process import Noisy
+from odescope.likelihood.process_noise import Noisy
+from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import MOST_TERMS, THIN
-from odescope.likelihood.stage import Refinement
-from odescope.model.model import Json, RelationTerm
+from odescope.model.model import Json
+from odescope.model.relation import RelationTerm
 
 CORRELATED = 0.5  # least correlation of two estimates that is listed
 CLEAR = 0.1  # least correlation of what is missing with its cause that is worth a word

@@ -14,9 +14,9 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.library.expression import Term
 from odescope.library.tape import Tape, write_tape
-from odescope.likelihood.data import Segments
 from odescope.likelihood.elimination import eliminate, substitute
 from odescope.likelihood.kernel import LANES, integrate
+from odescope.likelihood.segments import Segments
 
 ITERATIONS = 40
 CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit

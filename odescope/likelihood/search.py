@@ -13,8 +13,8 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.expression import ONE, Term
-from odescope.likelihood.data import Segments
 from odescope.likelihood.fit import ITERATIONS, Evaluator, Fit, Program, Slot, fit, scaled
+from odescope.likelihood.segments import Segments
 
 GAPS = (np.inf, 1.0, 0.1, 0.01, 0.001)  # widths of the joints' gaps, in smoothing errors of each state
 NEAR_NOISE = 2.0  # residual variance over noise variance above which continuity is not tightened

@@ -18,11 +18,11 @@ import numpy as np
 import scipy.fft
 
 from odescope.arrays import FloatArray
+from odescope.parallel.workers import Threads
 from odescope.regression.factor import Factor, factorise, merge
 from odescope.regression.proposers import MatchingPursuit
 from odescope.signals.estimate import Signals
 from odescope.signals.spectral import bin_frequencies
-from odescope.workers import Threads
 
 Result = TypeVar("Result")
 

@@ -10,15 +10,15 @@ from pathlib import Path
 import msgspec
 
 from odescope.errors import InputError
-from odescope.export.modelfile import from_json, to_json
-from odescope.identification import Identification
+from odescope.export.model_file import from_json, to_json
 from odescope.model.model import Model
+from odescope.pipeline.identification import Identification
 from odescope.report.at_work import at_work
 from odescope.report.data import Coefficient, Measured, Report, Reproduce, Stage, TableRow
 from odescope.report.recorded import Truth, derivatives_chart, recorded, spectra
 from odescope.report.searches import likelihood, searched
 from odescope.report.units import coefficient_units, quantity_units
-from odescope.study import study_toml
+from odescope.study.options import study_toml
 
 PACKAGES = ("numpy", "scipy", "numba", "matplotlib")
 

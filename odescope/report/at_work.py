@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.identification import Identification
 from odescope.library.tape import evaluate
-from odescope.model.model import Model, Relation
-from odescope.model.simulate import simulate
+from odescope.model.model import Model
+from odescope.model.relation import Relation
+from odescope.model.simulation import simulate
+from odescope.pipeline.identification import Identification
 from odescope.report.data import AtWork, Chart, Panel, Role, Score
 from odescope.report.recorded import Clock, Trace, Truth, chart, labels, panel
 from odescope.report.searches import columns_of
-from odescope.selection.rank import left_column
+from odescope.selection.ranking import left_column
 
 PART = 5  # the stretch is this part of the recording, as it is for the score of the free run
 BEYOND = 1.0  # how far outside the record's own range, in spans of it, a free run is followed

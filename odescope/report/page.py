@@ -10,8 +10,8 @@ from typing import Any
 from odescope.export.mathml import product_mathml, relation_mathml
 from odescope.library.mathml import math, mathml_name
 from odescope.model.explicit import explicit
-from odescope.model.model import RelationTerm
 from odescope.model.notebook import trust
+from odescope.model.relation import RelationTerm
 from odescope.report.assemble import model_of, to_json_text
 from odescope.report.data import Report
 from odescope.report.numerals import raised as exponent_digits

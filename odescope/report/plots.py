@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from odescope.errors import InputError, nearest
-from odescope.identification import Identification
+from odescope.pipeline.identification import Identification
 from odescope.report.at_work import at_work
 from odescope.report.charts import draw_chart, draw_spectra
 from odescope.report.data import Searched

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.identification import Identification
-from odescope.records import Records
+from odescope.pipeline.identification import Identification
+from odescope.recordings.record import Records
 from odescope.report.data import Channel, Chart, Driver, Line, Panel, Recorded, Role, Run, Spectrum
 from odescope.report.thin import drawn
 from odescope.report.units import quantity_units, shown

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from odescope.identification import Identification
-from odescope.model.model import Relation
-from odescope.proposals import Search
+from odescope.model.relation import Relation
+from odescope.pipeline.identification import Identification
+from odescope.pipeline.joint_models import Search
 from odescope.report.data import (
     Correlations,
     Dependent,
@@ -24,7 +24,7 @@ from odescope.report.data import (
     Unexplained,
 )
 from odescope.report.units import quantity_units, shown
-from odescope.selection.rank import Candidate
+from odescope.selection.ranking import Candidate
 
 MOST_ROWS = 40  # candidates in the grid
 MOST_COLUMNS = 60  # terms in the grid: a candidate with others is left out

@@ -5,7 +5,8 @@ from __future__ import annotations
 from fractions import Fraction
 
 from odescope.library.expression import Call, Combination, Name, Term
-from odescope.model.model import Model, Relation, RelationTerm
+from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
 from odescope.report.numerals import raised
 
 Dimension = tuple[tuple[str, Fraction], ...]  # powers of units, each unit as the study spells it

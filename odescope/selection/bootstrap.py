@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
+from odescope.parallel.workers import Workers
 from odescope.regression.factor import Factor, merge
+from odescope.regression.problem import Problem
 from odescope.regression.proposers import Proposer, Support
-from odescope.selection.problem import Problem
-from odescope.selection.rank import Candidate, price
-from odescope.workers import Workers
+from odescope.selection.ranking import Candidate, price
 
 REPLICATES = 50  # together no dearer than two sweeps
 LEAST_PIVOT = 1e-4  # of unit columns

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
+from odescope.parallel.workers import Threads
 from odescope.regression.factor import Factor, merge
+from odescope.regression.problem import Problem
 from odescope.regression.proposers import Support
-from odescope.selection.problem import Problem
-from odescope.workers import Threads
 
 AT_ONCE = 32  # relations evaluated together: their predictions on a block stay in cache
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from odescope.arrays import BoolArray, IntArray
 from odescope.library.expression import ONE, Term
+from odescope.parallel.workers import Threads
 from odescope.regression.factor import Factor
 from odescope.regression.proposers import Proposer, Support
-from odescope.workers import Threads
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, NoModelError
-from odescope.records import Coordinate, Input, Records, Stretch, within
+from odescope.recordings.coordinate import Coordinate, Input, state_names
+from odescope.recordings.record import Records, Stretch, within
 from odescope.signals.differentiators import Derivatives, Differentiator, settled
 from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, differentiate, differentiate_smoothly
 
@@ -65,12 +66,6 @@ class Signals:
     def joined(self) -> FloatArray:
         """Return all records end to end, (names, N)."""
         return np.concatenate(self.columns, axis=1)
-
-
-def state_names(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
-    """Return the states of these coordinates: values first, then first derivatives, and so on."""
-    highest = max(c.order for c in coordinates)
-    return tuple(c.derivative(k) for k in range(highest) for c in coordinates if c.order > k)
 
 
 def estimate_signals(

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.records import Coordinate, Record, Records, Stretch
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Record, Records, Stretch
 from odescope.signals.differentiators import Differentiator, settled
 
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this

@@ -1,8 +1,9 @@
 """Models written by hand for the tests of the exports: rational, coupled, with nasty names and numbers."""
 
 from odescope.library.parse import Scope, parse_term
-from odescope.model.model import Model, Relation, RelationTerm
-from odescope.records import Coordinate, Input
+from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
+from odescope.recordings.coordinate import Coordinate, Input
 
 
 def relation(scope, *terms):

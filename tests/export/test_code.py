@@ -8,8 +8,8 @@ from hand_models import MODELS
 from scipy.integrate import solve_ivp
 
 from odescope.export.code import to_python
-from odescope.export.modelfile import to_json
-from odescope.model.simulate import simulate
+from odescope.export.model_file import to_json
+from odescope.model.simulation import simulate
 
 
 def module(model):

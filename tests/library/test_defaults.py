@@ -6,7 +6,7 @@ from odescope.errors import InputError
 from odescope.library.candidates import Library, split_target
 from odescope.library.defaults import check_basis, default_library, default_rules, paper_basis, paper_rules
 from odescope.library.parse import Scope, parse_term
-from odescope.records import Coordinate, Input
+from odescope.recordings.coordinate import Coordinate, Input
 
 CART = (Coordinate("x", order=2, cyclic=True), Coordinate("phi", order=2, angle=True))
 FORCE = (Input("u"),)

@@ -7,11 +7,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from odescope.library.parse import Scope, parse_term
-from odescope.likelihood.data import Segments
 from odescope.likelihood.fit import Program, Slot
-from odescope.model.simulate import following_states
-from odescope.records import Coordinate
-from odescope.signals.estimate import state_names
+from odescope.likelihood.segments import Segments
+from odescope.recordings.coordinate import Coordinate, following_states, state_names
 
 
 @dataclass(frozen=True)

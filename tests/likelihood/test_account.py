@@ -12,12 +12,12 @@ from small_systems import System
 
 from odescope import Study, identify
 from odescope.likelihood.account import likelihood_scores, missing_physics
-from odescope.likelihood.data import Segments
 from odescope.likelihood.fit import Evaluator
-from odescope.likelihood.process import Noisy, estimate_noise, free_run_error, robust_evidence
+from odescope.likelihood.process_noise import Noisy, estimate_noise, free_run_error, robust_evidence
 from odescope.likelihood.search import Searcher
-from odescope.records import Coordinate
-from odescope.study import Candidates, Data, Driven, Measured
+from odescope.likelihood.segments import Segments
+from odescope.recordings.coordinate import Coordinate
+from odescope.study.options import Candidates, Data, Driven, Measured
 
 A, B, G = 9.0, 0.4, 2.0
 STEP, NOISE, PIECE = 0.04, 0.005, 5

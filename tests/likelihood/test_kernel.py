@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from small_systems import CART, RING, UPTAKE, drive
 
-from odescope.likelihood.data import Segments
 from odescope.likelihood.elimination import eliminate, substitute
 from odescope.likelihood.fit import Evaluator
+from odescope.likelihood.segments import Segments
 
 CASES = {
     "order 1, rational": (UPTAKE, [[0.4], [1.5], [0.1]]),

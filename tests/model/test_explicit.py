@@ -7,8 +7,9 @@ from odescope.library.expression import Name
 from odescope.library.parse import Scope, parse_term
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.explicit import denominator_ranges, explicit
-from odescope.model.model import Model, Relation, RelationTerm
-from odescope.records import Coordinate, Input
+from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
+from odescope.recordings.coordinate import Coordinate, Input
 
 
 def build(coordinates, inputs, *relations):

@@ -6,8 +6,9 @@ import pytest
 from odescope.errors import InputError
 from odescope.library.parse import Scope, parse_term
 from odescope.library.tape import evaluate
-from odescope.model.model import Model, Relation, RelationTerm
-from odescope.records import Coordinate, Input
+from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
+from odescope.recordings.coordinate import Coordinate, Input
 
 CART, ANGLE, FORCE = Coordinate("x", order=2, cyclic=True), Coordinate("phi", order=2, angle=True), Input("u")
 SCOPE = Scope.of(frozenset({"x", "phi", "x_dot", "phi_dot", "x_ddot", "phi_ddot", "u", "stray"}))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from odescope.records import Coordinate
+from odescope.recordings.coordinate import Coordinate
 from odescope.regression.factor import factorise
 from odescope.regression.rows import FOLDS, CosineRows, NoiseWeighted, PlainRows, cut_blocks
 from odescope.signals.estimate import Channel, Signals

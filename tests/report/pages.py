@@ -5,8 +5,8 @@ from html.parser import HTMLParser
 
 import numpy as np
 
-from odescope.identification import identify
-from odescope.study import Data, Driven, Measured, Study
+from odescope.pipeline.identification import identify
+from odescope.study.options import Data, Driven, Measured, Study
 
 ATTACK = "<img src=x onerror=alert(1)>"
 VOID = {"meta", "link", "img", "br", "hr", "input"}

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pages import identified
 
-from odescope.identification import identify
-from odescope.records import Record, Records
+from odescope.pipeline.identification import identify
+from odescope.recordings.record import Record, Records
 from odescope.report import summary, to_html, to_json_text
-from odescope.study import Data, Driven, Measured, Study
+from odescope.study.options import Data, Driven, Measured, Study
 
 ROWS = 10_000_000
 LIGHT = 5_000_000  # bytes

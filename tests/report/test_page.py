@@ -8,7 +8,7 @@ import pytest
 from pages import ATTACK, Page, identified
 
 from odescope.errors import InputError
-from odescope.model.model import RelationTerm
+from odescope.model.relation import RelationTerm
 from odescope.report import read_report, summary, to_html, to_json_text
 from odescope.report.assemble import model_of
 from odescope.report.data import Report, TableRow

@@ -1,9 +1,10 @@
 import pytest
 
-from odescope.demo import cart_pendulum
+from odescope.commands.demo import cart_pendulum
 from odescope.library.parse import Scope, parse_term
-from odescope.model.model import Model, Relation, RelationTerm
-from odescope.records import Coordinate, Input
+from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
+from odescope.recordings.coordinate import Coordinate, Input
 from odescope.report.units import coefficient_units, quantity_units, shown
 
 

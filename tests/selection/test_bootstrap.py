@@ -5,10 +5,10 @@ import pytest
 
 from odescope import Data, Driven, EnergyThreshold, Measured, Study, identify
 from odescope.likelihood.search import LikelihoodSearch
+from odescope.parallel.workers import Threads
 from odescope.regression.factor import factorise, merge
 from odescope.selection.bootstrap import REPLICATES, _drawn, _merged, inclusion
 from odescope.selection.sweep import nested_libraries
-from odescope.workers import Threads
 
 STUDY = Study(
     data=Data(time="t"),

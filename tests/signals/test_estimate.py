@@ -5,10 +5,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from odescope.errors import InputError, NoModelError
-from odescope.records import Coordinate, Input, Record, Records, Stretch
+from odescope.recordings.coordinate import Coordinate, Input, state_names
+from odescope.recordings.record import Record, Records, Stretch
 from odescope.signals.cutoff import FixedCutoff
 from odescope.signals.differentiators import Derivatives, SavitzkyGolay, Spectral
-from odescope.signals.estimate import estimate_signals, signals_like, state_names
+from odescope.signals.estimate import estimate_signals, signals_like
 from odescope.signals.spectral import differentiate_smoothly, reach
 
 X, PHI, U = Coordinate("x", order=2), Coordinate("phi", order=1), Input("u")

@@ -1,0 +1,178 @@
+"""The files of an identification, written so that a stop in the middle leaves no half file (DESIGN 3.1, 3.4)."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import secrets
+import shutil
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from odescope.errors import InputError
+from odescope.export.model_file import to_json
+from odescope.pipeline.identification import Identification
+from odescope.study.options import Study, study_toml
+
+RESULT_FILES = ("model.json", "candidates.csv", "study.toml", "report.html", "report.json")
+FIGURES = "figures"  # the folder beside them
+FACTORS = "factors"  # and the one of what is kept of logs that do not fit in memory
+
+CANDIDATE_COLUMNS = (
+    "target",
+    "guess",
+    "support",
+    "number_of_terms",
+    "consensus",
+    "implicit_rmse",
+    "acceleration_rmse",
+    "rank",
+    "chosen",
+    "family",
+    "cluster",
+    "criterion",
+    "inclusion",
+)
+
+
+def candidates_csv(result: Identification) -> str:
+    """Return candidates.csv: one row a family member, best first in each target."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(CANDIDATE_COLUMNS)
+    for search, chosen in zip(result.searches, result.chosen, strict=True):
+        terms = search.problem.terms
+        for rank, c in enumerate(search.ranked.candidates, start=1):
+            support = " + ".join(terms[j].text for j in c.support)
+            writer.writerow(
+                (
+                    c.target,
+                    terms[c.guess].text,
+                    support,
+                    len(c.support),
+                    len(c.guesses),
+                    repr(c.implicit_rmse),
+                    repr(c.target_rmse),
+                    rank,
+                    int(c is chosen),
+                    c.family + 1,
+                    c.cluster,
+                    repr(c.criterion),
+                    repr(float(search.inclusion[list(c.support)].min())),
+                )
+            )
+    return out.getvalue()
+
+
+def result_files(result: Identification, resolved: Study, report: Mapping[str, str | bytes]) -> dict[str, str | bytes]:
+    """Return the files of a result by name, with those of its report."""
+    texts = (to_json(result.model), candidates_csv(result), study_toml(resolved))
+    return {**dict(zip(RESULT_FILES, texts, strict=False)), **report}
+
+
+def check_writable(folder: Path) -> None:
+    """Refuse early, before anything is computed, a folder that cannot be written.
+
+    Raises:
+        InputError: the folder is a file, cannot be made or written to, or holds a folder where a result belongs.
+    """
+    try:
+        existing = folder
+        while not existing.exists() and existing != existing.parent:
+            existing = existing.parent
+        if not existing.is_dir():
+            raise InputError(f"cannot write to {folder}: {existing} is not a folder; name another with --out")
+        for name in RESULT_FILES:
+            if (folder / name).is_dir():
+                raise InputError(f"cannot write to {folder}: its {name} is a folder; name another with --out")
+        if (folder / FIGURES).exists() and not (folder / FIGURES).is_dir():
+            raise InputError(f"cannot write to {folder}: its {FIGURES} is no folder; name another with --out")
+        with tempfile.TemporaryFile(dir=existing):
+            pass
+    except OSError as error:
+        raise InputError(f"cannot write to {folder}: {error.strerror or error}") from error
+
+
+def refuse_overwriting(targets: Iterable[Path], sources: Iterable[Path]) -> None:
+    """Refuse, before anything is computed, to write a result over a file that it is made from.
+
+    Raises:
+        InputError: a target is one of the sources.
+    """
+    read = {source.resolve() for source in sources}
+    for target in targets:
+        if target.resolve() in read:
+            raise InputError(f"the result would overwrite {target}, which it is made from; name another with --out")
+
+
+def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
+    """Write files to a folder, or to folders in it: all are complete beside it before the first takes its place.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    try:
+        there = folder.exists()
+        if not there:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+        # Within a folder that is there already, which may be all of its disk that we may write to.
+        partial = (folder if there else folder.parent) / f".odescope-{secrets.token_hex(8)}"
+        partial.mkdir()
+        try:
+            for name, content in files.items():
+                (partial / name).parent.mkdir(exist_ok=True)
+                if isinstance(content, bytes):
+                    (partial / name).write_bytes(content)
+                else:
+                    (partial / name).write_text(content, encoding="utf-8", newline="\n")
+            if there:
+                for name in files:
+                    (folder / name).parent.mkdir(exist_ok=True)
+                    os.replace(partial / name, folder / name)
+            else:
+                os.replace(partial, folder)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+    except OSError as error:
+        raise InputError(f"cannot write to {folder}: {error.strerror or error}") from error
+
+
+def check_file(path: Path) -> None:
+    """Refuse early, before anything is computed, a file that cannot be written; errors as `write_file`."""
+    try:
+        if path.is_dir():
+            raise InputError(f"cannot write {path}: it is a folder; name a file")
+        existing = path.parent
+        while not existing.exists() and existing != existing.parent:
+            existing = existing.parent
+        if not existing.is_dir():
+            raise InputError(f"cannot write {path}: {existing} is not a folder")
+        if not path.exists() or path.is_file():
+            with tempfile.TemporaryFile(dir=existing):
+                pass
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def write_file(path: Path, text: str) -> None:
+    """Write one file, complete beside its place before it takes it; a device or a pipe is written as it is.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    check_file(path)
+    try:
+        if path.exists() and not path.is_file():
+            path.write_text(text, encoding="utf-8", newline="\n")
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.parent / f".odescope-{secrets.token_hex(8)}"
+        try:
+            partial.write_text(text, encoding="utf-8", newline="\n")
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from error

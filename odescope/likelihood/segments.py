@@ -1,0 +1,187 @@
+"""What the likelihood sees: block averages of the measured coordinates, cut into short segments.
+
+The signal ends at the cutoff, the noise does not: averages over blocks of k samples with a Nyquist frequency of several
+times the cutoff carry the same information (METHOD section 9). What averaging does to the signal itself is taken out
+with the filtered signal, whose own error does not matter there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.recordings.coordinate import Coordinate, Input, state_names
+from odescope.recordings.record import Record, Records
+from odescope.signals.estimate import Channel
+from odescope.signals.spectral import differentiate, last_bin
+
+OVERSAMPLING = 8  # block averages a period of the highest cutoff
+SEGMENT = 25  # block averages a segment
+LEAST_SEGMENT = 4
+LARGEST = 60_000  # averages in all: of longer logs the likelihood takes the first part of every record, to bound memory
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Block averages of all records end to end, and the segments they are cut into.
+
+    Shapes: measured (N, c) averages; inputs (N, 3, i) on the nodes of the step that begins at each average; filtered
+    (N, n) smoothed states; start, count (J,); joined (J,) whether a segment ends where the next begins; noise (c,) the
+    standard deviation of an average, spread (n,) that of the smoothing error of each state; step in
+    seconds; runs the first average of every record and the one after its last.
+    """
+
+    measured: FloatArray
+    inputs: FloatArray
+    filtered: FloatArray
+    start: IntArray
+    count: IntArray
+    joined: BoolArray
+    noise: FloatArray
+    spread: FloatArray
+    step: float
+    block: int
+    runs: tuple[tuple[int, int], ...]
+
+    @property
+    def samples(self) -> int:
+        """Number of averages that the segments see, over all channels."""
+        return int(self.count.sum()) * len(self.noise)
+
+    @property
+    def initial(self) -> FloatArray:
+        """Smoothed states at the first average of every segment, (J, n)."""
+        return self.filtered[self.start]
+
+
+def cut_segments(
+    records: Records,
+    coordinates: Sequence[Coordinate],
+    inputs: Sequence[Input],
+    channels: Sequence[Channel],
+    length: int = SEGMENT,
+) -> Segments:
+    """Return the segments of uniformly sampled records.
+
+    Args:
+        records: what was measured.
+        coordinates: their coordinates.
+        inputs: their inputs.
+        channels: noise and cutoff of each coordinate, in order.
+        length: averages a segment.
+    """
+    period = records.runs[0].sample_period
+    block = max(1, int(1.0 / (OVERSAMPLING * max(c.cutoff for c in channels) * period)))
+    block = max(1, min(block, min(len(r) for r in records) // (4 * LEAST_SEGMENT)))
+    block -= (block + 1) % 2  # the centre of an odd block is a sample, at which the filtered signal is known
+    if any(i.hold == "zero" for i in inputs):
+        block = 1  # what a held input does between its switches is not in an average over several of them
+    states = state_names(coordinates)
+    measured, drive, filtered, start, count, joined = [], [], [], [], [], []
+    runs, total = list[tuple[int, int]](), 0
+    share = min(1.0, LARGEST * block / sum(len(r) for r in records))
+    for run in records:
+        y, u, x = _averages(run, coordinates, inputs, channels, states, period, block)
+        kept = max(round(share * len(y)), min(len(y), LEAST_SEGMENT))
+        y, u, x = y[:kept], u[:kept], x[:kept]
+        pieces = max(1, round(len(y) / length))
+        edges = np.linspace(0, len(y), pieces + 1).astype(np.int64)
+        start += [total + int(e) for e in edges[:-1]]
+        count += np.diff(edges).tolist()
+        joined += [True] * (pieces - 1) + [False]
+        measured.append(y)
+        drive.append(u)
+        filtered.append(x)
+        runs.append((total, total + len(y)))
+        total += len(y)
+    noise = np.array(
+        [max(c.noise, 1e-12 * float(np.ptp(np.concatenate(measured)[:, k]))) for k, c in enumerate(channels)]
+    )
+    return Segments(
+        np.concatenate(measured),
+        np.concatenate(drive),
+        np.concatenate(filtered),
+        np.array(start, dtype=np.int64),
+        np.array(count, dtype=np.int64),
+        np.array(joined, dtype=np.bool_),
+        noise / np.sqrt(block),
+        _smoothing_error(coordinates, channels, noise, period, states),
+        block * period,
+        block,
+        tuple(runs),
+    )
+
+
+def _averages(
+    run: Record,
+    coordinates: Sequence[Coordinate],
+    inputs: Sequence[Input],
+    channels: Sequence[Channel],
+    states: Sequence[str],
+    period: float,
+    block: int,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    blocks = len(run) // block
+    kept = blocks * block
+    centre = (block - 1) // 2 + block * np.arange(blocks)
+    smooth: dict[str, FloatArray] = {}
+    columns = []
+    for c, channel in zip(coordinates, channels, strict=True):
+        samples = run.column(c.name)
+        values = differentiate(samples, period, last_bin(len(samples), period, channel.cutoff), c.order - 1)
+        at_centre = [v[centre] for v in values]
+        smooth |= {c.derivative(k): v for k, v in enumerate(at_centre)}
+        columns.append((samples - values[0])[:kept].reshape(blocks, block).mean(axis=1) + at_centre[0])
+    nodes = np.empty((blocks, 3, len(inputs)))
+    for j, i in enumerate(inputs):
+        nodes[:, :, j] = _on_nodes(run.column(i.name), i.hold, centre, block)
+    return np.column_stack(columns), nodes, np.column_stack([smooth[s] for s in states])
+
+
+def _on_nodes(samples: FloatArray, hold: str, centre: IntArray, block: int) -> FloatArray:
+    """Return the input at begin, middle and end of the step after each average, (N, 3).
+
+    The nodes are those of the parabola that is nearest to the input over the step: smooth inputs keep their values, and
+    of rough or switching ones RK4's Simpson rule sees the right mean.
+    """
+    reach = np.minimum(centre[:, None] + np.arange(block + 1), len(samples) - 1)
+    nodes: FloatArray = samples[reach] @ _parabola(block, hold).T
+    return nodes
+
+
+@lru_cache(maxsize=32)
+def _parabola(block: int, hold: str) -> FloatArray:
+    """Return the weights (3, block + 1) of samples in the nodes of the nearest parabola over a step of `block`."""
+    points, weights = np.polynomial.legendre.leggauss(4)
+    moments = np.zeros((3, block + 1))
+    for below in range(block):
+        up = 0.5 * (points + 1.0)
+        s = 2.0 * (below + up) / block - 1.0
+        legendre = np.array([np.ones_like(s), s, 1.5 * s**2 - 0.5])
+        share = 0.5 / block * weights * legendre * np.array([[1.0], [3.0], [5.0]])
+        rise = up if hold == "linear" else np.zeros_like(up)
+        moments[:, below] += share @ (1.0 - rise)
+        moments[:, below + 1] += share @ rise
+    at_nodes = np.array([[1.0, -1.0, 1.0], [1.0, 0.0, -0.5], [1.0, 1.0, 1.0]])
+    result: FloatArray = at_nodes @ moments
+    return result
+
+
+def _smoothing_error(
+    coordinates: Sequence[Coordinate],
+    channels: Sequence[Channel],
+    noise: FloatArray,
+    period: float,
+    states: Sequence[str],
+) -> FloatArray:
+    """Return the standard deviation that white noise leaves in each filtered state below the cutoff."""
+    found = {}
+    for c, channel, sigma in zip(coordinates, channels, noise, strict=True):
+        for k in range(c.order):
+            power = (2.0 * np.pi) ** (2 * k) * channel.cutoff ** (2 * k + 1) / (2 * k + 1)
+            found[c.derivative(k)] = sigma * np.sqrt(2.0 * period * power)
+    return np.array([found[s] for s in states])

@@ -1,0 +1,1 @@
+"""Every stage in order: records to signals to candidates to one model."""

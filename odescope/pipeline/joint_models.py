@@ -1,0 +1,139 @@
+"""From the candidates of every target to models: which relations go together, and which the likelihood adopted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError
+from odescope.library.expression import Term
+from odescope.likelihood.refine import Refinement
+from odescope.model.explicit import denominator_ranges
+from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
+from odescope.regression.problem import Problem
+from odescope.selection.ranking import Candidate, Ranked, left_column, price
+from odescope.selection.sweep import Sweep
+from odescope.signals.estimate import Signals
+from odescope.study.options import Study
+
+TRIED = 4  # families a target that are tried when the best do not determine the targets together
+NEARLY = 2.0  # times what the chosen relation misses of its target, and
+LEAST_MISSED = 0.01  # of its weighted power: what a plain start may miss
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What was done for one target: its regression problem, all supports found, the ranked candidates.
+
+    `inclusion` (m,) is the share of bootstrap replicates that chose each term, with the chosen relation's guess.
+    """
+
+    problem: Problem
+    found: Sweep
+    ranked: Ranked
+    removed: tuple[tuple[str, int], ...]
+    inclusion: FloatArray
+
+
+def to_relation(problem: Problem, candidate: Candidate, targets: Sequence[str]) -> Relation:
+    """Return a candidate as a relation, its target term with coefficient 1 first."""
+    left = left_column(problem, candidate.support)
+    terms = []
+    for j in (left, *(j for j in candidate.support if j != left)):
+        held = problem.terms[j].names & set(targets)
+        terms.append(RelationTerm(min(held, default=None), problem.rests[j], float(candidate.xi[j])))
+    return Relation(tuple(terms))
+
+
+def proposals(
+    study: Study, signals: Signals, searches: Sequence[Search]
+) -> Iterator[tuple[tuple[Candidate, ...], Model]]:
+    """Yield the relations of the best families that together determine the targets, and their model, best first."""
+    heads = []
+    for s in searches:
+        first = {c.family: c for c in reversed(s.ranked.candidates) if c.explained >= study.selection.explain}
+        heads.append([first[f] for f in sorted(first)][:TRIED])
+    order = sorted(product(*(range(len(h)) for h in heads)), key=sum)
+    for pick in order:
+        chosen = tuple(h[k] for h, k in zip(heads, pick, strict=True))
+        pairs = permutations(zip(searches, chosen, strict=True), 2)
+        if any(_say_the_same(*one, *other) for one, other in pairs):
+            continue
+        relations = tuple(to_relation(s.problem, c, signals.targets) for s, c in zip(searches, chosen, strict=True))
+        model = Model(signals.coordinates, signals.inputs, relations)
+        if determined(model, signals):
+            yield chosen, model
+
+
+def plain(search: Search, chosen: Candidate, targets: Sequence[str]) -> Relation:
+    """Return the shortest relation that holds its target bare and predicts it nearly as well; else the chosen one.
+
+    Its denominator cannot vanish, and a search adds what it lacks more surely than it drops look-alikes.
+    """
+    problem, missed = search.problem, NEARLY * (1.0 - chosen.explained) + LEAST_MISSED
+    bare = [
+        c
+        for c in search.ranked.candidates
+        if set(c.support) & set(problem.own) == {problem.left} and 1.0 - c.explained <= missed
+    ]
+    return to_relation(problem, min(bare, key=lambda c: (len(c.support), c.criterion), default=chosen), targets)
+
+
+def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other: Candidate) -> bool:
+    """Say whether another target's relation, solved for this target, is this relation again but for the noise.
+
+    As among families: their difference is no larger than one term more has to earn.
+    """
+    problem, factor = search.problem, search.problem.factor
+    xi = {other_search.problem.terms[j]: float(other.xi[j]) for j in other.support}
+    left = left_column(problem, chosen.support)
+    if not xi.get(problem.terms[left]) or not set(xi) <= set(problem.terms):
+        return False
+    same = np.array([xi.get(term, 0.0) for term in problem.terms]) / xi[problem.terms[left]]
+    noise = max(factor.residual(chosen.xi), 1e-10 * float(factor.scale[left]) / np.sqrt(factor.rows))
+    allowed = price(factor.rows, factor.width) / factor.rows
+    return bool(factor.residual(chosen.xi - same) ** 2 <= allowed * noise**2)
+
+
+def adopt(model: Model, refinement: Refinement | None, signals: Signals) -> tuple[Model, Refinement | None]:
+    """Return the model of the likelihood stage where it follows the record, else that of the regression.
+
+    A refinement whose denominators vanish inside the data is dropped: its errors are those of another model.
+    """
+    if refinement is None or not refinement.follows:
+        return model, refinement
+    refined = replace(model, relations=refinement.relations)
+    return (refined, refinement) if determined(refined, signals) else (model, None)
+
+
+def as_adopted(search: Search, chosen: Candidate, relation: Relation, targets: Sequence[str]) -> Candidate:
+    """Return the candidate with the terms of the model's relation; where none has them, the one chosen before."""
+    adopted = {(t.factor, t.term) for t in relation.terms}
+
+    def products(candidate: Candidate) -> set[tuple[str | None, Term]]:
+        return {
+            (min(search.problem.terms[j].names & set(targets), default=None), search.problem.rests[j])
+            for j in candidate.support
+        }
+
+    return next((c for c in search.ranked.candidates if products(c) == adopted), chosen)
+
+
+def samples_of(signals: Signals, model: Model) -> list[FloatArray]:
+    """Return the states and inputs of a model (variables, n), one array a record."""
+    index = [signals.row(name) for name in model.variables]
+    return [columns[index] for columns in signals.columns]
+
+
+def determined(model: Model, signals: Signals) -> bool:
+    """Say whether no denominator of the explicit form vanishes or changes sign inside the data."""
+    try:
+        ranges = denominator_ranges(model, np.concatenate(samples_of(signals, model), axis=1), np.random.default_rng(0))
+    except InputError:
+        return False
+    return all(r["data"][0] * r["data"][1] > 0.0 for r in ranges.values())

@@ -1,0 +1,1 @@
+"""Measured runs: records, coordinates and inputs; reading, checking and cutting them."""

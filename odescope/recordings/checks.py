@@ -1,0 +1,94 @@
+"""Whether records, coordinates and inputs fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError
+from odescope.recordings.coordinate import Coordinate, Input
+from odescope.recordings.record import Records, within
+
+LARGEST_VALUE = 1e30  # products of a few such values would overflow
+DEGREES = frozenset({"deg", "degs", "degree", "degrees", "°"})
+
+
+def check_channels(records: Records, coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> None:
+    """Refuse channels that cannot take part in an identification.
+
+    Raises:
+        InputError: a name used twice (derived names included) or without a column, a coordinate that changes in no
+            recording, an input that is one constant, an angle in degrees, a wrapped angle
+            that is not declared as one, values above 1e30.
+    """
+    if not coordinates:
+        raise InputError("no coordinate: expected at least one measured quantity to find an equation for")
+    _check_unique(coordinates, inputs)
+    for name in (*(c.name for c in coordinates), *(driver.name for driver in inputs)):
+        if (largest := max(float(np.abs(run.column(name)).max()) for run in records)) > LARGEST_VALUE:
+            raise InputError(f"{name!r} has values as large as {largest:.3g}; give it in a larger unit")
+    for coordinate in coordinates:
+        columns = [run.column(coordinate.name) for run in records]
+        if all(_constant(column) for column in columns):
+            raise InputError(f"coordinate {coordinate.name!r} is constant in every recording; leave it out")
+        if coordinate.angle:
+            _check_angle(coordinate, records)
+        else:
+            _check_wraps(coordinate, records)
+    for driver in inputs:  # constant within each run but not across them, it is a parameter and does inform
+        if _constant(np.concatenate([run.column(driver.name) for run in records])):
+            raise InputError(f"input {driver.name!r} is constant in all recordings together; leave it out")
+
+
+def _check_unique(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> None:
+    owners: dict[str, str] = {}
+    claims = [(name, f"coordinate {c.name!r}") for c in coordinates for name in (*c.states, c.target)]
+    claims += [(driver.name, f"input {driver.name!r}") for driver in inputs]
+    for name, owner in claims:
+        if name in owners:
+            raise InputError(f"the name {name!r} is used twice: by {owners[name]} and by {owner}; rename one of them")
+        owners[name] = owner
+
+
+def _check_angle(angle: Coordinate, records: Records) -> None:
+    for unit in (angle.unit, records.runs[0].units[records.names.index(angle.name)]):  # all runs have the same
+        if unit is not None and unit.strip().casefold() in DEGREES:
+            raise InputError(_in_degrees(f"angle {angle.name!r} has the unit {unit!r}"))
+    for run in records:
+        check_radians(angle.name, run.column(angle.name), run.source)
+
+
+def _check_wraps(coordinate: Coordinate, records: Records) -> None:
+    """Refuse a coordinate that jumps by 2 pi and otherwise moves in small steps: an angle nobody declared."""
+    for run in records:
+        jumps = np.abs(np.diff(run.column(coordinate.name)))
+        wraps = np.abs(jumps - 2.0 * np.pi) < 0.5
+        if wraps.any() and not np.any(jumps[~wraps] > 0.25 * np.pi):
+            raise InputError(
+                f"coordinate {coordinate.name!r} jumps by about 2 pi{within(run.source)} ({int(wraps.sum())} times), so"
+                " it looks like a wrapped angle: declare it with angle = true (on the command line NAME:angle)"
+            )
+
+
+def check_radians(name: str, column: FloatArray, source: str) -> None:
+    """Refuse an angle (N,) that wraps by 360."""
+    jumps = np.abs(np.diff(column))
+    rows = np.flatnonzero(np.abs(jumps - 360) < 60)
+    if len(rows):
+        raise InputError(
+            _in_degrees(
+                f"angle {name!r} jumps by about 360{within(source)} ({len(rows)} times, first from "
+                f"{column[rows[0]]:.6g} to {column[rows[0] + 1]:.6g}), so it looks like degrees"
+            )
+        )
+
+
+def _in_degrees(what: str) -> str:
+    return f"{what}, but angles are in radians here: multiply the column by pi/180"
+
+
+def _constant(column: FloatArray) -> bool:
+    """Constant up to rounding: resampling a constant leaves errors in the last digit."""
+    return float(np.ptp(column)) <= 1e-12 * float(np.abs(column).max())

@@ -1,0 +1,106 @@
+"""What a column of a record stands for: a coordinate with the order of its equation, or an input."""
+
+from __future__ import annotations
+
+import keyword
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from odescope.arrays import IntArray
+from odescope.errors import InputError
+
+Hold = Literal["linear", "zero"]
+
+LONGEST_NAME = 64
+HIGHEST_ORDER = 8
+
+
+def check_name(name: str, what: str) -> None:
+    """Refuse a name that is not a plain identifier; `what` says whose name it is.
+
+    Raises:
+        InputError: the name is not an ASCII Python identifier, is a keyword, or is longer than 64 characters.
+    """
+    plain = isinstance(name, str) and name.isascii() and name.isidentifier() and not keyword.iskeyword(name)
+    plain = plain and name != "__debug__"  # a constant to Python's compiler, whatever its syntax says
+    if not plain or len(name) > LONGEST_NAME:
+        shown = repr(name) if len(str(name)) <= LONGEST_NAME else f"{str(name)[:20]!r}... ({len(str(name))} characters)"
+        raise InputError(
+            f"{what} {shown} is not a plain name: expected an ASCII letter or underscore followed by letters, digits "
+            f"or underscores, no Python keyword, at most {LONGEST_NAME} characters"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Coordinate:
+    """A measured quantity and the order of its equation: a position has order 2, a concentration order 1.
+
+    `angle`: in radians, unwrapped, enters the basis as sin and cos; `cyclic`: does not itself enter the equations.
+    """
+
+    name: str
+    order: int = 1
+    angle: bool = False
+    cyclic: bool = False
+    unit: str | None = None
+
+    def __post_init__(self) -> None:
+        check_name(self.name, "coordinate")
+        if isinstance(self.order, bool) or self.order not in range(1, HIGHEST_ORDER + 1):
+            raise InputError(
+                f"coordinate {self.name!r}: order must be a whole number from 1 to {HIGHEST_ORDER}, got {self.order!r}"
+            )
+
+    def derivative(self, k: int) -> str:
+        """Return the name of the k-th derivative: x, x_dot, x_ddot, x_dddot."""
+        return f"{self.name}_{'d' * k}ot" if k else self.name
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """The names of the derivatives below the order."""
+        return tuple(self.derivative(k) for k in range(self.order))
+
+    @property
+    def target(self) -> str:
+        """The name of the derivative that the equation gives."""
+        return self.derivative(self.order)
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """A quantity that drives the system, and how it runs between samples: linearly, or held ("zero" order).
+
+    It acts `delay` seconds after it was recorded.
+    """
+
+    name: str
+    hold: Hold = "linear"
+    unit: str | None = None
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_name(self.name, "input")
+        if self.hold not in ("linear", "zero"):
+            raise InputError(f"input {self.name!r}: hold must be 'linear' or 'zero', got {self.hold!r}")
+        if not np.isfinite(self.delay):
+            raise InputError(f"input {self.name!r}: delay must be a number of seconds, got {self.delay!r}")
+
+
+def state_names(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """Return the states of these coordinates: values first, then first derivatives, and so on."""
+    highest = max(c.order for c in coordinates)
+    return tuple(c.derivative(k) for k in range(highest) for c in coordinates if c.order > k)
+
+
+def following_states(coordinates: Sequence[Coordinate]) -> IntArray:
+    """Return for each state the state that is its derivative, or -1 - (number of its target)."""
+    index = {s: k for k, s in enumerate(state_names(coordinates))}
+    following = np.empty(len(index), dtype=np.int64)
+    for k, c in enumerate(coordinates):
+        for level in range(c.order):
+            last = level + 1 == c.order
+            following[index[c.derivative(level)]] = -1 - k if last else index[c.derivative(level + 1)]
+    return following

@@ -1,0 +1,210 @@
+"""From hundreds of candidate relations to one a target: what is discarded and why, held-out scores, families."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from odescope.arrays import FloatArray, IntArray
+from odescope.errors import NoModelError
+from odescope.regression.problem import Problem
+from odescope.regression.proposers import Support
+from odescope.selection.score import Scores, score
+from odescope.selection.sweep import Sweep
+
+
+class Ranking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How candidates are kept and ranked.
+
+    A relation is kept with at most `terms` terms, found from at least `consensus` guesses. `explain` is the least part
+    of the target's power on held-out data, as weighted in the regression, that the chosen relation must predict.
+    """
+
+    terms: Annotated[int, msgspec.Meta(ge=1)] = 15
+    consensus: Annotated[int, msgspec.Meta(ge=1)] = 2
+    explain: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One relation for one target.
+
+    xi (m,) are its coefficients over the library, that of the target's first term 1. `criterion` is what ranks it:
+    n ln(held-out residual^2) + terms (ln n + 2 ln m), and what data beyond the signals add. `explained` is the part of
+    the target's weighted power that it predicts on held-out data, `target_rmse` the error of its prediction there in
+    units of the target.
+    """
+
+    target: str
+    support: Support
+    guesses: tuple[int, ...]
+    guess: int
+    xi: FloatArray
+    implicit_rmse: float
+    target_rmse: float
+    target_r2: float
+    explained: float
+    criterion: float
+    cluster: int
+    family: int
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """The candidates of one target, best first, and the tally of what was discarded and why."""
+
+    candidates: tuple[Candidate, ...]
+    discarded: tuple[tuple[str, int], ...]
+
+
+def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
+    """Return the candidates of one target, best first.
+
+    Raises:
+        NoModelError: nothing is left, or what is left predicts nothing.
+    """
+    discarded: Counter[str] = Counter()
+    keep = []
+    for k, (support, guesses) in enumerate(zip(found.supports, found.guesses, strict=True)):
+        reason = _refusal(problem, support, guesses, options)
+        if reason:
+            discarded[reason] += 1
+        else:
+            keep.append(k)
+    kept = found.restrict(keep)
+    labels = kept.clusters()
+    if not keep:
+        raise _nothing_left(problem, found, discarded)
+    scores = score(problem, kept.supports, [left_column(problem, s) for s in kept.supports])
+    poles = int((~scores.sound).sum())
+    if poles:
+        discarded["its denominator changes sign inside the data"] = poles
+    criteria = _criteria(problem, kept.supports, scores)
+    scored = [
+        (int(k), _candidate(problem, kept, labels, scores, criteria, int(k))) for k in np.flatnonzero(scores.sound)
+    ]
+    if not scored:
+        raise _nothing_left(problem, found, discarded)
+    ranked = _families(problem, sorted(scored, key=lambda pair: pair[1].criterion), scores)
+    best = ranked[0]
+    if best.explained < options.explain:
+        raise NoModelError(
+            "selection",
+            f"the best of {len(ranked)} relations for {problem.target} predicts {max(best.explained, 0.0):.0%} of it on"
+            f" held-out data, less than the {options.explain:.0%} asked for ([selection] explain). Either the library"
+            " lacks the right terms, or something that drives the system was not recorded, or there is too much noise",
+        )
+    return Ranked(ranked, tuple(discarded.items()))
+
+
+def price(rows: int, width: int) -> float:
+    """Return what a term has to earn: ln n, as Bayes' criterion has it, and 2 ln m for the choice among m."""
+    return float(np.log(rows) + 2.0 * np.log(width))
+
+
+def _nothing_left(problem: Problem, found: Sweep, discarded: Counter[str]) -> NoModelError:
+    tally = "; ".join(f"{count} {reason}" for reason, count in discarded.items())
+    return NoModelError("selection", f"of {len(found.supports)} relations for {problem.target} none is left: {tally}")
+
+
+def _refusal(problem: Problem, support: Support, guesses: tuple[int, ...], options: Ranking) -> str:
+    if not set(support) & set(problem.own):
+        return "without the target"
+    if len(support) > options.terms:
+        return f"with more than {options.terms} terms"
+    if len(guesses) < options.consensus:
+        return f"found from fewer than {options.consensus} guesses"
+    return ""
+
+
+def left_column(problem: Problem, support: Support) -> int:
+    """Return the target term that gets the coefficient 1: the target itself, else its first product."""
+    return problem.left if problem.left in support else next(j for j in problem.own if j in support)
+
+
+def _criteria(problem: Problem, supports: Sequence[Support], scores: Scores) -> FloatArray:
+    """Return what ranks each relation, (C,).
+
+    Where the signals are but a sample, all the data rank relations with the same target terms, and the best of these
+    compete on the signals.
+    """
+    dear = price(problem.factor.rows, len(problem.terms))
+    terms = np.array([len(s) for s in supports])
+    here = scores.rows * np.log(_noise(scores)) + terms * dear
+    if scores.elsewhere is None:
+        return here
+    everywhere, ranked = here + scores.elsewhere, here.copy()
+    groups: dict[frozenset[int], list[int]] = {}
+    for k in np.flatnonzero(scores.sound).tolist():
+        groups.setdefault(frozenset(supports[k]) & frozenset(problem.own), []).append(k)
+    for members in groups.values():
+        best = min(members, key=lambda k: everywhere[k])
+        ranked[members] = here[best] + everywhere[members] - everywhere[best]
+    return ranked
+
+
+def _noise(scores: Scores) -> FloatArray:
+    """Return the mean square of the held-out residual in rows, (C,).
+
+    A residual of rounding alone cannot rank: the floor makes exact relations equal, and the simplest of them wins.
+    """
+    noise: FloatArray = np.maximum(scores.weighted, 1e-20 * scores.total) / scores.rows
+    return noise
+
+
+def _candidate(
+    problem: Problem, kept: Sweep, labels: IntArray, scores: Scores, criteria: FloatArray, k: int
+) -> Candidate:
+    """Return one of the relations that were scored."""
+    support, guesses, factor = kept.supports[k], kept.guesses[k], problem.factor
+    implicit = {g: factor.residual(factor.solve(support, g)) for g in guesses}
+    guess = min(implicit, key=lambda g: implicit[g] / factor.scale[g])
+    return Candidate(
+        target=problem.target,
+        support=support,
+        guesses=guesses,
+        guess=guess,
+        xi=scores.xi[k],
+        implicit_rmse=implicit[guess],
+        target_rmse=float(np.sqrt(scores.squares[k] / scores.samples)),
+        target_r2=1.0 - float(scores.squares[k]) / scores.power if scores.power > 0 else 0.0,
+        explained=1.0 - float(scores.weighted[k]) / scores.total if scores.total > 0 else 0.0,
+        criterion=float(criteria[k]),
+        cluster=int(labels[k]),
+        family=0,
+    )
+
+
+def _families(problem: Problem, ranked: list[tuple[int, Candidate]], scores: Scores) -> tuple[Candidate, ...]:
+    """Label candidates that predict the target alike, and let the simplest of each family go first.
+
+    Alike: the difference of two predictions is no larger than one term more has to earn by the criterion.
+    """
+    rows = problem.factor.rows  # of the signals there may be fewer, and differences as much smaller
+    allowed = price(rows, len(problem.terms)) * scores.rows / rows
+    noise = _noise(scores)
+    heads: list[int] = []
+    members: list[list[Candidate]] = []
+    for k, candidate in ranked:
+        for head, family in zip(heads, members, strict=True):
+            apart = scores.gram[k, k] + scores.gram[head, head] - 2.0 * scores.gram[k, head]
+            if apart <= allowed * noise[head]:
+                family.append(candidate)
+                break
+        else:
+            heads.append(k)
+            members.append([candidate])
+    return tuple(
+        replace(c, family=k)
+        for k, family in enumerate(members)
+        for c in sorted(family, key=lambda c: (len(c.support), _degree(problem, c.support), c.criterion))
+    )
+
+
+def _degree(problem: Problem, support: Support) -> float:
+    return sum(abs(power) for j in support for _, power in problem.rests[j].factors)

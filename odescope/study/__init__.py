@@ -1,0 +1,1 @@
+"""The options of an identification, and reading and writing them as TOML."""

@@ -1,0 +1,354 @@
+"""Study: everything an identification depends on, as frozen options that read from and write to TOML (DESIGN 3.2)."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_type_hints
+
+import msgspec
+import tomli_w
+
+from odescope.errors import InputError, nearest
+from odescope.library.candidates import Library
+from odescope.library.defaults import check_basis, default_library, default_rules, paper_basis, paper_rules
+from odescope.library.functions import FUNCTIONS
+from odescope.library.parse import Definition, Scope
+from odescope.library.rules import AnyRule
+from odescope.likelihood.search import LikelihoodSearch
+from odescope.recordings.coordinate import Coordinate, Input
+from odescope.recordings.readers import Layout
+from odescope.regression.proposers import AnyProposer, EnergyThreshold
+from odescope.regression.rows import AnyRows, NoiseWeighted
+from odescope.selection.ranking import Ranking
+from odescope.signals.cutoff import AnyCutoff
+from odescope.signals.differentiators import AnyDifferentiator, Spectral
+
+
+class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Where the recordings are and how they are laid out; see `odescope.recordings.readers.Layout`.
+
+    `memory` is what an identification may take, in MB: of a longer log the portions are read one by one.
+    """
+
+    files: tuple[str, ...] = ()
+    time: str | None = None
+    sample_period: float | None = None
+    recording: str | None = None
+    gaps: Literal["refuse", "split"] = "refuse"
+    jitter: float = 0.05
+    memory: float = 1000.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.memory < math.inf:
+            raise InputError(f"memory must be a number of megabytes, got {self.memory!r}")
+
+
+class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A measured coordinate; its name is its key in the study."""
+
+    column: str | None = None
+    order: int = 1
+    cyclic: bool = False
+    angle: bool = False
+    unit: str | None = None
+
+
+class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A recorded input; its name is its key in the study. It acts `delay` seconds late, or as late as fits best."""
+
+    column: str | None = None
+    hold: Literal["linear", "zero"] = "linear"
+    unit: str | None = None
+    delay: float | Literal["estimate"] = 0.0
+
+    def __post_init__(self) -> None:
+        if self.delay != "estimate" and not math.isfinite(self.delay):
+            raise InputError(f'delay must be a number of seconds or "estimate", got {self.delay!r}')
+
+
+class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The library: a preset, or a basis with a degree and rules, or the candidate terms themselves.
+
+    `functions` defines functions of one's own, as `"drag(v)" = "v*abs(v)"`. With `coupled`, every relation may hold
+    every target; without, its own alone. "auto" couples the default library of several angles: a chain of pendulums has
+    short relations between its accelerations, and long explicit ones.
+    """
+
+    preset: Literal["default", "paper"] = "default"
+    basis: tuple[str, ...] | None = None
+    degree: Annotated[int, msgspec.Meta(ge=1, le=12)] = 3
+    terms: tuple[str, ...] | None = None
+    rules: tuple[AnyRule, ...] | None = None
+    functions: dict[str, str] = {}
+    coupled: bool | Literal["auto"] = "auto"
+
+    def __post_init__(self) -> None:
+        if self.degree < 1:
+            raise InputError(f"degree must be at least 1, got {self.degree}")
+        if self.terms is not None and self.basis is not None:
+            raise InputError("terms and basis exclude each other: name the terms, or a basis to build them from")
+        fixed = "terms" if self.terms is not None else "the paper's preset" if self.preset == "paper" else None
+        if self.rules is not None and fixed and self.basis is None:
+            raise InputError(f"rules do not apply to {fixed}; leave them out, or name a basis")
+
+
+class Filtering(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How signals are filtered and differentiated; `margin` is in periods of the lowest cutoff, at each end.
+
+    `outliers` are kept, or clipped to three standard deviations about the filtered signal, which is Huber's loss.
+    """
+
+    differentiator: AnyDifferentiator = Spectral()
+    margin: Annotated[float, msgspec.Meta(ge=0.0)] = 0.5
+    thin: bool = True
+    outliers: Literal["keep", "clip"] = "keep"
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.margin < math.inf:
+            raise InputError(f"margin must be a number of periods, 0 or more, got {self.margin!r}")
+
+
+class Regression(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is fitted, and who proposes supports; `nested` also searches the smaller libraries within the library."""
+
+    rows: AnyRows = NoiseWeighted()
+    proposers: tuple[AnyProposer, ...] = (EnergyThreshold(terms=30),)
+    nested: bool = True
+
+    def __post_init__(self) -> None:
+        if not self.proposers:
+            raise InputError("proposers must hold at least one")
+
+
+class Random(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The seed of every random draw."""
+
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 0
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise InputError(f"seed must be 0 or more, got {self.seed}")
+
+
+class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A whole study; every field but the coordinates has a default."""
+
+    coordinates: dict[str, Measured]
+    inputs: dict[str, Driven] = {}
+    data: Data = Data()
+    library: Candidates = Candidates()
+    signals: Filtering = Filtering()
+    regression: Regression = Regression()
+    selection: Ranking = Ranking()
+    likelihood: LikelihoodSearch = LikelihoodSearch()
+    random: Random = Random()
+
+    def measured(self) -> tuple[Coordinate, ...]:
+        """Return the coordinates.
+
+        Raises:
+            InputError: there is none, a name is not usable, two names clash, or one reads the column of the time.
+        """
+        if not self.coordinates:
+            raise InputError("a study needs at least one coordinate: add [coordinates.NAME]")
+        for name, c in self.coordinates.items():
+            if self.data.time is not None and (c.column or name) == self.data.time:
+                raise InputError(f"coordinate {name!r} reads the column {self.data.time!r}, which is the time")
+        found = tuple(Coordinate(name, c.order, c.angle, c.cyclic, c.unit) for name, c in self.coordinates.items())
+        names = [n for c in found for n in (*c.states, c.target)] + list(self.inputs)
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"the name {name!r} is used twice among coordinates, their derivatives and inputs")
+            if name in FUNCTIONS or name == "identity":
+                raise InputError(f"{name!r} is the name of a function; call the coordinate or input something else")
+        return found
+
+    def driven(self) -> tuple[Input, ...]:
+        """Return the inputs, those whose delay is to be estimated without one."""
+        return tuple(
+            Input(name, i.hold, i.unit, 0.0 if i.delay == "estimate" else i.delay) for name, i in self.inputs.items()
+        )
+
+    def layout(self) -> Layout:
+        """Return how the recordings are laid out."""
+        named: list[tuple[str, Measured | Driven]] = [*self.coordinates.items(), *self.inputs.items()]
+        return Layout(
+            time=self.data.time,
+            sample_period=self.data.sample_period,
+            columns=tuple((name, c.column or name) for name, c in named),
+            units=tuple((name, c.unit) for name, c in named if c.unit is not None),
+            angles=frozenset(name for name, c in self.coordinates.items() if c.angle),
+            held=frozenset(name for name, i in self.inputs.items() if i.hold == "zero"),
+            recording=self.data.recording,
+            gaps=self.data.gaps,
+            jitter=self.data.jitter,
+        )
+
+    def _couples(self) -> bool:
+        own = self.library
+        if own.coupled != "auto":
+            return own.coupled
+        default = own.terms is None and own.basis is None and own.preset == "default"
+        return default and sum(c.angle for c in self.coordinates.values()) > 1
+
+    def candidates(self, target: str) -> Library:
+        """Return the library of one target.
+
+        Raises:
+            InputError: a text in [library] cannot be read, or the library is too large or has no state.
+        """
+        options, coordinates, inputs = self.library, self.measured(), self.driven()
+        names = [n for c in coordinates for n in (*c.states, c.target)] + [i.name for i in inputs]
+        scope = Scope.of(names, [_definition(head, body) for head, body in options.functions.items()])
+        targets = tuple(c.target for c in coordinates) if self._couples() else (target,)
+        if options.terms is not None:
+            library = Library.of(options.terms, scope)
+            library = library if any(t.names & set(targets) for t in library) else library + Library.of(targets, scope)
+        elif options.basis is not None:
+            rules = default_rules(coordinates, targets, options.basis) if options.rules is None else options.rules
+            library = Library.of((*options.basis, *targets), scope).powers(options.degree)
+            library = library.thin((*rules, *(default_rules((), targets, ()) if options.rules else ())), scope)
+        elif options.preset == "paper":
+            library = Library.of(paper_basis(coordinates, inputs), scope).powers(4)
+            library = library.thin(paper_rules(coordinates, inputs, target), scope)
+        else:
+            library = default_library(coordinates, inputs, targets, scope).thin(options.rules or (), scope)
+        check_basis(coordinates, library)
+        return library
+
+
+def _definition(head: str, body: str) -> Definition:
+    spelled = re.fullmatch(r"\s*([A-Za-z_]\w*)\s*\(\s*([A-Za-z_]\w*(?:\s*,\s*[A-Za-z_]\w*)*)\s*\)\s*", head, re.ASCII)
+    if spelled is None:
+        raise InputError(f'[library.functions] wants "name(argument, ...)" = "expression"; {head!r} came')
+    return Definition(spelled[1], tuple(p.strip() for p in spelled[2].split(",")), body)
+
+
+def read_study(path: Path) -> Study:
+    """Return the study of a TOML file.
+
+    Raises:
+        InputError: the file is missing or no TOML, a key is unknown (the nearest is named), or a value does not fit.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read the study {path}: {getattr(error, 'strerror', None) or error}") from error
+    try:
+        return parse_study(text)
+    except InputError as error:
+        raise InputError(f"{path.name}: {error}") from error
+
+
+def parse_study(text: str) -> Study:
+    """Return the study that a TOML text spells; errors as `read_study`."""
+    try:
+        raw = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"it is not TOML: {error}") from error
+    try:
+        study = msgspec.convert(raw, Study)
+    except (msgspec.ValidationError, RecursionError) as error:
+        raise InputError(_explained(_located(str(error), raw))) from error
+    study.measured()
+    study.driven()
+    return study
+
+
+_SECTIONS: dict[str, Any] = {
+    "data": Data,
+    "coordinates": Measured,
+    "inputs": Driven,
+    "library": Candidates,
+    "signals": Filtering,
+    "regression": Regression,
+    "selection": Ranking,
+    "likelihood": LikelihoodSearch,
+    "random": Random,
+}
+_KINDS: dict[str, Any] = {
+    "rules": AnyRule,
+    "proposers": AnyProposer,
+    "rows": AnyRows,
+    "differentiator": AnyDifferentiator,
+    "cutoff": AnyCutoff,
+}
+_AT = r"(?: - at `\$\.?(?P<path>.*)`)?$"
+_UNKNOWN = re.compile(r"unknown field `(?P<key>.*?)`" + _AT, re.DOTALL)
+_CHOICE = re.compile(r"^Invalid (?:enum )?value '(?P<value>.*)'" + _AT, re.DOTALL)
+
+
+def _located(message: str, raw: dict[str, Any]) -> str:
+    """Name the coordinate or input that a message of msgspec is about: its paths leave out the keys of a mapping."""
+    for section in ("coordinates", "inputs"):
+        tables = raw.get(section)
+        if f"`$.{section}[...]" not in message or not isinstance(tables, dict):
+            continue
+        for name, table in tables.items():
+            try:
+                msgspec.convert(table, _SECTIONS[section])
+            except msgspec.ValidationError:
+                return message.replace("[...]", f".{name}", 1)
+    return message
+
+
+def _explained(message: str) -> str:
+    """Say in the words of TOML what msgspec found, with the nearest known key or value."""
+    if unknown := _UNKNOWN.search(message):
+        path = unknown["path"] or ""
+        section = f"[{path}]" if path else "the study"
+        return f"unknown key {unknown['key']!r} in {section}; {nearest(unknown['key'], _known_keys(path))}"
+    if choice := _CHOICE.search(message):
+        path = choice["path"] or ""
+        return f"unknown value {choice['value']!r} at `{path}`; {nearest(choice['value'], _choices(path))}"
+    if message == "Object missing required field `coordinates`":
+        return "the study has no coordinates: add [coordinates.NAME]"
+    plain = message.replace(" | null", "").replace("`$.", "`")
+    return plain.replace("Object missing required field", "the table lacks the key")
+
+
+def _parts(path: str) -> list[str]:
+    return re.sub(r"\[\d+\]", "", path).split(".")
+
+
+def _known_keys(path: str) -> list[str]:
+    parts = _parts(path)
+    if len(parts) > 1 and parts[-1] in _KINDS:
+        return sorted({field for kind in get_args(_KINDS[parts[-1]]) for field in kind.__struct_fields__})
+    return list(_SECTIONS.get(parts[0], Study).__struct_fields__)
+
+
+def _choices(path: str) -> list[str]:
+    parts = _parts(path)
+    if parts[-1] == "kind" and len(parts) > 2:
+        return [str(kind.__struct_config__.tag) for kind in get_args(_KINDS[parts[-2]])]
+    hint = get_type_hints(_SECTIONS[parts[0]])[parts[-1]]
+    options = [value for part in get_args(hint) for value in (get_args(part) or (part,))]
+    return ["true, false" if value is bool else str(value) for value in options]
+
+
+def study_toml(study: Study) -> str:
+    """Return the study as TOML with every default spelled out."""
+    return tomli_w.dumps(_without_none(msgspec.to_builtins(study)))
+
+
+def moved(study: Study, old: Path, new: Path) -> Study:
+    """Return the study with its file paths, relative to folder `old`, made relative to folder `new`."""
+    files = []
+    for file in study.data.files:
+        target = (old / file).resolve()
+        try:
+            files.append(Path(os.path.relpath(target, new.resolve())).as_posix())
+        except ValueError:  # another drive, on Windows
+            files.append(target.as_posix())
+    return msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, files=tuple(files)))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _without_none(v) for k, v in value.items() if v is not None}
+    return [_without_none(v) for v in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,502 @@
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+from logs import (
+    OSCILLATOR,
+    OSCILLATOR_OPTIONS,
+    Command,
+    michaelis_menten,
+    oscillator,
+    pendulum,
+    snapshot,
+    write,
+)
+from scipy.io import savemat
+
+RESULTS = ["candidates.csv", "figures", "model.json", "report.html", "report.json", "study.toml"]
+STUDY = '[data]\nfiles = ["run.csv"]\ntime = "t"\n' + OSCILLATOR
+LOG = oscillator()
+
+
+@pytest.fixture
+def odescope(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    return Command(monkeypatch, capsys)
+
+
+@pytest.fixture
+def run(odescope):
+    write("run.csv", LOG)
+    return odescope
+
+
+def coefficients(folder, relation=0):
+    """Return what model.json says: product of factor and term -> coefficient."""
+    model = json.loads(Path(folder, "model.json").read_text())
+    return {(t["factor"], t["term"]): t["coefficient"] for t in model["relations"][relation]["terms"]}
+
+
+def is_oscillator(folder, tolerance=0.01):
+    found = coefficients(folder)
+    true = {("x_ddot", "1"): 1.0, (None, "x"): 4.0, (None, "x_dot"): 0.3, (None, "u"): -1.0}
+    assert found.keys() == true.keys()
+    assert all(abs(found[k] / true[k] - 1) < tolerance for k in true)
+
+
+# identify: what comes out, and where
+
+
+def test_the_equations_alone_are_on_standard_output_and_the_rest_on_standard_error(run):
+    ended = run("identify", "run.csv", *OSCILLATOR_OPTIONS)
+    assert ended.code == 0
+    assert re.fullmatch(r"x_ddot = [-+.*\w ]+\n", ended.out)
+    assert {"u", "x", "x_dot"} == set(re.findall(r"\*(\w+)", ended.out))
+    assert "wrote run/" in ended.err
+    assert "x_ddot =" not in ended.err
+    assert sorted(os.listdir("run")) == RESULTS
+    is_oscillator("run")
+
+
+def test_an_input_held_between_samples(odescope):
+    write("run.csv", oscillator(3000, held=True))
+    assert odescope("identify", "run.csv", *OSCILLATOR_OPTIONS[:-4], "--input", "u:zero", "--order", "2").code == 0
+    is_oscillator("run", 0.03)
+    assert json.loads(Path("run/model.json").read_text())["inputs"] == [{"name": "u", "hold": "zero", "unit": None}]
+
+
+def test_results_go_beside_the_source_under_its_name_less_its_endings(run):
+    Path("deep").mkdir()
+    for name in ("run.1.csv", "run.2.csv"):
+        write(f"deep/{name}", LOG)
+        assert run("identify", f"deep/{name}", *OSCILLATOR_OPTIONS).code == 0
+    assert sorted(p.name for p in Path("deep").iterdir()) == ["run.1", "run.1.csv", "run.2", "run.2.csv"]
+    assert not Path("run").exists()
+
+
+def test_missing_parents_of_the_output_are_made_and_other_files_in_it_stay(run):
+    assert run("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", "a/b/c").code == 0
+    Path("a/b/c/notes.txt").write_text("mine")
+    Path("a/b/c/model.json").write_text("old")
+    assert run("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", "a/b/c").code == 0
+    assert sorted(os.listdir("a/b/c")) == sorted([*RESULTS, "notes.txt"])
+    assert os.listdir("a/b") == ["c"]
+    is_oscillator("a/b/c")
+
+
+def test_a_study_elsewhere_and_its_resolved_form_give_the_same_bytes(odescope):
+    Path("data of mine/a b").mkdir(parents=True)
+    Path("studies/deep").mkdir(parents=True)
+    Path("third").mkdir()
+    write("data of mine/a b/my run 1.csv", LOG)
+    study = STUDY.replace("run.csv", "../../data of mine/a b/my run 1.csv").replace('"t"', '"t"\njitter = 0.1')
+    Path("studies/deep/my study.toml").write_text(study)
+    assert odescope("identify", "studies/deep/my study.toml").code == 0
+    first = snapshot("studies/deep/my study")
+    odescope.monkeypatch.chdir("third")
+    assert odescope("identify", "../studies/deep/my study/study.toml", "--out", "again").code == 0
+    for name in ("model.json", "candidates.csv"):
+        assert Path("again", name).read_bytes() == first[f"studies/deep/my study/{name}"]
+    assert odescope("identify", "again/study.toml", "--out", "again").code == 0  # over itself: the same bytes
+    assert Path("again/model.json").read_bytes() == first["studies/deep/my study/model.json"]
+
+
+@pytest.mark.parametrize("kind", ["semicolon.csv", "tabs.tsv", "table.parquet", "variables.mat", "zipped.csv.gz"])
+def test_the_same_log_in_any_kind_of_file_gives_the_same_model(run, kind):
+    if kind == "semicolon.csv":
+        text = Path("run.csv").read_text().replace(",", ";").replace(".", ",")
+        Path(kind).write_text("\ufeff" + text, encoding="utf-8", newline="\r\n")
+    elif kind == "tabs.tsv":
+        Path(kind).write_text(Path("run.csv").read_text().replace(",", "\t"))
+    elif kind == "table.parquet":
+        parquet.write_table(pa.table(LOG), kind)
+    elif kind == "variables.mat":
+        savemat(kind, LOG)
+    else:
+        import gzip
+
+        Path(kind).write_bytes(gzip.compress(Path("run.csv").read_bytes()))
+    for source in ("run.csv", kind):
+        assert run("identify", source, *OSCILLATOR_OPTIONS).code == 0
+    assert Path(kind.split(".")[0], "model.json").read_bytes() == Path("run/model.json").read_bytes()
+
+
+def test_a_sample_period_in_place_of_the_column_of_time(run):
+    assert run("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", "timed").code == 0
+    assert run("identify", "run.csv", "--sample-period", "0.02", *OSCILLATOR_OPTIONS[2:], "--out", "counted").code == 0
+    timed, counted = coefficients("timed"), coefficients("counted")
+    assert timed.keys() == counted.keys()
+    assert np.allclose([timed[k] for k in timed], [counted[k] for k in timed], rtol=1e-9, atol=0)
+
+
+def test_recordings_in_one_file_or_in_several_are_the_same_recordings(odescope):
+    starts = (0.05, 0.5, 1.2)
+    runs = [michaelis_menten(s) for s in starts]
+    for k, log in enumerate(runs):
+        write(f"run{k}.csv", log)
+    joined = {name: np.concatenate([log[name] for log in runs]) for name in ("t", "x")}
+    write("all.csv", {"lap": np.repeat([7, 3, 5], len(runs[0]["t"])), **joined})
+    files = ", ".join(f'"run{k}.csv"' for k in range(3))
+    Path("s.toml").write_text(f'[data]\nfiles = [{files}]\ntime = "t"\n[coordinates.x]\n')
+    assert odescope("identify", "s.toml").code == 0
+    assert odescope("identify", "all.csv", "--time", "t", "--coordinate", "x", "--recording", "lap").code == 0
+    assert Path("s/model.json").read_bytes() == Path("all/model.json").read_bytes()
+    found = coefficients("s")  # (0.3 + x) x' = 0.18 - 0.9 x, divided by 0.3
+    true = {("x_dot", "1"): 1.0, ("x_dot", "x"): 1 / 0.3, (None, "1"): -0.6, (None, "x"): 3.0}
+    assert found.keys() == true.keys()
+    assert all(abs(found[k] / true[k] - 1) < 0.05 for k in true)
+    again = odescope("simulate", "s/model.json", "all.csv", "--recording", "lap")
+    rows = list(csv.DictReader(again.out.splitlines()))
+    assert [r["lap"] for r in rows[:: len(runs[0]["t"])]] == ["7", "3", "5"]
+    error = np.array([float(r["x"]) for r in rows]) - joined["x"]
+    assert np.sqrt(np.mean(error**2)) < 1.2e-3  # the noise is 1e-3
+
+
+PENDULUM = """[data]
+files = ["pend.csv"]
+time = "Time (s)"
+[coordinates.theta]
+column = "Winkel [rad]"
+order = 2
+angle = true
+unit = "rad"
+[inputs.u]
+column = "F;N"
+unit = "N"
+"""
+
+
+def test_wrapped_angles_gaps_units_and_columns_of_any_name(odescope):
+    log = pendulum()
+    assert (np.abs(np.diff(log["Winkel [rad]"])) > 3).sum() > 5  # it does wrap
+    log["Winkel [rad]"][700:720] = np.nan
+    kept = np.r_[0:1300, 1310:2000]
+    log = {name: column[kept] for name, column in log.items()}
+    write("pend.csv", log)
+    Path("s.toml").write_text(PENDULUM)
+    message = odescope.refused("identify", "s.toml")
+    for part in ("'Winkel [rad]' has 1 gap (data rows 701-720)", "after data row 1300", "gaps = 'split'"):
+        assert part in message
+    Path("s.toml").write_text(PENDULUM.replace("[data]", '[data]\ngaps = "split"'))
+    assert odescope("identify", "s.toml").code == 0
+    found = coefficients("s")
+    true = {("theta_ddot", "1"): 1.0, (None, "sin(theta)"): 9.81, (None, "theta_dot"): 0.2, (None, "u"): -1.0}
+    assert found.keys() == true.keys()
+    assert all(abs(found[k] / true[k] - 1) < 0.03 for k in true)
+    model = json.loads(Path("s/model.json").read_text())
+    assert model["coordinates"] == [{"name": "theta", "order": 2, "angle": True, "cyclic": False, "unit": "rad"}]
+    assert model["inputs"] == [{"name": "u", "hold": "linear", "unit": "N"}]
+    assert model["provenance"]["columns"] == {"theta": "Winkel [rad]", "u": "F;N"}
+    assert model["provenance"]["recordings"] == 3
+
+
+# identify: bad data
+
+
+def cells(column, rows, value):
+    def change(log):
+        log[column] = log[column].astype(object)
+        log[column][list(rows)] = value
+        return log
+
+    return change
+
+
+def less(*rows):
+    return lambda log: {name: np.delete(c, rows) for name, c in log.items()}
+
+
+def replaced(**columns):
+    return lambda log: {**log, **{name: make(log) for name, make in columns.items()}}
+
+
+BAD_DATA = {
+    "not numbers": (cells("x", [4, 7], "abc"), ["column 'x'", "line 6: \"'abc'\"", "line 9", "not numbers"]),
+    "gap in a column": (cells("x", range(100, 111), np.nan), ["column 'x' has 1 gap (data rows 101-111)", "split"]),
+    "gap in time": (less(*range(500, 510)), ["time has 1 gap (after data row 500)", "run.csv"]),
+    "time goes back": (cells("t", [4], 0.01), ["time goes back at data row 5 (0.06, then 0.01)", "recording"]),
+    "time repeats": (cells("t", [4], 0.06), ["time repeats at data row 5"]),
+    "fewer samples than candidates": (
+        less(*range(30, 1500)),
+        ["samples cannot decide between 40 candidate terms for x_ddot"],
+    ),
+    "one sample": (less(*range(1, 1500)), ["1 of 1 rows", "run.csv"]),
+    "no sample": (less(*range(1500)), ["run.csv holds column names but no rows"]),
+    "constant coordinate": (replaced(x=lambda g: 0 * g["x"] + 3.7), ["coordinate 'x' is constant"]),
+    "constant input": (replaced(u=lambda g: 0 * g["u"]), ["input 'u' is constant"]),
+    "infinite": (cells("x", [5], np.inf), ["'x' is not a finite number in data row 6"]),
+    "huge": (replaced(x=lambda g: 1e40 * g["x"]), ["'x' has values as large as", "larger unit"]),
+    "uneven sampling": (replaced(t=lambda g: g["t"] ** 1.1), ["the sampling is not uniform", "jitter"]),
+    "no such column": (lambda g: {"t": g["t"], "xx": g["x"], "u": g["u"]}, ["no column 'x'", "did you mean 'xx'?"]),
+    "no column near": (lambda g: {"t": g["t"], "pos": g["x"], "u": g["u"]}, ["no column 'x'", "there are: t, pos, u"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD_DATA)
+def test_bad_data_end_with_one_line_and_no_folder(odescope, case):
+    change, parts = BAD_DATA[case]
+    write("run.csv", change({name: c.copy() for name, c in LOG.items()}))
+    message = odescope.refused("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", "new/results")
+    for part in parts:
+        assert part in message
+
+
+def test_an_angle_in_degrees_is_told_by_its_jumps(odescope):
+    log = pendulum()
+    write("pend.csv", {**log, "Winkel [rad]": np.rad2deg(log["Winkel [rad]"])})
+    Path("s.toml").write_text(PENDULUM)
+    message = odescope.refused("identify", "s.toml")
+    assert "angle 'theta' jumps by about 360" in message
+    assert "degrees" in message
+    assert "pi/180" in message
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "parts"),
+    [
+        ("gone.csv", None, ["no such file: gone.csv"]),
+        ("empty.csv", "", ["empty.csv is empty"]),
+        ("log.xlsx", "t,x,u\n1,2,3\n", ["log.xlsx is of no known kind", ".csv", ".parquet", ".mat"]),
+        ("log.parquet", "t,x,u\n1,2,3\n", ["log.parquet cannot be read"]),
+        ("log.mat", "t,x,u\n1,2,3\n", ["log.mat cannot be read as a MATLAB file"]),
+        ("log.csv.gz", "t,x,u\n1,2,3\n", ["log.csv.gz cannot be read"]),
+        ("units.csv", "t,x,u\ns,m,N\n0,1,2\n", ["line 2: 's'", "delete that line"]),
+        ("bare.csv", "0.0,1.0,2.0\n0.1,2.0,3.0\n", ["no column 't' in bare.csv", "holds numbers"]),
+        ("ragged.csv", "t,x,u\n0,1,2\n1,2\n", ["line 3 of ragged.csv has 2 cells where the header has 3"]),
+        ("twice.csv", "t,x,x,u\n0,1,1,2\n", ["2 columns named 'x'"]),
+    ],
+)
+def test_bad_files(odescope, name, content, parts):
+    if content is not None:
+        Path(name).write_text(content)
+    message = odescope.refused("identify", name, *OSCILLATOR_OPTIONS)
+    for part in parts:
+        assert part in message
+
+
+@pytest.mark.parametrize("source", [".", "/", "..", "a" * 300 + ".csv", "a" * 300 + ".toml"])
+def test_a_source_that_is_no_file_is_an_error_and_no_traceback(run, source):
+    assert "odescope: " in run.refused("identify", source, *(() if source.endswith("toml") else OSCILLATOR_OPTIONS))
+
+
+def test_data_that_support_no_model_end_with_3_and_the_stage(odescope):
+    noise = np.random.default_rng(0).standard_normal(1500)
+    write("run.csv", {**LOG, "x": noise})
+    message = odescope.refused("identify", "run.csv", *OSCILLATOR_OPTIONS, code=3)
+    assert "no model: the signals stage came out empty" in message
+    write("run.csv", LOG)
+    Path("s.toml").write_text(STUDY + "[selection]\nterms = 1\n")
+    message = odescope.refused("identify", "s.toml", code=3)
+    assert "the selection stage came out empty" in message
+    assert "with more than 1 terms" in message
+
+
+# identify: bad options
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        ((), ["--coordinate NAME", "its columns are: t, x, u"]),
+        (("--time", "t"), ["--coordinate NAME"]),
+        (("--coordinate", "x"), ["--time NAME", "--sample-period SECONDS"]),
+        (("--time", "t", "--sample-period", "0.02", "--coordinate", "x"), ["exactly one of time", "sample_period"]),
+        (("--sample-period", "-1", "--coordinate", "x"), ["sample_period must be a positive number, got -1.0"]),
+        (("--sample-period", "nan", "--coordinate", "x"), ["sample_period must be a positive number"]),
+        (("--time", "t", "--coordinate", "x", "--coordinate", "x:angle"), ["--coordinate x is given twice"]),
+        (("--time", "t", "--coordinate", "x", "--input", "u", "--input", "u:zero"), ["--input u is given twice"]),
+        (("--time", "t", "--coordinate", "x", "--input", "x"), ["the name 'x' is used twice"]),
+        (("--time", "t", "--coordinate", "x:angel"), ["cyclic, angle or order=N", "'angel' came"]),
+        (("--time", "t", "--coordinate", "x:order=-1"), ["'order=-1' came"]),
+        (("--time", "t", "--coordinate", "x", "--input", "u:zoh"), ["zero or linear", "'zoh' came"]),
+        (("--time", "t", "--coordinate", "x", "--order", "0"), ["order must be a whole number from 1 to 8, got 0"]),
+        (("--time", "t", "--coordinate", "x:order=9"), ["order must be a whole number from 1 to 8, got 9"]),
+        (("--time", "t", "--coordinate", "t"), ["'t'", "which is the time"]),
+        (("--time", "t", "--coordinate", "x pos"), ["'x pos' is not a plain name", "column = 'x pos'"]),
+        (("--time", "t", "--coordinate", "x", "--input", "F (N)"), ["'F (N)' is not a plain name", "column = 'F (N)'"]),
+        (("--time", "t", "--coordinate", "__import__('os')"), ["is not a plain name"]),
+        (("--time", "t", "--coordinate", "lambda"), ["'lambda' is not a plain name"]),
+        (("--time", "t", "--coordinate", "größe"), ["'größe' is not a plain name"]),
+        (("--time", "t", "--coordinate", "sin"), ["'sin' is the name of a function"]),
+        (("--time", "t", "--coordinate", "x", "--recording", "lap"), ["no column 'lap'", "there are: t, x, u"]),
+    ],
+)
+def test_bad_options(run, options, parts):
+    message = run.refused("identify", "run.csv", *options)
+    for part in parts:
+        assert part in message
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (("identify",), "Missing argument"),
+        (("identify", "run.csv", "--tme", "t"), "No such option"),
+        (("identify", "run.csv", "--order", "two"), "--order"),
+        (("identfy", "run.csv"), "identify"),
+        (("simulate", "model.json"), "Missing argument"),
+        (("demo", "--level", "9"), "--level"),
+        (("demo", "--seed", "-1"), "--seed"),
+    ],
+)
+def test_a_wrong_command_line_ends_with_2_and_no_traceback(run, arguments, part):
+    before = snapshot()
+    ended = run(*arguments)
+    assert (ended.code, ended.out) == (2, "")
+    assert part in ended.err
+    assert "Traceback" not in ended.err
+    assert snapshot() == before
+
+
+def test_help_tells_the_defaults(run):
+    ended = run("identify", "--help")
+    assert (ended.code, ended.err) == (0, "")
+    plain = re.sub(r"[\s│]+", " ", ended.out)
+    assert "the source's name, beside it" in plain
+
+
+def test_data_options_do_not_go_with_a_study(run):
+    Path("s.toml").write_text(STUDY)
+    for option in (("--time", "t"), ("--order", "2"), ("--coordinate", "x")):
+        assert "only --out" in run.refused("identify", "s.toml", *option)
+
+
+# where results may go
+
+
+def test_an_output_folder_that_cannot_be_written(run):
+    Path("f").write_text("keep")
+    Path("g/study.toml").mkdir(parents=True)
+    for out, part in (
+        ("f", "f is not a folder"),
+        ("f/sub", "f is not a folder"),
+        ("g", "its study.toml is a folder"),
+        ("b" * 300, "File name too long"),
+    ):
+        message = run.refused("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", out)
+        assert f"cannot write to {out}" in message
+        assert part in message
+        assert "cannot write to" in run.refused("demo", "--out", out)
+
+
+def test_a_folder_without_permission_is_found_before_anything_is_computed(run):
+    def denied(**_):
+        raise PermissionError(13, "Permission denied")
+
+    run.monkeypatch.setattr("odescope.commands.files.tempfile.TemporaryFile", denied)
+    run.monkeypatch.setattr("odescope.pipeline.identification.identify", None)  # never reached
+    for command in (("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", "new"), ("demo", "--out", "new")):
+        assert "cannot write to new: Permission denied" in run.refused(*command)
+
+
+def test_a_full_disk_leaves_the_old_results(run):
+    assert run("identify", "run.csv", *OSCILLATOR_OPTIONS).code == 0
+    original = Path.write_text
+
+    def full(path, text, **options):
+        if path.name == "report.html":
+            original(path, text[:100], **options)
+            raise OSError(28, "No space left on device")
+        return original(path, text, **options)
+
+    write("run.csv", oscillator(seed=5))
+    run.monkeypatch.setattr(Path, "write_text", full)
+    before = snapshot()
+    for out in ("run", "other"):
+        ended = run("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", out)
+        assert ended.code == 2
+        assert ended.out.startswith("x_ddot = ")  # what was found is said, though it cannot be kept
+        assert ended.err.endswith(f"odescope: cannot write to {out}: No space left on device\n")
+        assert snapshot() == before
+
+
+def test_nothing_is_written_over_what_it_is_made_from(run):
+    Path("study.toml").write_text(STUDY + "# a comment of mine\n")
+    assert "would overwrite study.toml" in run.refused("identify", "study.toml", "--out", ".")
+    write("candidates.csv", LOG)
+    message = run.refused("identify", "candidates.csv", *OSCILLATOR_OPTIONS, "--out", ".")
+    assert "would overwrite candidates.csv" in message
+    assert run("identify", "run.csv", *OSCILLATOR_OPTIONS).code == 0
+    model = "run/model.json"
+    assert "would overwrite run.csv" in run.refused("simulate", model, "run.csv", "--out", "./run.csv")
+    assert "would overwrite" in run.refused("simulate", model, "run.csv", "--out", model)
+    assert "would overwrite" in run.refused("export", model, "--out", "run/../run/model.json")
+
+
+def test_control_c_says_so_and_leaves_nothing(run):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    run.monkeypatch.setattr("odescope.pipeline.identification.identify", stopped)
+    assert "stopped" in run.refused("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", "new", code=130)
+
+
+def test_an_error_of_the_system_is_a_message(run):
+    def lost(*_, **__):
+        raise OSError(5, "Input/output error", "run.csv")
+
+    run.monkeypatch.setattr("odescope.pipeline.identification.identify", lost)
+    assert "Input/output error: run.csv" in run.refused("identify", "run.csv", *OSCILLATOR_OPTIONS)
+
+
+# simulate and export
+
+
+def test_simulate_and_export_write_to_a_file_what_they_else_print(run):
+    assert run("identify", "run.csv", *OSCILLATOR_OPTIONS).code == 0
+    for command in (("simulate", "run/model.json", "run.csv"), ("export", "run/model.json", "--to", "python")):
+        printed = run(*command)
+        assert (printed.code, printed.err) == (0, "")
+        stored = run(*command, "--out", "new/deep/file")
+        assert (stored.code, stored.out) == (0, "")
+        assert Path("new/deep/file").read_text() == printed.out
+        assert os.listdir("new/deep") == ["file"]
+        assert "it is a folder" in run.refused(*command, "--out", "new")
+        assert "run.csv is not a folder" in run.refused(*command, "--out", "run.csv/file")
+    rows = list(csv.reader(run("simulate", "run/model.json", "run.csv").out.splitlines()))
+    assert rows[0] == ["t", "x", "x_dot"]
+    simulated = np.array(rows[1:], dtype=float)
+    assert np.allclose(simulated[:, 0], LOG["t"], rtol=0, atol=1e-9)
+    assert np.std(simulated[:, 1] - LOG["x"]) < 3e-3  # noise 1e-3, over 30 s of free run
+
+
+def test_export_text_and_latex(run):
+    assert run("identify", "run.csv", *OSCILLATOR_OPTIONS).code == 0
+    explicit = json.loads(Path("run/model.json").read_text())["explicit"]
+    assert run("export", "run/model.json").out == f"x_ddot = {explicit['x_ddot']}\n"
+    assert run("export", "run/model.json", "--to", "latex").out.startswith(r"\ddot{x} = ")
+    assert "did you mean 'python'?" in run.refused("export", "run/model.json", "--to", "pythn")
+    for name, part in (("gone.json", "No such file"), ("run", "Is a directory"), ("run.csv", "not a model")):
+        assert part in run.refused("export", name)
+        assert part in run.refused("simulate", name, "run.csv")
+
+
+# as a process
+
+
+def process(*arguments, **options):
+    command = [sys.executable, "-m", "odescope", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(run):
+    assert run("identify", "run.csv", *OSCILLATOR_OPTIONS).code == 0
+    with process("simulate", "run/model.json", "run.csv") as child:
+        child.stdout.close()  # the CSV is larger than a pipe holds
+        assert child.stderr.read() == ""
+        assert child.wait() == 0
+
+
+def test_the_module_runs_as_a_process(run):
+    with process("identify", "run.csv", "--time", "t", "--coordinate", "y") as child:
+        out, err = child.communicate()
+    assert (child.returncode, out) == (2, "")
+    assert err == "odescope: no column 'y' in run.csv; there are: t, x, u\n"

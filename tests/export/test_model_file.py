@@ -1,0 +1,196 @@
+import copy
+import json
+import math
+
+import msgspec
+import pytest
+from hand_models import MODELS
+
+from odescope.errors import InputError
+from odescope.export.model_file import from_json, read_model, to_json
+
+TOP = {
+    "format",
+    "version",
+    "coordinates",
+    "inputs",
+    "states",
+    "targets",
+    "relations",
+    "explicit",
+    "scores",
+    "domain",
+    "provenance",
+}
+GOOD = json.loads(to_json(MODELS["rational"]))
+
+
+def refused(content):
+    with pytest.raises(InputError) as caught:
+        from_json(content if isinstance(content, str | bytes) else json.dumps(content))
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+# writing
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_keys_are_those_of_the_contract(name):
+    file = json.loads(to_json(MODELS[name]))
+    assert set(file) == TOP
+    assert (file["format"], file["version"]) == ("odescope/model", 1)
+    for items, keys in (
+        (file["coordinates"], {"name", "order", "angle", "cyclic", "unit"}),
+        (file["inputs"], {"name", "hold", "unit"}),
+        (file["relations"], {"terms"}),
+        ([t for r in file["relations"] for t in r["terms"]], {"factor", "term", "coefficient", "std_error"}),
+    ):
+        assert all(set(item) == keys for item in items)
+    assert set(file["explicit"]) == set(file["targets"])
+
+
+def test_what_the_file_says():
+    assert GOOD["states"] == ["x", "phi", "x_dot", "phi_dot"]
+    assert GOOD["targets"] == ["x_ddot", "phi_ddot"]
+    assert GOOD["coordinates"][0] == {"name": "x", "order": 2, "angle": False, "cyclic": True, "unit": "m"}
+    assert GOOD["inputs"][1] == {"name": "v", "hold": "zero", "unit": None}
+    first = GOOD["relations"][0]["terms"]
+    assert first[0] == {"factor": "x_ddot", "term": "1", "coefficient": 1.0, "std_error": None}
+    assert first[1] == {
+        "factor": "x_ddot",
+        "term": "cos(phi)**2",
+        "coefficient": -0.30000000000000004,
+        "std_error": 1e-3,
+    }
+    assert [t["std_error"] for t in first[2:]] == [2e-300, None, 0.0, None]
+    assert GOOD["scores"]["targets"]["x_ddot"] == {"r2": 0.30000000000000004, "worst": None}  # JSON has no infinity
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_reads_back_as_it_was_to_the_last_digit(name):
+    model = MODELS[name]
+    text = to_json(model)
+    again = from_json(text)
+    assert again.relations == model.relations
+    assert (again.coordinates, again.inputs) == (model.coordinates, model.inputs)
+    assert (again.domain, again.provenance) == (model.domain, model.provenance)
+    assert to_json(again) == text
+    assert math.isfinite(json.loads(text, parse_constant=lambda _: math.nan)["relations"][0]["terms"][0]["coefficient"])
+
+
+def test_the_file_is_plain_json_that_people_can_read():
+    text = to_json(MODELS["coupled"])
+    assert text.endswith("}\n")
+    assert '\n  "version": 1,\n' in text
+    assert msgspec.json.decode(text) == json.loads(text)
+
+
+# reading
+
+
+@pytest.mark.parametrize("key", sorted(TOP))
+def test_a_missing_key_is_named(key):
+    assert f"`{key}`" in refused({k: v for k, v in GOOD.items() if k != key})
+
+
+@pytest.mark.parametrize(
+    "path", [[], ["coordinates", 0], ["inputs", 1], ["relations", 0], ["relations", 1, "terms", 2]], ids=str
+)
+def test_an_extra_key_is_named_with_its_place(path):
+    file = copy.deepcopy(GOOD)
+    place = file
+    for step in path:
+        place = place[step]
+    place["surprise"] = 1
+    message = refused(file)
+    assert "`surprise`" in message
+    assert all(str(step) in message for step in path)
+    missing = sorted(set(place) - {"surprise"})[0]
+    del place["surprise"], place[missing]
+    assert f"`{missing}`" in refused(file)
+
+
+def changed(**values):
+    return GOOD | values
+
+
+def term(**values):
+    file = copy.deepcopy(GOOD)
+    file["relations"][0]["terms"][2] |= values
+    return file
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        ("", "truncated"),
+        ("{", "truncated"),
+        ("null", "`object`"),
+        ("[" * 100_000, "`object`"),
+        ('{"scores": ' * 100_000, "nested too deep"),
+        (b"\xff\xfe", "JSON"),
+        (json.dumps(GOOD) + "x", "trailing"),
+        (json.dumps(term(coefficient=float("nan"))), "JSON"),
+        (json.dumps(term(coefficient=float("inf"))), "JSON"),
+        (term(coefficient="1.0"), "`relations[0].terms[2].coefficient`"),
+        (term(std_error=-1e-9), "standard error of 'u' is negative"),
+        (term(factor="y_ddot"), "'y_ddot' is no target; the targets are x_ddot, phi_ddot"),
+        (term(term="y"), "'y'"),
+        (term(term="x_ddot"), "'x_ddot'"),
+        (term(term="x + 1"), "one product"),
+        (term(term="2*x"), "one product"),
+        (term(term=""), "not an expression"),
+        (term(term="__import__('os')"), "only names"),
+        (term(term="__import__('os').system('touch pwned')"), "only names"),
+        (term(term="x.__class__"), "only names"),
+        (term(term="(lambda: 0)()"), "only names"),
+        (term(term="9**9**9"), "exponent"),
+        (term(term="x**9**9**9"), "exponent"),
+        (term(term="x**99"), "exponent"),
+        (term(term="(" * 3000 + "x" + ")" * 3000), "6001 characters"),
+        (term(term="sin(" * 3000 + "x" + ")" * 3000), "15001 characters"),
+        (term(term="-" * 900 + "x"), "nested"),
+        (changed(version=2), "version is not 1"),
+        (changed(version="1"), "version is not 1"),
+        (changed(format="sbml"), "odescope/model"),
+        (changed(relations=[]), "2 targets needs as many relations; 0 came"),
+        (changed(relations=[{"terms": []}] * 2), "holds no target"),
+        (changed(coordinates=[]), "no coordinate"),
+        (changed(states=["phi", "x", "x_dot", "phi_dot"]), "its states are phi, x, x_dot, phi_dot, but"),
+        (changed(targets=["x_ddot"]), "its targets are x_ddot, but"),
+        (changed(inputs=[]), "'u'"),
+        (changed(inputs=[{"name": "x", "hold": "zero", "unit": None}]), "'x' is used twice"),
+        (changed(inputs=[{"name": "u", "hold": "foh", "unit": None}]), "inputs[0].hold"),
+        (changed(domain={"x": [1.0]}), "length 2"),
+        (changed(scores=[]), "`scores`"),
+    ],
+)
+def test_what_is_wrong_is_named(content, part):
+    assert part in refused(content)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "part"),
+    [("name", "x y", "not a plain name"), ("order", 0, "order"), ("order", 10**6, "order"), ("angle", 1, "`bool`")],
+)
+def test_a_coordinate_that_cannot_be(field, value, part):
+    file = copy.deepcopy(GOOD)
+    file["coordinates"][0][field] = value
+    assert part in refused(file)
+
+
+def test_explicit_is_for_people_and_never_read():
+    file = changed(explicit={"x_ddot": "__import__('os').system('touch pwned')", "phi_ddot": "nonsense"})
+    assert from_json(json.dumps(file)).relations == MODELS["rational"].relations
+
+
+def test_reading_a_file_names_it(tmp_path):
+    path = tmp_path / "model.json"
+    with pytest.raises(InputError, match=r"cannot read the model .*model.json: No such file"):
+        read_model(path)
+    path.write_text("{}")
+    with pytest.raises(InputError, match=r"model.json is not a model that odescope can read: .*`format`"):
+        read_model(path)
+    path.write_text(to_json(MODELS["coupled"]))
+    assert read_model(path).relations == MODELS["coupled"].relations

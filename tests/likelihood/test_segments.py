@@ -1,0 +1,124 @@
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from odescope.likelihood.segments import _parabola, cut_segments
+from odescope.recordings.coordinate import Coordinate, Input
+from odescope.recordings.record import Record, Records
+from odescope.signals.estimate import Channel
+from odescope.signals.spectral import bin_frequencies, differentiate
+
+PERIOD = 0.002
+
+
+def record(t, noise=0.0, seed=0, hold_u=None):
+    x = np.sin(2 * np.pi * 1.3 * t) + 0.5 * np.cos(2 * np.pi * 0.37 * t + 1) + 0.3 * t
+    u = np.cos(2 * np.pi * 0.9 * t) if hold_u is None else hold_u
+    rng = np.random.default_rng(seed)
+    return Record(t, np.column_stack([x + noise * rng.standard_normal(len(t)), u]), ("x", "u"))
+
+
+def cut(runs, noise=1e-3, cutoff=4.0, hold="linear"):
+    return cut_segments(
+        Records(tuple(runs)), (Coordinate("x", 2),), (Input("u", hold),), (Channel("x", noise, cutoff),)
+    )
+
+
+def centres(data, first=0.0):
+    return first + PERIOD * ((data.block - 1) / 2 + data.block * np.arange(len(data.measured)))
+
+
+def test_averages_without_noise_are_the_exact_values_at_the_centres():
+    t = PERIOD * np.arange(6001)
+    data = cut([record(t)])
+    at = centres(data)
+    exact = record(at).values[:, 0]
+    plain = record(t).values[: len(at) * data.block, 0].reshape(-1, data.block).mean(axis=1)
+    inner = (at > 1.0) & (at < at[-1] - 1.0)
+    assert data.block >= 11
+    assert np.abs(plain - exact)[inner].max() > 1e-3
+    assert np.abs(data.measured[:, 0] - exact)[inner].max() < 1e-5
+    assert np.abs(data.measured[:, 0] - exact).max() < 1e-3
+
+
+def test_averages_carry_white_noise_of_the_stated_size():
+    t = PERIOD * np.arange(40001)
+    data = cut([record(t, 0.05)], noise=0.05)
+    error = data.measured[:, 0] - record(centres(data)).values[:, 0]
+    assert np.std(error) == pytest.approx(data.noise[0], rel=0.06)
+    assert data.noise[0] == pytest.approx(0.05 / np.sqrt(data.block))
+    # The filtered signal's error cancels over a block, so neighbours are not correlated.
+    assert abs(np.corrcoef(error[:-1], error[1:])[0, 1]) < 0.1
+
+
+def test_spread_is_the_scatter_of_filtered_white_noise():
+    count, cutoff = 20001, 4.0
+    data = cut([record(PERIOD * np.arange(count))], noise=0.05, cutoff=cutoff)
+    noise = 0.05 * np.random.default_rng(3).standard_normal(count)
+    last = int(np.searchsorted(bin_frequencies(count, PERIOD), cutoff, "right")) - 1
+    values = differentiate(noise, PERIOD, last, 1)
+    for k in range(2):
+        assert np.std(values[k][2000:-2000]) == pytest.approx(data.spread[k], rel=0.15)
+
+
+def test_segments_cover_every_record_and_never_cross_from_one_to_the_next():
+    runs = [record(PERIOD * np.arange(n) + first) for n, first in ((2001, 0.0), (3500, 10.0), (900, 40.0))]
+    data = cut(runs)
+    ends = np.cumsum([len(r) // data.block for r in runs])
+    assert data.start[0] == 0
+    assert np.array_equal(data.start[1:], (data.start + data.count)[:-1])
+    assert data.start[-1] + data.count[-1] == ends[-1]
+    assert sorted((data.start + data.count)[~data.joined]) == sorted(ends)
+    np.testing.assert_array_equal(data.initial, data.filtered[data.start])
+    single = [cut([r]) for r in runs]
+    assert {s.block for s in single} == {data.block}
+    np.testing.assert_allclose(data.measured, np.concatenate([s.measured for s in single]))
+    np.testing.assert_allclose(data.inputs, np.concatenate([s.inputs for s in single]))
+
+
+@pytest.mark.parametrize("block", [1, 2, 5, 12])
+@pytest.mark.parametrize("hold", ["linear", "zero"])
+def test_the_parabola_is_the_least_squares_one(block, hold):
+    samples = np.random.default_rng(block).standard_normal(block + 1)
+
+    def value(s):
+        k = min(int(s), block - 1)
+        return samples[k] + (s - k) * (samples[k + 1] - samples[k]) * (hold == "linear")
+
+    s = np.arange(block + 1.0)
+    gram = np.array([[block ** (i + j + 1) / (i + j + 1) for j in range(3)] for i in range(3)])
+    right = [
+        sum(quad(lambda s, i=i: s**i * value(s), a, a + 1, epsabs=1e-13)[0] for a in s[:-1] + 1e-15) for i in range(3)
+    ]
+    nearest = np.polynomial.Polynomial(np.linalg.solve(gram, right))
+    nodes = _parabola(block, hold) @ samples
+    np.testing.assert_allclose(nodes, nearest(np.array([0.0, 0.5, 1.0]) * block), rtol=1e-6, atol=1e-8)
+    mean = np.trapezoid(samples) / block if hold == "linear" else samples[:-1].mean()
+    assert nodes @ [1 / 6, 4 / 6, 1 / 6] == pytest.approx(mean, abs=1e-12)
+
+
+def test_the_parabola_reproduces_lines_exactly_and_parabolas_to_the_error_of_linear_interpolation():
+    for block in (1, 3, 10):
+        s = np.arange(block + 1.0)
+        at = np.array([0.0, 0.5, 1.0]) * block
+        np.testing.assert_allclose(_parabola(block, "linear") @ (2 - 3 * s), 2 - 3 * at, atol=1e-12 * block)
+        # Between samples linear interpolation of s^2 is too high by 1/6 on average.
+        shift = _parabola(block, "linear") @ s**2 - at**2
+        assert shift @ [1 / 6, 4 / 6, 1 / 6] == pytest.approx(1 / 6, abs=1e-11)
+        assert np.abs(shift).max() < 0.3
+    np.testing.assert_allclose(_parabola(1, "zero") @ [2.0, 5.0], 2.0)
+    np.testing.assert_allclose(_parabola(1, "linear") @ [2.0, 5.0], [2.0, 3.5, 5.0])
+
+
+def test_inputs_are_those_of_the_step_from_centre_to_centre():
+    data = cut([record(PERIOD * np.arange(4001))])
+    at = centres(data)[:-1, None] + np.array([0.0, 0.5, 1.0]) * data.step
+    np.testing.assert_allclose(data.inputs[:-1, :, 0], np.cos(2 * np.pi * 0.9 * at), atol=1e-3)
+
+
+def test_a_held_input_is_not_averaged():
+    t = PERIOD * np.arange(1001)
+    held = np.repeat(np.random.default_rng(2).standard_normal(101), 10)[: len(t)]
+    data = cut([record(t, hold_u=held)], hold="zero")
+    assert data.block == 1
+    np.testing.assert_allclose(data.inputs[:-1, :, 0], np.repeat(held[:-1, None], 3, axis=1), atol=1e-12)

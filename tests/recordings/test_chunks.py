@@ -1,0 +1,502 @@
+"""Files read in portions: put together, they are the file read at once."""
+
+import gzip
+import pickle
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from pyarrow import parquet
+from scipy.io import savemat
+
+from odescope import textfile
+from odescope.errors import InputError
+from odescope.recordings.chunks import cut, read_portion, survey
+from odescope.recordings.readers import Layout, column_names, find_files, read_records
+
+LAYOUT = Layout(time="t", columns=(("x", "x"), ("u", "force")))
+LAPS = Layout(time="t", columns=LAYOUT.columns, recording="lap", gaps="split")
+N = 300
+FORCE = np.random.default_rng(0).standard_normal(N)
+TABLE = {"t": 0.25 * np.arange(N), "x": np.exp(FORCE), "note": np.array(["ok"] * N), "force": FORCE}
+PROPERTY = settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@pytest.fixture(autouse=True)
+def _small_steps(monkeypatch):
+    """Let small files have many marks, and lines that go over the blocks in which they are counted."""
+    monkeypatch.setattr(textfile, "MARK_ROWS", 8)
+    monkeypatch.setattr(textfile, "BLOCK_BYTES", 61)
+
+
+def write(folder, text, name="run1.csv"):
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def text_of(table, separator=",", decimal="."):
+    return pd.DataFrame(table).to_csv(index=False, sep=separator, decimal=decimal)
+
+
+def write_parquet(folder, table, group=N, name="run.parquet"):
+    parquet.write_table(pa.table(table), folder / name, row_group_size=group)
+    return folder / name
+
+
+def stretches(path, layout, rows, overlap=0):
+    return [part for portion in cut(survey(path, layout), rows, overlap) for part in read_portion(portion, layout)]
+
+
+def own(parts):
+    """Return the own samples of all stretches together: time, then the columns."""
+    return np.concatenate([np.column_stack([p.record.t, p.record.values])[p.first : p.stop] for p in parts])
+
+
+def samples(path, layout):
+    return np.concatenate([np.column_stack([run.t, run.values]) for run in read_records([path], layout)])
+
+
+def refused(path, layout, message, rows=100, overlap=0):
+    with pytest.raises(InputError, match=message) as caught:
+        stretches(path, layout, rows, overlap)
+    assert path.name in str(caught.value)
+
+
+# portions put together
+
+
+def blank_lines(text):
+    lines = text.split("\n")
+    return (
+        "\n\n" + "\n".join(line + "\n" * (k % 7 == 3) + "\n" * (k % 50 == 9) for k, line in enumerate(lines)) + "\n\n"
+    )
+
+
+TEXTS = {
+    "plain": text_of(TABLE),
+    "without a last line end": text_of(TABLE).rstrip("\n"),
+    "blank lines": blank_lines(text_of(TABLE)),
+    "crlf": text_of(TABLE).replace("\n", "\r\n"),
+    "crlf and blank lines": "\ufeff" + blank_lines(text_of(TABLE)).replace("\n", "\r\n"),
+    "decimal comma": text_of(TABLE, ";", ","),
+    "semicolon and decimal point": text_of(TABLE, ";"),
+    "cells that only Python reads": text_of(TABLE).replace(",0.", ",+0."),
+    "tabs": text_of(TABLE, "\t"),
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+@PROPERTY
+@given(rows=st.integers(2, N + 9), overlap=st.integers(0, 40))
+@example(rows=8, overlap=0)
+@example(rows=150, overlap=8)
+def test_portions_of_a_text_file_are_the_file(tmp_path, name, rows, overlap):
+    path = write(tmp_path, TEXTS[name])
+    parts = stretches(path, LAYOUT, rows, overlap)
+    assert len(parts) == -(-N // rows)
+    assert own(parts).tobytes() == samples(path, LAYOUT).tobytes()
+
+
+@PROPERTY
+@given(rows=st.integers(2, N + 9), overlap=st.integers(0, 40), group=st.sampled_from([1, 7, 64, 150, N]))
+def test_portions_of_a_parquet_file_are_the_file(tmp_path, rows, overlap, group):
+    path = write_parquet(tmp_path, TABLE, group)
+    parts = stretches(path, LAYOUT, rows, overlap)
+    assert len(parts) == -(-N // rows)
+    assert own(parts).tobytes() == samples(path, LAYOUT).tobytes()
+
+
+def test_marks_and_blocks_of_their_true_size(tmp_path, monkeypatch):
+    monkeypatch.undo()
+    t = 0.25 * np.arange(200_000)
+    path = write(tmp_path, text_of({"t": t, "x": np.sin(t), "force": np.cos(t)}))
+    assert path.stat().st_size > 2 * textfile.BLOCK_BYTES
+    assert own(stretches(path, LAYOUT, 30_000, 50)).tobytes() == samples(path, LAYOUT).tobytes()
+
+
+@pytest.mark.parametrize(("rows", "overlap"), [(50, 0), (50, 20), (33, 16), (N, 5)])
+def test_the_cuts_and_the_overlap_are_told_from_true_ends(tmp_path, rows, overlap):
+    for path in (write(tmp_path, TEXTS["plain"]), write_parquet(tmp_path, TABLE)):
+        parts = stretches(path, LAYOUT, rows, overlap)
+        last = len(parts) - 1
+        assert [part.begins for part in parts] == [k == 0 for k in range(len(parts))]
+        assert [part.ends for part in parts] == [k == last for k in range(len(parts))]
+        assert [part.first for part in parts] == [overlap * (k > 0) for k in range(len(parts))]
+        assert [len(part.record) - part.stop for part in parts] == [overlap * (k < last) for k in range(len(parts))]
+
+
+def test_a_file_of_one_portion_is_read_as_ever(tmp_path):
+    lap = np.repeat(["b", "a", "b"], N // 3)  # grouped, where a part would tell three runs
+    path = write(tmp_path, text_of({**TABLE, "lap": lap}))
+    layout = Layout(sample_period=0.5, columns=LAYOUT.columns, recording="lap")
+    (portion,) = cut(survey(path, layout), N, 10)
+    assert portion.whole
+    for part, run in zip(read_portion(portion, layout), read_records([path], layout), strict=True):
+        assert (part.first, part.stop, part.begins, part.ends) == (0, len(run), True, True)
+        assert (part.record.source, part.record.units) == (run.source, run.units)
+        assert np.array_equal(part.record.t, run.t)
+        assert np.array_equal(part.record.values, run.values)
+
+
+@pytest.mark.parametrize("name", ["run.csv.gz", "run.mat", "run.txt"])
+def test_files_that_can_only_be_read_whole_are_one_portion(tmp_path, name):
+    path = tmp_path / name
+    if name == "run.mat":
+        savemat(path, TABLE)
+    elif name == "run.txt":
+        write(tmp_path, TEXTS["blank lines"].replace("\n", "\r"), name)
+    else:
+        write(tmp_path, gzip.compress(TEXTS["blank lines"].encode()), name)
+    file = survey(path, LAYOUT)
+    assert file.rows == N
+    (portion,) = cut(file, 20)
+    assert portion.whole
+    (part,) = read_portion(portion, LAYOUT)
+    assert np.array_equal(part.record.values, np.column_stack([TABLE["x"], TABLE["force"]]))
+
+
+def test_portions_and_stretches_go_to_other_processes(tmp_path):
+    portion = cut(survey(write(tmp_path, TEXTS["plain"]), LAYOUT), 100, 20)[1]
+    there = pickle.loads(pickle.dumps(portion))  # noqa: S301
+    assert there == portion
+    (back,) = pickle.loads(pickle.dumps(read_portion(there, LAYOUT)))  # noqa: S301
+    assert np.array_equal(own([back])[:, 0], TABLE["t"][100:200])
+
+
+def test_a_sample_period_counts_through_the_file(tmp_path):
+    layout = Layout(sample_period=0.25, columns=LAYOUT.columns)
+    for path in (write(tmp_path, TEXTS["plain"]), write_parquet(tmp_path, TABLE, 64)):
+        assert own(stretches(path, layout, 90, 20)).tobytes() == samples(path, layout).tobytes()
+
+
+def test_a_wrapped_angle_runs_on_over_the_cut(tmp_path):
+    angle = 0.3 * np.arange(N)
+    path = write(tmp_path, text_of({**TABLE, "x": np.angle(np.exp(1j * angle))}))
+    layout = Layout(time="t", columns=(("phi", "x"),), angles=frozenset({"phi"}))
+    parts = stretches(path, layout, 70, 20)
+    for part in parts:
+        assert np.allclose(np.diff(part.record.column("phi")), 0.3)
+    turns = (own(parts)[:, 1] - angle) / (2 * np.pi)
+    assert np.allclose(turns, np.rint(turns))
+
+
+def test_jitter_is_resampled_on_as_many_samples(tmp_path):
+    t = 0.25 * (np.arange(N) + np.random.default_rng(1).uniform(-0.03, 0.03, N))
+    path = write_parquet(tmp_path, {**TABLE, "t": t, "x": np.sin(0.2 * t)})
+    parts = own(stretches(path, LAYOUT, 70, 30))
+    assert len(parts) == N
+    assert np.abs(parts[:, 0] - TABLE["t"]).max() < 0.25 * 0.04
+    assert np.abs(parts[:, 1] - np.sin(0.2 * parts[:, 0]))[2:-2].max() < 1e-5
+
+
+# gaps
+
+
+@PROPERTY
+@given(
+    missing=st.sets(st.integers(0, N - 1), max_size=12),
+    jump=st.integers(1, N - 1),
+    rows=st.integers(2, N),
+    overlap=st.integers(16, 40),
+)
+@example(missing={99, 100}, jump=200, rows=100, overlap=16)
+@example(missing={84, 116, 183, 216}, jump=150, rows=100, overlap=16)
+@example(missing=set(range(90, 230)), jump=1, rows=100, overlap=16)
+def test_portions_lose_the_rows_that_reading_at_once_loses(tmp_path, missing, jump, rows, overlap):
+    t, x = TABLE["t"].copy(), TABLE["x"].copy()
+    t[jump:] += 10.0
+    x[list(missing)] = np.nan
+    path = write_parquet(tmp_path, {**TABLE, "t": t, "x": x}, 64)
+    layout = Layout("t", columns=LAYOUT.columns, gaps="split")
+    parts = stretches(path, layout, rows, overlap)
+    assert own(parts).tobytes() == samples(path, layout).tobytes()
+    begins, ends = zip(*((run.t[0], run.t[-1]) for run in read_records([path], layout)), strict=True)
+    for part in parts:
+        assert part.record.t[0] in begins if part.begins else part.first == overlap
+        assert part.record.t[-1] in ends if part.ends else part.stop == len(part.record) - overlap
+
+
+def test_a_portion_that_is_all_gap_holds_nothing(tmp_path):
+    x = TABLE["x"].copy()
+    x[90:215] = np.nan
+    path = write(tmp_path, text_of({**TABLE, "x": x}))
+    layout = Layout("t", columns=LAYOUT.columns, gaps="split")
+    portions = cut(survey(path, layout), 100, 10)
+    assert [len(read_portion(portion, layout)) for portion in portions] == [1, 0, 1]
+    (first,), (last,) = read_portion(portions[0], layout), read_portion(portions[2], layout)
+    assert (first.begins, first.ends, last.begins, last.ends) == (True, True, True, True)
+
+
+@pytest.mark.parametrize("row", [105, 130, 193, 205])
+def test_gaps_are_refused_by_their_row_in_the_file(tmp_path, row):
+    x = TABLE["x"].copy()
+    x[row - 1] = np.nan
+    path = write(tmp_path, text_of({**TABLE, "x": x}))
+    refused(path, LAYOUT, rf"'x' has 1 gap \(data row {row}\)", overlap=20)
+    refused(path, LAYOUT, rf"'x' has 1 gap \(data row {row}\)")
+
+
+def test_time_that_goes_back_is_refused_by_its_row_in_the_file(tmp_path):
+    t = TABLE["t"].copy()
+    t[250] = 3.0
+    refused(write_parquet(tmp_path, {**TABLE, "t": t}), LAYOUT, "time goes back at data row 251", overlap=20)
+
+
+# recordings
+
+
+@pytest.mark.parametrize("overlap", [16, 40])
+@pytest.mark.parametrize("edges", [(100, 200), (99, 201), (84, 216), (95, 295), (16, 101)])
+def test_labels_cross_portions(tmp_path, edges, overlap):
+    lap = np.searchsorted(edges, np.arange(N), side="right")
+    for path in (write(tmp_path, text_of({**TABLE, "lap": lap})), write_parquet(tmp_path, {**TABLE, "lap": lap}, 64)):
+        layout = Layout("t", columns=LAYOUT.columns, recording="lap")
+        parts = stretches(path, layout, 100, overlap)
+        assert own(parts).tobytes() == samples(path, layout).tobytes()
+        for label, first, last in zip("012", (0, *edges), (*edges, N), strict=True):
+            mine = [part for part in parts if part.record.source == f"{path.name} (lap {label})"]
+            assert sum(part.stop - part.first for part in mine) == last - first
+            assert mine[0].begins
+            assert mine[-1].ends
+
+
+@pytest.mark.parametrize("row", [0, 50, 120, 299])
+@pytest.mark.parametrize("gaps", ["refuse", "split"])
+def test_a_recording_of_one_row_is_refused_as_at_once(tmp_path, row, gaps):
+    lap = (np.arange(N) >= row) + 1 * (np.arange(N) > row)
+    path = write(tmp_path, text_of({**TABLE, "lap": lap}))
+    layout = Layout("t", columns=LAYOUT.columns, recording="lap", gaps=gaps)
+    with pytest.raises(InputError) as caught:
+        read_records([path], layout)
+    refused(path, layout, re.escape(str(caught.value)), overlap=20)
+
+
+def test_a_row_cut_off_from_its_recording_is_not_a_fault(tmp_path):
+    lap = np.arange(N) >= 99
+    path = write_parquet(tmp_path, {**TABLE, "lap": lap})
+    for gaps in ("refuse", "split"):
+        layout = Layout("t", columns=LAYOUT.columns, recording="lap", gaps=gaps)
+        assert len(own(stretches(path, layout, 100))) == N - 1  # without an overlap the row stands alone
+        assert len(own(stretches(path, layout, 100, 16))) == N
+    x = TABLE["x"].copy()
+    x[99] = np.nan
+    layout = Layout("t", columns=LAYOUT.columns, recording="lap")
+    refused(write_parquet(tmp_path, {**TABLE, "lap": lap, "x": x}), layout, "0 of 1 rows are complete")
+
+
+def test_a_label_that_comes_back_is_another_recording(tmp_path):
+    path = write(tmp_path, text_of({**TABLE, "lap": np.repeat(list("abab"), 75)}))
+    parts = stretches(path, LAPS, 150, 16)
+    assert [(part.record.source[-2], part.first, part.stop) for part in parts] == [
+        ("a", 0, 75),
+        ("b", 0, 75),
+        ("a", 0, 75),
+        ("b", 0, 75),
+    ]
+    assert [(part.begins, part.ends) for part in parts] == [(True, True)] * 4
+
+
+@pytest.mark.parametrize("gaps", ["refuse", "split"])
+def test_mixed_recordings_are_refused(tmp_path, gaps):
+    path = write(tmp_path, text_of({**TABLE, "lap": np.where(np.arange(N) % 2, "a", "b")}))
+    layout = Layout("t", columns=LAYOUT.columns, recording="lap", gaps=gaps)
+    assert len(read_records([path], layout)) == 2
+    refused(
+        path, layout, "'a' in run1.csv is in several places, .* from data row 2 on: .* sort it by 'lap', then by time"
+    )
+
+
+def test_an_empty_label_is_refused(tmp_path):
+    lap = np.where(np.arange(N) == 250, "", "a")
+    refused(write(tmp_path, text_of({**TABLE, "lap": lap})), LAPS, "'lap' in run1.csv has empty cells")
+
+
+def test_categories_label_recordings(tmp_path):
+    labels = pa.array(np.repeat(["a", "b"], N // 2)).dictionary_encode()
+    path = write_parquet(tmp_path, {**TABLE, "lap": labels}, 64)
+    sources = [part.record.source for part in stretches(path, LAPS, 100)]
+    assert sources == [f"run.parquet (lap {lap})" for lap in "aabb"]
+
+
+# folders
+
+
+def test_folders_stand_for_their_parquet_files(tmp_path):
+    names = (
+        "b/lap=2/part-0.parquet",
+        "b/lap=1/part-1.PQ",
+        "b/lap=1/part-0.parquet",
+        "b/_notes/c.parquet",
+        "b/.a.parquet",
+    )
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        write_parquet(tmp_path, TABLE, name=name)
+    (tmp_path / "b/readme.txt").write_text("what this is")
+    (tmp_path / "b/_notes/none").mkdir()
+    single = write_parquet(tmp_path, TABLE)
+    found = find_files([tmp_path / "b", single])
+    assert found == (*(tmp_path / name for name in (names[2], names[1], names[0])), single)
+    layout = Layout("t", columns=LAYOUT.columns, recording="lap")
+    sources = [run.source for run in read_records([tmp_path / "b"], layout)]
+    assert sources == ["part-0.parquet (lap 1)", "part-1.PQ (lap 1)", "part-0.parquet (lap 2)"]
+    assert column_names(tmp_path / "b") == ("t", "x", "note", "force")
+    with pytest.raises(
+        InputError, match=r"is a directory without Parquet files .* name files of other kinds one by one"
+    ):
+        find_files([single, tmp_path / "b/_notes/none"])
+
+
+def test_a_folder_names_the_recording_of_a_whole_file(tmp_path):
+    for folder, label in (("lap=a%20b", "a b"), ("lap=7/half=1", "7"), ("lap=8/lap=4", "4"), ("lap=x=1", "x=1")):
+        (tmp_path / folder).mkdir(parents=True)
+        path = write_parquet(tmp_path, TABLE, name=f"{folder}/run.parquet")
+        parts = stretches(path, LAPS, 100, 20)
+        assert {part.record.source for part in parts} == {f"run.parquet (lap {label})"}
+        assert own(parts).tobytes() == samples(path, LAPS).tobytes()
+    own_column = write_parquet(tmp_path, {**TABLE, "lap": ["in"] * N}, name="lap=7/run.parquet")
+    assert next(iter(read_records([own_column], LAPS))).source == "run.parquet (lap in)"
+    refused(write_parquet(tmp_path, TABLE), LAPS, "no column 'lap' in run.parquet")
+    (tmp_path / "lap=__HIVE_DEFAULT_PARTITION__").mkdir()
+    nameless = write_parquet(tmp_path, TABLE, name="lap=__HIVE_DEFAULT_PARTITION__/run.parquet")
+    refused(nameless, LAPS, "'lap' in run.parquet has empty cells")
+
+
+# files that are refused
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda lines: [*lines[:280], "70,x1,ok,1", *lines[281:]], r"'x' .* not numbers \(line 281: 'x1'\); empty"),
+        (lambda lines: [*lines[:201], "s,m,,N", *lines[202:]], r"'t' .* not numbers \(line 202: 's'\); empty"),
+        (lambda lines: [lines[0], "s,m,,N", *lines[1:]], r"'t' .* not numbers \(line 2: 's'\); delete that line"),
+        (
+            lambda lines: [*lines[:280], "70,1,2", *lines[281:]],
+            r"line 281 of run1.csv has 3 cells where the header has 4",
+        ),
+        (lambda lines: [*lines[:280], "", "70,1,2", *lines[281:]], "line 282 of run1.csv has 3 cells"),
+        (lambda lines: ["", *lines[:280], "70,inf,ok,1", *lines[281:]], "'x' is not a finite number in data row 280"),
+        (lambda lines: ["a,b", "1,2"], "no column 't' in run1.csv"),
+        (lambda lines: [lines[0], "", ""], "column names but no rows"),
+        (lambda lines: [""], "is empty"),
+    ],
+)
+def test_faults_of_text_are_told_by_their_line_in_the_file(tmp_path, change, message):
+    refused(write(tmp_path, "\n".join(change(TEXTS["plain"].splitlines()))), LAYOUT, message)
+
+
+def test_a_cell_over_several_lines_is_refused(tmp_path):
+    lines = TEXTS["plain"].splitlines()
+    lines[250] = lines[250].replace("ok", '"o\nk"')
+    refused(write(tmp_path, "\n".join(lines)), LAYOUT, "rows where .* were counted, .* goes over several lines")
+
+
+def test_one_decimal_mark_serves_the_whole_file(tmp_path):
+    whole = ["t;x;force", *(f"{k};{k};{k}" for k in range(200))]  # says nothing of the mark
+    for mark, other in (".,", ",."):
+        numbers = [f"{k};1{mark if k < 320 else other}500;1" for k in range(200, 400)]
+        path = write(tmp_path, "\n".join([*whole, *numbers]))
+        with pytest.raises(InputError, match="not numbers"):
+            read_records([path], LAYOUT)
+        refused(path, LAYOUT, rf"'x' .* not numbers \(line 322: '1\{other}500'", rows=80)
+    path = write(tmp_path, "\n".join(whole))
+    assert own(stretches(path, LAYOUT, 50)).tobytes() == samples(path, LAYOUT).tobytes()
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_a_blank_line_without_a_time_column_is_a_lost_sample(tmp_path, end):
+    layout = Layout(sample_period=1.0, columns=LAYOUT.columns)
+    lines = TEXTS["plain"].splitlines()
+    refused(write(tmp_path, end.join([*lines[:200], "", *lines[200:]])), layout, "line 201 of run1.csv is blank")
+    assert survey(write(tmp_path, end.join([*lines, "", "", ""])), layout).rows == N
+
+
+def test_spaces_alone_are_a_row_as_they_are_to_arrow(tmp_path):
+    path = write(tmp_path, "x\n" + "\n".join(["1", " "] * 40))
+    layout = Layout(sample_period=1.0, columns=(("x", "x"),))
+    assert survey(path, layout).rows == 80
+    refused(path, layout, r"'x' has 10 gaps \(data rows 2, 4, ", rows=20)
+
+
+def test_files_that_change_meanwhile_are_refused(tmp_path):
+    path = write_parquet(tmp_path, TABLE)
+    late = cut(survey(path, LAYOUT), 100)[2]
+    write_parquet(tmp_path, {name: column[:150] for name, column in TABLE.items()})
+    with pytest.raises(InputError, match=r"run.parquet has 150 rows where 300 were counted"):
+        read_portion(late, LAYOUT)
+    path = write(tmp_path, TEXTS["plain"])
+    late = cut(survey(path, LAYOUT), 100)[2]
+    write(tmp_path, "\n".join(TEXTS["plain"].splitlines()[:250]))
+    with pytest.raises(InputError, match=r"run1.csv has \d+ rows where \d+ were counted, after data row 200"):
+        read_portion(late, LAYOUT)
+
+
+def test_damaged_and_missing_files_are_refused(tmp_path):
+    refused(tmp_path / "gone.csv", LAYOUT, "no such file")
+    refused(write(tmp_path, b"PAR1 nothing", "run.pq"), LAYOUT, "cannot be read")
+    refused(write(tmp_path, gzip.compress(TEXTS["plain"].encode())[:-30], "cut.csv.gz"), LAYOUT, "cannot be read")
+    refused(write_parquet(tmp_path, {**TABLE, "x": TABLE["note"]}), LAYOUT, "'x' in run.parquet holds string")
+    path = write_parquet(tmp_path, TABLE, 64)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:400] + bytes(200) + whole[600:])
+    refused(path, LAYOUT, "cannot be read")
+    savemat(tmp_path / "run.mat", {"t": TABLE["t"], "x": np.eye(3), "force": FORCE})
+    refused(tmp_path / "run.mat", LAYOUT, "in run.mat, 'x' is a 3x3 double")
+
+
+@pytest.mark.parametrize(("rows", "overlap"), [(0, 0), (10, -1)])
+def test_portions_without_rows_are_refused(tmp_path, rows, overlap):
+    with pytest.raises(InputError, match=f"at least 1 row and an overlap of at least 0, got {rows} and {overlap}"):
+        cut(survey(write(tmp_path, TEXTS["plain"]), LAYOUT), rows, overlap)
+
+
+# memory
+
+READ = """
+import sys
+from pathlib import Path
+from odescope.recordings.chunks import cut, read_portion, survey
+from odescope.recordings.readers import Layout
+
+def peak():
+    # getrusage would start from the peak of the process that started this one
+    return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
+
+layout = Layout("t", columns=(("x", "x"), ("u", "u"), ("v", "v")))
+small, large = map(Path, sys.argv[1:])
+for k in (0, 1):
+    read_portion(cut(survey(small, layout), 50_000)[k], layout)
+before = peak()
+portions = cut(survey(large, layout), 50_000, 100)
+for portion in (portions[0], portions[-1]):
+    assert len(read_portion(portion, layout)[0].record) == 50_100
+print((peak() - before) / 2**10)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc tells the peak")
+@pytest.mark.parametrize("kind", ["parquet", "csv"])
+def test_memory_is_that_of_a_portion(tmp_path, kind):
+    files = []
+    for rows in (100_000, 4_000_000 if kind == "parquet" else 1_000_000):
+        noise = np.random.default_rng(0).standard_normal(rows)
+        table = pa.table({"t": 0.25 * np.arange(rows), "x": noise, "u": noise, "v": noise})
+        files.append(tmp_path / f"run{rows}.{kind}")
+        if kind == "parquet":
+            parquet.write_table(table, files[-1], row_group_size=rows)  # one single row group
+        else:
+            pa.csv.write_csv(table, files[-1])
+        table = None
+    assert files[1].stat().st_size > 60e6
+    command = [sys.executable, "-c", READ, *map(str, files)]
+    grown = float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert grown < 30  # MiB; read at once they take 1000 and 300

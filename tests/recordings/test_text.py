@@ -1,0 +1,172 @@
+"""Text files, read through read_records: a fault counts only with the message that a user gets."""
+
+import contextlib
+import gzip
+import re
+import string
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from odescope.errors import InputError
+from odescope.recordings.readers import Layout, read_records
+from odescope.recordings.text import read_header
+
+LAYOUT = Layout(time="t", columns=(("x", "x"), ("u", "force")))
+N = 30
+T, X, U = np.arange(N) * 0.5, np.sin(np.arange(N)), np.cos(np.arange(N))
+ROWS = zip(T.tolist(), X.tolist(), U.tolist(), strict=True)
+TEXT = "t,x,note,force\n" + "".join(f"{t!r},{x!r},ok,{u!r}\n" for t, x, u in ROWS)
+
+
+def write(folder: Path, text: str | bytes | list[str], name="run1.csv") -> Path:
+    path = folder / name
+    text = "\n".join(text) + "\n" if isinstance(text, list) else text
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def check(records):
+    (run,) = records
+    assert (run.names, len(run)) == (("x", "u"), N)
+    assert np.allclose(run.t, T, rtol=0, atol=1e-12)
+    assert np.array_equal(run.values, np.column_stack([X, U]))
+
+
+def refused(folder, text, message, layout=LAYOUT, name="run1.csv"):
+    with pytest.raises(InputError, match=message) as caught:
+        read_records([write(folder, text, name)], layout)
+    assert name in str(caught.value)
+
+
+# files that are read
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (lambda text: text, "run.csv"),
+        (lambda text: "\ufeff" + text, "run.csv"),
+        (lambda text: "\n \n" + text.replace("t,x,note", ' t , "x" ,no;te'), "run.txt"),
+        (lambda text: text.replace(",", "\t"), "run.tsv"),
+        (lambda text: text.replace(",", ";"), "run.csv"),
+        (lambda text: text.replace(",", ";").replace(".", ","), "RUN.CSV"),
+        (lambda text: text.replace("\n", "\r\n"), "run.csv"),
+        (lambda text: text.replace("\n", "\n\n", 5), "run.csv"),
+        (lambda text: text.replace("note", "x y,q").replace(",ok,", ',"a,b",°,'), "run.csv"),
+        (lambda text: re.sub(r",(\d)", r", +\1", text), "run.csv"),
+    ],
+)
+def test_csv_dialects(tmp_path, change, name):
+    check(read_records([write(tmp_path, change(TEXT), name)], LAYOUT))
+
+
+def test_the_header_tells_separator_names_and_lines_to_skip(tmp_path):
+    file = read_header(write(tmp_path, '\n \nt; "x;1, or 2" ;force\n1;2;3\n'))
+    assert (file.separator, file.names, file.skip) == (";", ("t", "x;1, or 2", "force"), 3)
+
+
+def test_labels_read_the_same_cell_by_cell(tmp_path):
+    text = ["lap,t,x", *(f"NA,{k},{k}" for k in range(20)), *(f'"1,5",{k},{k}' for k in range(20, 40))]
+    layout = Layout("t", columns=(("x", "x"),), recording="lap")
+    for body in (text, [*text[:-1], text[-1].replace("39,39", "39,+39")]):  # Arrow refuses the plus sign
+        runs = read_records([write(tmp_path, body)], layout)
+        assert [(run.source, run.values[-1, 0]) for run in runs] == [
+            ("run1.csv (lap NA)", 19),
+            ("run1.csv (lap 1,5)", 39),
+        ]
+
+
+def test_gzip(tmp_path):
+    check(read_records([write(tmp_path, gzip.compress(TEXT.encode()), "run.csv.GZ")], LAYOUT))
+
+
+def test_an_unused_column_may_be_in_another_encoding_or_repeat(tmp_path):
+    text = TEXT.replace(",note", ",note,note").replace("ok", "grün,")
+    check(read_records([write(tmp_path, text.encode("latin-1"))], LAYOUT))
+
+
+@settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(values=hnp.arrays(float, st.tuples(st.integers(2, 40), st.just(2)), elements=st.floats(-1e300, 1e300)))
+def test_written_floats_read_back_bit_exact(tmp_path, values):
+    frame = pd.DataFrame({"x": values[:, 0], "force": values[:, 1]})
+    frame.to_csv(tmp_path / "run.csv", index=False)
+    (run,) = read_records([tmp_path / "run.csv"], Layout(sample_period=0.1, columns=LAYOUT.columns))
+    assert run.values.tobytes() == values.tobytes()
+
+
+@pytest.mark.parametrize("cell", ["", "NaN", "NA", "nan", " ", " NaN "])
+def test_missing_cells_are_gaps(tmp_path, cell):
+    text = ["t,x,force", *(f"{k},{cell if k == 20 else k * k},{k}" for k in range(40))]
+    refused(tmp_path, text, r"column 'x' has 1 gap \(data row 21\)")
+    runs = read_records([tmp_path / "run1.csv"], Layout("t", columns=LAYOUT.columns, gaps="split"))
+    assert [(run.t[0], run.t[-1]) for run in runs] == [(0, 19), (21, 39)]
+
+
+# files that are refused
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty"),
+        ("\n\n \n", "is empty"),
+        ("t,x,force\n", "column names but no rows of data"),
+        ("t,x,force", "column names but no rows of data"),
+        ("t,xx,force\n1,2,3\n", r"no column 'x' in run1.csv; did you mean 'xx'\? Its columns are: t, xx, force"),
+        ("t,x,y\n1,2,3\n", "no column 'force' in run1.csv; there are: t, x, y"),
+        ("0.0,1.5,-2e3\n1,2,3\n", "first line holds numbers, where column names are expected"),
+        ("t,x,x,force\n1,2,3,4\n", "has 2 columns named 'x'"),
+        ("t,x,force\n1,2,3\n\n2,2\n", r"line 4 of run1.csv has 2 cells where the header has 3"),
+        ("t,x,force\ns,m,N\n1,2,3\n2,3,4\n", r"'t' .* not numbers \(line 2: 's'\); delete that line"),
+        (
+            "\nt,x,force\n1,2,3\n\n2,1e,4\n3,a,4\n4,0x1,4\n5,?,4\n",
+            r"'x' .*5: '1e', line 6: 'a', line 7: '0x1' and 1 more",
+        ),
+        ("t,x,force\n1,1_0,3\n2,1d3,4\n", r"line 2: '1_0', line 3: '1d3'"),
+        ("t;x;force\n1;1.000,5;3\n2;2;3\n", r"\(line 2: '1.000,5'\)"),
+        ("t;x;force\n1;1,5;3\n2;2.5;3\n", r"column 'x' in run1.csv has cells that are not numbers \(line \d: '\d.5'\)"),
+        ("t\tx\tforce\n1\t1,5\t3\n2\t2,5\t3\n", r"\(line 2: '1,5', line 3: '2,5'\)"),
+        ("t,x,force\n2024-01-01 00:00,1,3\n2,1,4\n", r"'t' .*line 2: '2024-01-01 00:00'"),
+        ("t,x,force\n1,²,3\n2,1,4\n", r"'x' .*line 2: '²'"),
+        ("größe,t,x,force\n1,2,3,4\n".encode("latin-1"), "not in UTF-8"),
+        ("t,x,force\n1,2,3\n".encode("utf-16"), "not in UTF-8"),
+        ("t,x,force\n1,2,3\n".encode("utf-16-le"), "not a text file in UTF-8"),
+        (b"t,x,force\n1,2\xb0,3\n2,3,4\n", r"'x' .*\(line 2: '2\ufffd'\)"),
+        ("x" * 200_000 + "\n1\n", "cannot be read: field larger"),
+    ],
+)
+def test_bad_text_files(tmp_path, text, message):
+    refused(tmp_path, text, message)
+
+
+def test_a_blank_line_without_a_time_column_is_a_lost_sample(tmp_path):
+    layout = Layout(sample_period=1.0, columns=(("x", "x"),))
+    refused(tmp_path, "x\n1\n\n2\n3\n", "line 3 of run1.csv is blank", layout)
+    assert len(next(iter(read_records([write(tmp_path, "\nx\n1\n2\n3\n\n\n")], layout)))) == 3
+
+
+def test_damaged_gzip_is_refused(tmp_path):
+    refused(tmp_path, b"not gzip at all", "cannot be read", name="run.csv.gz")
+    refused(tmp_path, gzip.compress(TEXT.encode())[:-30], "cannot be read", name="cut.csv.gz")
+
+
+def test_hostile_names_and_cells_stay_text(tmp_path):
+    name = "__import__('os').abort()"
+    text = [f"t,{name},force", *(f"{k},{k},{k}" for k in range(20))]
+    refused(tmp_path, text, "'x' in run1.csv; there are: t, __import__")
+    (run,) = read_records([tmp_path / "run1.csv"], Layout("t", columns=(("x", name),)))
+    assert run.names == ("x",)
+
+
+@settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(text=st.one_of(st.binary(max_size=80), st.text("tx,;\n\r\"'1.e- " + string.ascii_lowercase, max_size=80)))
+def test_no_text_gets_past_an_input_error(tmp_path, text):
+    body = b"t,x,force\n0,1,2\n" + (text if isinstance(text, bytes) else text.encode())
+    with contextlib.suppress(InputError):
+        assert all(np.isfinite(run.values).all() for run in read_records([write(tmp_path, body)], LAYOUT))
