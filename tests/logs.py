@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from odescope import cli
+from odescope.commands import cli
 
 OSCILLATOR = "[coordinates.x]\norder = 2\n[inputs.u]\n"
 OSCILLATOR_OPTIONS = ("--time", "t", "--coordinate", "x", "--input", "u", "--order", "2")

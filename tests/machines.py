@@ -15,7 +15,8 @@ class Machines:
 
     def __init__(self, folder, **settings):
         self.folder = folder
-        self.environment = {**os.environ, "PYTHONPATH": str(HERE), **settings}
+        path = [str(HERE), str(HERE / "parallel"), *filter(None, [os.environ.get("PYTHONPATH")])]
+        self.environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path), **settings}
         known = folder / "scheduler.json"
         self.scheduler = self.start(
             "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(known)

@@ -30,7 +30,7 @@ from odescope.recordings.readers import (
 )
 from odescope.recordings.record import Stretch
 from odescope.recordings.sampling import SHORTEST_PIECE, RawRun, gapless, piece
-from odescope.recordings.text import RowIndex, TextFile, index_rows, part_of, read_columns, settle_decimal
+from odescope.recordings.text_files import RowIndex, TextFile, index_rows, part_of, read_columns, settle_decimal
 
 PAGES_BYTES = 1 << 20  # what is read of a Parquet column at once: without it, all of the column in a row group
 

@@ -18,7 +18,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError, nearest
 from odescope.recordings.record import Record, Records
 from odescope.recordings.sampling import LARGEST_JITTER, Gaps, RawRun, split_gaps, uniform, unwrap
-from odescope.recordings.text import NUMBER, TextFile, read_columns, read_header, refuse_blank_lines
+from odescope.recordings.text_files import NUMBER, TextFile, read_columns, read_header, refuse_blank_lines
 
 TEXT = (".csv", ".txt", ".tsv", ".csv.gz", ".txt.gz", ".tsv.gz")
 PARQUET = (".parquet", ".pq")

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from pyarrow import parquet
 from logs import (
     OSCILLATOR,
     OSCILLATOR_OPTIONS,
@@ -20,6 +19,7 @@ from logs import (
     snapshot,
     write,
 )
+from pyarrow import parquet
 from scipy.io import savemat
 
 RESULTS = ["candidates.csv", "figures", "model.json", "report.html", "report.json", "study.toml"]

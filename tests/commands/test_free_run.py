@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from pyarrow import parquet
 from logs import linear, oscillator, pendulum, smooth, write
+from pyarrow import parquet
 from scipy.integrate import solve_ivp
 
 from odescope.commands.free_run import free_runs

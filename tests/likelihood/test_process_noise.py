@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.stats import chi2
 from small_systems import CART, SPRING, System, drive
 
-from odescope.likelihood import process as module
+from odescope.likelihood import process_noise as module
 from odescope.likelihood.elimination import eliminate, joint_covariances
 from odescope.likelihood.evidence import weigh
 from odescope.likelihood.fit import Evaluator, Fit, Program, fit

@@ -3,9 +3,9 @@
 import numpy as np
 import pyarrow as pa
 import pytest
+from logs import oscillator, write
 from machines import Machines, until
 from pyarrow import parquet
-from logs import oscillator, write
 
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.pipeline.identification import identify

@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 import pytest
-from pyarrow import parquet
 from logs import oscillator, write
+from pyarrow import parquet
 
 from odescope.errors import InputError
 from odescope.likelihood.search import LikelihoodSearch

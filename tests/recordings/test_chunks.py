@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 from scipy.io import savemat
 
-from odescope import textfile
 from odescope.errors import InputError
+from odescope.recordings import text_files
 from odescope.recordings.chunks import cut, read_portion, survey
 from odescope.recordings.readers import Layout, column_names, find_files, read_records
 
@@ -32,8 +32,8 @@ PROPERTY = settings(deadline=None, max_examples=40, suppress_health_check=[Healt
 @pytest.fixture(autouse=True)
 def _small_steps(monkeypatch):
     """Let small files have many marks, and lines that go over the blocks in which they are counted."""
-    monkeypatch.setattr(textfile, "MARK_ROWS", 8)
-    monkeypatch.setattr(textfile, "BLOCK_BYTES", 61)
+    monkeypatch.setattr(text_files, "MARK_ROWS", 8)
+    monkeypatch.setattr(text_files, "BLOCK_BYTES", 61)
 
 
 def write(folder, text, name="run1.csv"):
@@ -118,7 +118,7 @@ def test_marks_and_blocks_of_their_true_size(tmp_path, monkeypatch):
     monkeypatch.undo()
     t = 0.25 * np.arange(200_000)
     path = write(tmp_path, text_of({"t": t, "x": np.sin(t), "force": np.cos(t)}))
-    assert path.stat().st_size > 2 * textfile.BLOCK_BYTES
+    assert path.stat().st_size > 2 * text_files.BLOCK_BYTES
     assert own(stretches(path, LAYOUT, 30_000, 50)).tobytes() == samples(path, LAYOUT).tobytes()
 
 

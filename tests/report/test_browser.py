@@ -8,8 +8,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from PIL import Image
 from logs import Command
+from PIL import Image
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 MEASURE = """<script>
@@ -48,7 +48,7 @@ def demo(tmp_path_factory):
     """Write the demo's results, figures and all, and return their folder."""
     folder = tmp_path_factory.mktemp("demo")
     with pytest.MonkeyPatch.context() as patch:
-        from odescope import cli
+        from odescope.commands import cli
 
         patch.setattr("sys.argv", ["odescope", "demo", "--out", str(folder)])
         with pytest.raises(SystemExit) as end:

@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as hnp
 
 from odescope.errors import InputError
 from odescope.recordings.readers import Layout, read_records
-from odescope.recordings.text import read_header
+from odescope.recordings.text_files import read_header
 
 LAYOUT = Layout(time="t", columns=(("x", "x"), ("u", "force")))
 N = 30
