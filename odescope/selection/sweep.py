@@ -77,8 +77,8 @@ def sweep(factor: Factor, terms: Sequence[Product], nested: Sequence[Support], p
 
     for guess, supports in enumerate(Threads().map(search, range(factor.width))):
         for support in dict.fromkeys(supports):
-            relation, left = _primitive(tuple(sorted((*support, guess))), guess, terms, place)
-            found.setdefault(relation, {})[left] = None
+            primitive = _primitive((*support, guess), terms, place)
+            found.setdefault(tuple(sorted(primitive.values())), {})[primitive[guess]] = None
     return Sweep(tuple(found), tuple(tuple(g) for g in found.values()), factor.width)
 
 
@@ -98,20 +98,16 @@ def nested_libraries(terms: Sequence[Product], own: Sequence[int]) -> tuple[Supp
     return tuple(s for s in dict.fromkeys([explicit, *sets]) if len(s) > 1 and set(s) & set(own))
 
 
-def _primitive(
-    support: Support, guess: int, terms: Sequence[Product], place: Mapping[Product, int]
-) -> tuple[Support, int]:
-    """Return the relation less what is common to all its terms, and the column that the guess becomes.
+def _primitive(support: Support, terms: Sequence[Product], place: Mapping[Product, int]) -> dict[int, int]:
+    """Return what each column of a relation becomes when what is common to all its terms is divided out.
 
-    Both say the same of the target; where the library lacks a quotient the relation stays as it is.
+    Both relations say the same of the target; where the library lacks a quotient the relation stays as it is.
     """
     first = terms[support[0]]
     powers = {atom: min(terms[j].term.power_of(atom) for j in support) for atom, _ in first.term.factors}
     inverse = Term.of((atom, -power) for atom, power in powers.items() if power > 0)
-    shared = first.factor is not None and all(terms[j].factor == first.factor for j in support)
-    if not inverse.factors and not shared:
-        return support, guess
-    quotients = {j: place.get(Product(None if shared else terms[j].factor, terms[j].term * inverse)) for j in support}
-    reduced = tuple(sorted(q for q in quotients.values() if q is not None))
-    left = quotients[guess]
-    return (support, guess) if left is None or len(reduced) < len(support) else (reduced, left)
+    factors = {terms[j].factor for j in support}
+    quotients = {
+        j: place.get(Product(terms[j].factor if len(factors) > 1 else None, terms[j].term * inverse)) for j in support
+    }
+    return {j: q if q is not None and None not in quotients.values() else j for j, q in quotients.items()}

@@ -159,7 +159,7 @@ def unexplained(seed, count=2000, **options):
         PENDULUM.frame,
     )
     it, found, marginal = estimate_noise(it, it.fit(PENDULUM.theta, PENDULUM.free, segments.initial, segments.spread))
-    evidence = robust_evidence(it, PENDULUM.program, found)
+    evidence = robust_evidence(it, found)
     return Noisy(found, it, marginal, evidence, free_run_error(it, found.theta), ())
 
 
