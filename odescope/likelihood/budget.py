@@ -9,7 +9,7 @@ from odescope.events import Monitor
 from odescope.likelihood.program import Program
 from odescope.likelihood.segments import Segments
 
-OPERATIONS = 6e8  # of the kernel in a unit of budget: about a second of two cores of 2024
+OPERATIONS = 1e9  # of the kernel in a unit of budget: about a second of two cores of 2024
 INSTRUCTION = 4.0  # operations that an instruction of the tape stands for: some are sines
 
 

@@ -125,6 +125,7 @@ def refine(
     outcomes = _searches(searcher, begun, searcher.start(plain), monitor, workers)
     if not outcomes:
         return None
+    whole.spent += sum(o.spent for o in outcomes)
     best = min(outcomes, key=lambda o: o.rank)
     if _joined(best):
         searcher, best = _finer(searcher, best)
@@ -132,7 +133,6 @@ def refine(
     chance = CHANCE * np.sqrt(2.0 / searcher.segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:
         monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
-        whole.spent += sum(o.spent for o in outcomes)
         process, adopted = _with_process_noise(cut, searcher, best, begun)
     evidence: Evidence | None
     if process is not None and adopted:
