@@ -30,7 +30,17 @@ class Budget:
     spent: float = 0.0
 
     def spend(self, segments: Segments, program: Program, free: int, substeps: int) -> None:
-        """Count one evaluation of segments with `free` parameters; end the run if it is to stop."""
+        """Count one evaluation; end the run if it is to stop.
+
+        Args:
+            segments: that are integrated.
+            program: of the parts on the tape.
+            free: number of parameters.
+            substeps: of RK4 a sample.
+
+        Raises:
+            Stopped: the run is to end.
+        """
         self.monitor.check()
         n, targets = len(program.following), program.targets
         width = n + free
