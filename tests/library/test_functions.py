@@ -3,7 +3,6 @@ import pytest
 import sympy
 from term_oracle import NUMPY, SYMPY
 
-from odescope.errors import InputError
 from odescope.export.code import to_python
 from odescope.library.expression import Call, Combination, Name, Term
 from odescope.library.functions import FUNCTIONS
@@ -64,11 +63,3 @@ def test_a_free_run_and_exported_code_compute_the_function_of_its_name(function)
     exec(compile(to_python(model), "exported", "exec"), exported)  # noqa: S102 (our own output)
     for at in (low, 0.7, high):
         assert exported["derivative"](0.0, np.zeros(1), (at,))[0] == pytest.approx(NUMPY[function](at), rel=1e-14)
-
-
-def test_a_text_may_use_every_row_and_no_other_function():
-    for function in FUNCTIONS:
-        assert parse_term(f"{function}(u)", Scope.of(["u"])).text == f"{function}(u)"
-    for function in ("cosh", "arctan", "eval", "sinh"):
-        with pytest.raises(InputError, match=function):
-            parse_term(f"{function}(u)", Scope.of(["u"]))
