@@ -25,7 +25,7 @@ def test_the_peak_is_in_bytes_and_stays_after_the_memory_is_freed():
         del held
         print(before, during, peak_bytes())
     """)
-    assert during - before == pytest.approx(200e6, rel=0.1)
+    assert during - before == pytest.approx(200e6, rel=0.015)  # 1 024 bytes a kB, not 1 000
     assert after > during - 5e6  # the system's own count lags by some pages
 
 

@@ -60,7 +60,7 @@ def test_the_cutoff_and_the_floor_part_the_spectrum(result):
         assert floor == pytest.approx(4e-10, rel=0.2)
         assert 0.7 < cutoff < 10.0
         assert np.mean(power[frequency > 1.2 * cutoff]) == pytest.approx(floor, rel=0.1)
-        assert np.median(power[frequency < 0.5 * cutoff]) > 10.0 * floor
+        assert np.mean(power[(frequency > 0.35 * cutoff) & (frequency < 0.6 * cutoff)]) > 10.0 * floor
 
 
 def test_free_run_and_targets_are_the_truth_to_within_the_noise(result):
