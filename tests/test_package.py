@@ -110,3 +110,18 @@ def test_runtime_dependencies_are_imported_somewhere():
     wanted = {re.match(r"[a-z0-9-]+", d)[0].replace("-", "_") for d in project["dependencies"]}
     code = "\n".join(path.read_text(encoding="utf-8") for path in ROOT.glob("odescope/**/*.py"))
     assert {name for name in wanted if not re.search(rf"^\s*(import|from) {name}\b", code, re.MULTILINE)} == set()
+
+
+def test_the_citation_names_this_version_and_licence():
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert f"\nversion: {odescope.__version__}\n" in citation
+    assert f"\nlicense: {project['license']}\n" in citation
+
+
+def test_hooks_run_what_the_gate_runs():
+    """The same commands, in the versions of the lock."""
+    gate = re.findall(r"^\./run (.+)$", (ROOT / ".ci/run").read_text(encoding="utf-8"), re.MULTILINE)
+    hooks = re.findall(r"entry: bash run (.+)$", (ROOT / ".pre-commit-config.yaml").read_text("utf-8"), re.MULTILINE)
+    assert sorted(hooks) == sorted(gate)
+    assert len(gate) == 5
