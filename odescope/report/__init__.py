@@ -1,10 +1,9 @@
 """The report: a result as plain data, and renderers that turn the data into a page, figures and console tables.
 
-data      what a report holds, and what report.json may say
-recorded, searches, at_work, units, thin, assemble     from a result to the data
-style, charts, grids, pictures, plots                  from the data to figures
-page, console                                          from the data to HTML and to tables
-paint                                                  drawing beside the identification, in processes of its own
+data          what a report holds, and what report.json may say
+assemble      from a result to the data, by way of recorded, searches, at_work, reproduce, units and downsample
+figures/      from the data to figures, drawn in processes of their own beside the identification
+page, console from the data to HTML and to tables
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Any
 _HOMES = {
     "assemble": ("read_report", "summary", "to_json_text"),
     "page": ("to_html",),
-    "plots": (
+    "figures.plots": (
         "plot_accuracy",
         "plot_candidates",
         "plot_correlation",

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from odescope.report.data import Searched
-from odescope.report.labels import Labels
-from odescope.report.style import (
+from odescope.report.figures.labels import Labels
+from odescope.report.figures.style import (
     BLUE,
     GREY,
     ORANGE,
