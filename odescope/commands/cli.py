@@ -385,7 +385,7 @@ def _identify_and_write(
             print(f"note: {note}", file=sys.stderr)
         with _progress() as watch:
             watch("drawing the report")
-            report = summary(result, title, study_toml(resolved), truth(), table(result.model), known[0])
+            report = summary(result, title, truth(), table(result.model), known[0])
             files = report_files(report, painter.paint(pictures(report)))
             write_files(out, result_files(result, resolved, files))
     print(f"\n{trust_text(report)}", file=sys.stderr)

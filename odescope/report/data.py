@@ -248,9 +248,10 @@ class Stage(Plain, frozen=True):
 
 
 class Reproduce(Plain, frozen=True):
-    """What it takes to do it again."""
+    """What it takes to do it again: a study whose files are named from the folder that holds them all."""
 
     study: str
+    files: tuple[str, ...]
     seed: Count
     versions: tuple[tuple[str, str], ...]
     stages: tuple[Stage, ...]
