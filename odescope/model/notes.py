@@ -119,7 +119,13 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
 
 
 def dry_friction_hint(target: str, velocity: str, correlation: float) -> str:
-    """Return what to say where what is unexplained of a target goes with the sign of a velocity."""
+    """Return what to say where what is unexplained of a target goes with the sign of a velocity.
+
+    Args:
+        target: whose equation it is.
+        velocity: a state.
+        correlation: of the two, others taken out.
+    """
     return (
         f"what is unexplained of {target} goes with the sign of {velocity} (correlation {correlation:.2g}), as"
         f" dry friction does: try sign({velocity}) in the library's basis"
@@ -127,7 +133,13 @@ def dry_friction_hint(target: str, velocity: str, correlation: float) -> str:
 
 
 def delay_hint(target: str, name: str, correlation: float) -> str:
-    """Return what to say where what is unexplained of a target goes with the rate of an input."""
+    """Return what to say where what is unexplained of a target goes with the rate of an input.
+
+    Args:
+        target: whose equation it is.
+        name: of the input.
+        correlation: of the two, others taken out.
+    """
     return (
         f"what is unexplained of {target} goes with the rate of {name} (correlation {correlation:.2g}), as with"
         " a delay between what was recorded and what acted"

@@ -27,7 +27,13 @@ FIFTH = 5  # of the longest record: its last part
 
 
 def domain(signals: Signals, model: Model, whole: Whole | None) -> dict[str, tuple[float, float]]:
-    """Return the range of every state and input over all the data."""
+    """Return the range of every state and input over all the data.
+
+    Args:
+        signals: what is in memory.
+        model: whose states and inputs are meant.
+        whole: what was read of a log that does not fit in memory.
+    """
     joined = np.concatenate(samples_of(signals, model), axis=1)
     low, high = joined.min(axis=1), joined.max(axis=1)
     if whole is not None:
@@ -121,7 +127,13 @@ def free_run(model: Model, signals: Signals) -> FreeRun:
 
 
 def provenance(study: Study, signals: Signals, whole: Whole | None) -> dict[str, Json]:
-    """Return what a model was made from."""
+    """Return what a model was made from.
+
+    Args:
+        study: the options.
+        signals: with what was found in every channel.
+        whole: what was read of a log that does not fit in memory.
+    """
     columns: dict[str, Json] = dict(study.layout().columns)
     channels: dict[str, Json] = {c.name: {"noise": c.noise, "cutoff_hz": c.cutoff} for c in signals.channels}
     return {

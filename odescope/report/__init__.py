@@ -9,7 +9,7 @@ page, console from the data to HTML and to tables
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
 _HOMES = {
     "assemble": ("read_report", "summary", "to_json_text"),
@@ -29,8 +29,23 @@ _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = sorted(_HOME)
 
+if TYPE_CHECKING:
+    from odescope.report.assemble import read_report as read_report
+    from odescope.report.assemble import summary as summary
+    from odescope.report.assemble import to_json_text as to_json_text
+    from odescope.report.figures.plots import plot_accuracy as plot_accuracy
+    from odescope.report.figures.plots import plot_candidates as plot_candidates
+    from odescope.report.figures.plots import plot_correlation as plot_correlation
+    from odescope.report.figures.plots import plot_derivatives as plot_derivatives
+    from odescope.report.figures.plots import plot_free_run as plot_free_run
+    from odescope.report.figures.plots import plot_signals as plot_signals
+    from odescope.report.figures.plots import plot_spectra as plot_spectra
+    from odescope.report.figures.plots import plot_targets as plot_targets
+    from odescope.report.page import to_html as to_html
 
-def __getattr__(name: str) -> Any:
+
+def __getattr__(name: str) -> object:
     if name not in _HOME:
         raise AttributeError(f"module 'odescope.report' has no attribute {name!r}")
-    return getattr(import_module(f"odescope.report.{_HOME[name]}"), name)
+    found: object = getattr(import_module(f"odescope.report.{_HOME[name]}"), name)
+    return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING
 
 from odescope.export.mathml import product_mathml, relation_mathml
 from odescope.library.mathml import math, mathml_name
@@ -17,6 +17,9 @@ from odescope.report.assemble import model_of, to_json_text
 from odescope.report.data import Report
 from odescope.report.figures.pictures import Picture, draw_job, pictures
 from odescope.report.numerals import raised as exponent_digits
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 LISTED = 6  # candidates of a target in the table
 LISTED_LIMITS = 12  # absent terms shown without asking for more
@@ -44,7 +47,7 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
         undefined=StrictUndefined,
     )
     environment.filters |= {"number": number, "bytes": in_bytes, "span": in_time, "joints": joints}
-    figures: dict[str, list[tuple[Picture, Any]]] = {}
+    figures: dict[str, list[tuple[Picture, Markup]]] = {}
     for picture in shown:
         figures.setdefault(picture.section, []).append((picture, Markup(inline(drawn[picture.name]))))
     model = model_of(report)
@@ -78,10 +81,10 @@ def report_files(report: Report, drawn: Mapping[str, tuple[str, bytes]]) -> dict
 class Equation:
     """One target's equation as the page shows it."""
 
-    target: Any
-    explicit: Any
-    relation: Any
-    rows: tuple[tuple[Any, str, str, str, str], ...]
+    target: Markup
+    explicit: Markup
+    relation: Markup
+    rows: tuple[tuple[Markup, str, str, str, str], ...]
     stated: bool
 
 

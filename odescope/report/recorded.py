@@ -71,7 +71,13 @@ Trace = tuple[str, Role, Sequence[FloatArray], Sequence[FloatArray]]
 
 
 def panel(label: str, traces: Sequence[Trace], close: tuple[float, float] | None) -> Panel:
-    """Return one panel of traces (label, role, abscissas, ordinates), with a close view where one is asked for."""
+    """Return one panel, with a close view where one is asked for.
+
+    Args:
+        label: of the ordinate.
+        traces: label, role, abscissas and ordinates, one array (N,) a piece.
+        close: begin and end of the close view, in seconds.
+    """
     wide = tuple(line_of(*trace, WHOLE if close is None else WIDE) for trace in traces)
     if close is None:
         return Panel(label=label, wide=wide)
@@ -88,7 +94,14 @@ def _empty(label: str, role: Role) -> Line:
 
 
 def chart(time: str, panels: Sequence[Panel], beside: str = CLOSE_UP, marks: Sequence[tuple[float, str]] = ()) -> Chart:
-    """Return a chart of as many panels as there is room for."""
+    """Return a chart of as many panels as there is room for.
+
+    Args:
+        time: label of the axis of time.
+        panels: from the top down.
+        beside: label of the axis of the close view.
+        marks: times worth a line, in seconds, and what they are.
+    """
     return Chart(
         time=time,
         beside=beside,

@@ -36,7 +36,13 @@ def searched(result: Identification) -> tuple[Searched, ...]:
 
 
 def columns_of(search: Search, relation: Relation, targets: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the columns of the library that a relation's terms are, in the order of its terms."""
+    """Return the columns of the library that a relation's terms are, in the order of its terms.
+
+    Args:
+        search: whose library it is.
+        relation: of terms in that library.
+        targets: of the model.
+    """
     problem = search.problem
     place = {
         (min(term.names & set(targets), default=None), rest): j

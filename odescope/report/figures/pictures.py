@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Kind = Literal["chart", "spectra", "correlation", "candidates", "accuracy"]
+Drawable = Chart | Searched | tuple[Periodogram, ...] | tuple[Searched, ...]
 _TYPES: dict[Kind, Any] = {
     "chart": Chart,
     "spectra": tuple[Periodogram, ...],
@@ -31,7 +32,7 @@ class Picture:
     alternative: str
     caption: str
     kind: Kind
-    data: Any
+    data: Drawable
 
     @property
     def job(self) -> bytes:
@@ -39,7 +40,7 @@ class Picture:
         return msgspec.msgpack.encode((self.name, self.kind, msgspec.msgpack.encode(self.data)))
 
 
-def draw(kind: Kind, data: Any) -> Figure:
+def draw(kind: Kind, data: Drawable) -> Figure:
     """Return the figure of a kind for its data."""
     from odescope.report.figures import charts, grids
 
