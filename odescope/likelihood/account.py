@@ -9,9 +9,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.expression import Term
-from odescope.library.product import Product
 from odescope.likelihood.evidence import Evidence, between, in_blocks
-from odescope.likelihood.fit import Slot
 from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import MOST_TERMS, THIN
@@ -30,8 +28,8 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> Likelih
     scores = Likelihood(
         follows=refinement.follows,
         residual_variance=float(outcome.scale),
-        gap=_finite(outcome.gap),
-        finished=outcome.finished,
+        gap=_finite(outcome.width),
+        finished=refinement.finished,
         starts=refinement.starts,
         process_noise=None
         if process is None
@@ -54,12 +52,12 @@ def _trail(refinement: Refinement, targets: Sequence[str]) -> tuple[Step, ...]:
     process = refinement.process
     return tuple(
         Step(
-            gap=_finite(m.gap) if process is None else None,
+            gap=_finite(m.width) if process is None else None,
             action=m.action,
-            target=targets[m.slot.relation],
-            term=_text(m.slot, targets),
+            target=targets[m.part.relation],
+            term=m.part.product.text,
             statistic=float(m.statistic),
-            price=float(m.price),
+            price=float(m.penalty),
         )
         for m in (refinement.outcome.trail if process is None else process.trail)
     )
@@ -84,12 +82,12 @@ def _correlations(refinement: Refinement, evidence: Evidence, targets: Sequence[
 
 def _limits(refinement: Refinement, evidence: Evidence, targets: Sequence[str]) -> tuple[Limit, ...]:
     """Return the limit of every absent term, the simplest first."""
-    slots, price = refinement.searcher.slots, refinement.searcher.price
-    absent = sorted(np.flatnonzero(evidence.limits), key=lambda k: float(price[k]))
+    parts, penalty = refinement.searcher.parts, refinement.searcher.penalty
+    absent = sorted(np.flatnonzero(evidence.limits), key=lambda k: float(penalty[k]))
     return tuple(
         Limit(
-            target=targets[slots[k].relation],
-            term=_text(slots[k], targets),
+            target=targets[parts[k].relation],
+            term=parts[k].product.text,
             limit=_finite(evidence.limits[k]),
         )
         for k in absent
@@ -101,13 +99,14 @@ def doubts(refinement: Refinement, targets: Sequence[str]) -> Doubts:
     process, evidence, present = refinement.process, refinement.evidence, refinement.fit.present
     thin = list[tuple[str, str, float]]()
     if refinement.follows and evidence is not None:
-        weak = evidence.wald < THIN * refinement.searcher.price[present]
+        weak = evidence.wald < THIN * refinement.searcher.penalty[present]
         thin = [
             (*name, float(np.sqrt(wald)))
             for name, wald, is_weak in zip(_present(refinement, targets), evidence.wald, weak, strict=True)
             if is_weak
         ]
     return Doubts(
+        late=refinement.late,
         crowded=len(present) > MOST_TERMS * len(targets),
         window=None if process is None else process.window,
         thin=tuple(thin),
@@ -116,12 +115,8 @@ def doubts(refinement: Refinement, targets: Sequence[str]) -> Doubts:
 
 def _present(refinement: Refinement, targets: Sequence[str]) -> list[tuple[str, str]]:
     """Return every coefficient that was fitted, by its term and its target."""
-    slots = [refinement.searcher.slots[k] for k in refinement.fit.present]
-    return [(_text(slot, targets), targets[slot.relation]) for slot in slots]
-
-
-def _text(slot: Slot, targets: Sequence[str]) -> str:
-    return Product(None if slot.factor < 0 else targets[slot.factor], slot.term).text
+    parts = [refinement.searcher.parts[k] for k in refinement.fit.present]
+    return [(part.product.text, targets[part.relation]) for part in parts]
 
 
 def _finite(value: float) -> float | None:
@@ -135,14 +130,14 @@ def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
     the sign of a velocity is dry friction; what goes with the rate of an input is a delay.
     """
     searcher, segments = process.searcher, process.searcher.segments
-    names, following = searcher.variables, searcher.following
+    names, following = searcher.frame.variables, searcher.frame.following
     program, kept = searcher.program(process.fit.present)
     none = np.zeros(0, dtype=np.int64)
-    *_, last, _ = searcher.evaluator.integrate(program, process.fit.theta[kept], none, process.fit.x0)
+    last = searcher.evaluator.integrate(program, process.fit.theta[kept], none, process.fit.x0).last
     joints = np.flatnonzero(segments.joined)
     begin = process.fit.x0[joints + 1]
     lacking = begin - last[joints]
-    present = [searcher.slots[k].term for k in kept]
+    present = [searcher.parts[k].product.term for k in kept]
     velocities = [int(np.flatnonzero(following == j)[0]) for j in range(len(following)) if (following == j).any()]
     moving = [int(following[v]) for v in velocities if not _has_sign(present, names[following[v]])]
     rates = np.diff(segments.inputs[segments.start, 0], axis=0, append=0.0)[joints]

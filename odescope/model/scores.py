@@ -141,10 +141,12 @@ class Scores(msgspec.Struct, frozen=True, omit_defaults=True):
 class Doubts(msgspec.Struct, frozen=True):
     """What the likelihood stage knows against its model and model.json does not say.
 
-    `crowded`: the search stopped at its largest number of terms; `window`: the seconds over which what is left
-    unexplained is averaged; `thin`: terms whose evidence is thin, each with its target and its size in standard errors.
+    `late`: the clock ended the search; `crowded`: it stopped at its largest number of terms; `window`: the seconds over
+    which what is left unexplained is averaged; `thin`: terms whose evidence is thin, each with its target and its size
+    in standard errors.
     """
 
+    late: bool
     crowded: bool
     window: float | None
     thin: tuple[tuple[str, str, float], ...]

@@ -17,6 +17,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from odescope.errors import InputError, NoModelError
+from odescope.events import Monitor
 from odescope.library.candidates import Library
 from odescope.likelihood.account import doubts
 from odescope.likelihood.refine import Refinement, refine
@@ -200,12 +201,20 @@ def _identify(
     if study.likelihood.enabled:
         with stage("likelihood"):
             starts = [m.relations for _, m in proposed]
-            bare = [plain(s, c, signals.targets) for s, c in zip(searches, chosen, strict=True)]
-            refinement = refine(records, signals, problems, starts, bare, study.likelihood, watch, hands)
-            model, refinement = adopt(model, refinement, signals)
-            chosen = tuple(
-                as_adopted(s, c, r, signals.targets) for s, c, r in zip(searches, chosen, model.relations, strict=True)
+            bare = [plain(s, c) for s, c in zip(searches, chosen, strict=True)]
+            refinement = refine(
+                records,
+                signals,
+                problems,
+                starts,
+                bare,
+                study.signals.differentiator,
+                study.likelihood,
+                Monitor(),
+                hands,
             )
+            model, refinement = adopt(model, refinement, signals)
+            chosen = tuple(as_adopted(s, c, r) for s, c, r in zip(searches, chosen, model.relations, strict=True))
     with stage("model"):
         told = scores(model, signals, searches, chosen, refinement, study.random.seed)
         told = msgspec.structs.replace(
@@ -256,7 +265,7 @@ def _swept(study: Study, problem: Problem) -> Sweep:
 def _nested(study: Study, problem: Problem) -> tuple[Support, ...]:
     """Return the sets of columns that are searched in."""
     whole = (tuple(range(len(problem.terms))),)
-    return nested_libraries(problem.rests, problem.own) if study.regression.nested else whole
+    return nested_libraries(problem.terms, problem.own) if study.regression.nested else whole
 
 
 def _drawn_anew(study: Study, search: Search, chosen: Candidate, rng: np.random.Generator, hands: Workers) -> Search:

@@ -30,28 +30,18 @@ def searched(result: Identification) -> tuple[Searched, ...]:
     """Return what was searched for every target."""
     units = quantity_units(result.model)
     return tuple(
-        _searched(search, chosen, relation, result.model.targets, shown(units[search.problem.target]))
+        _searched(search, chosen, relation, shown(units[search.problem.target]))
         for search, chosen, relation in zip(result.searches, result.chosen, result.model.relations, strict=True)
     )
 
 
-def columns_of(search: Search, relation: Relation, targets: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the columns of the library that a relation's terms are, in the order of its terms.
-
-    Args:
-        search: whose library it is.
-        relation: of terms in that library.
-        targets: of the model.
-    """
-    problem = search.problem
-    place = {
-        (min(term.names & set(targets), default=None), rest): j
-        for j, (term, rest) in enumerate(zip(problem.terms, problem.rests, strict=True))
-    }
-    return tuple(place[t.factor, t.term] for t in relation.terms)
+def columns_of(search: Search, relation: Relation) -> tuple[int, ...]:
+    """Return the columns of the library that a relation's terms are, in the order of its terms."""
+    place = {product: j for j, product in enumerate(search.problem.terms)}
+    return tuple(place[t.product] for t in relation.terms)
 
 
-def _searched(search: Search, chosen: Candidate, relation: Relation, targets: tuple[str, ...], unit: str) -> Searched:
+def _searched(search: Search, chosen: Candidate, relation: Relation, unit: str) -> Searched:
     problem, ranked = search.problem, search.ranked.candidates
     texts = [term.text for term in problem.terms]
     columns, rows = _grid(search, chosen, texts)
@@ -81,7 +71,7 @@ def _searched(search: Search, chosen: Candidate, relation: Relation, targets: tu
             for j in np.argsort(-search.inclusion, kind="stable")
             if search.inclusion[j] >= LEAST_INCLUSION
         ),
-        adopted=set(columns_of(search, relation, targets)) == set(chosen.support),
+        adopted=set(columns_of(search, relation)) == set(chosen.support),
     )
 
 
