@@ -177,7 +177,6 @@ def demo(
     from odescope.commands.demo import cart_pendulum, simulate_log, table_two, true_signals, write_log
     from odescope.commands.files import check_writable
     from odescope.report.console import table_text
-    from odescope.report.data import TableRow
     from odescope.study.options import read_study
 
     check_writable(out)
@@ -194,7 +193,7 @@ def demo(
         "Pendulum on a cart",
         study,
         truth=lambda: true_signals(log, friction),
-        table=lambda found: [TableRow(**vars(row)) for row in table_two(cart_pendulum(friction), found)],
+        table=lambda found: table_two(cart_pendulum(friction), found),
     )
     _say(table_text(report))
 
@@ -209,9 +208,9 @@ def report(
     """Draw report.html and its figures again from the stored results."""
     from odescope.commands.files import check_writable, write_files
     from odescope.report.assemble import read_report
+    from odescope.report.figures.paint import painters
+    from odescope.report.figures.pictures import pictures
     from odescope.report.page import report_files
-    from odescope.report.paint import painters
-    from odescope.report.pictures import pictures
 
     stored = read_report(folder / "report.json")
     out = folder if out is None else out
@@ -342,11 +341,11 @@ def _identify_and_write(
     from odescope.errors import Stopped
     from odescope.export.text import to_text
     from odescope.pipeline.identification import identify as run
-    from odescope.report.assemble import measured, summary
+    from odescope.report.assemble import observed, summary
     from odescope.report.console import trust_text
+    from odescope.report.figures.paint import painters
+    from odescope.report.figures.pictures import early_pictures, pictures
     from odescope.report.page import report_files
-    from odescope.report.paint import painters
-    from odescope.report.pictures import early_pictures, pictures
     from odescope.report.searches import searched
     from odescope.study.options import moved, study_toml
 
@@ -364,7 +363,7 @@ def _identify_and_write(
 
     def begin(found: Identification) -> None:
         """Draw what the likelihood does not change while it runs."""
-        known.append(measured(found, truth()))
+        known.append(observed(found, truth()))
         painter.begin(early_pictures(known[0], searched(found)))
 
     with painters() as painter:
@@ -386,7 +385,7 @@ def _identify_and_write(
             print(f"note: {note}", file=sys.stderr)
         with _progress() as watch:
             watch("drawing the report")
-            report = summary(result, title, study_toml(resolved), truth(), table(result.model), known[0])
+            report = summary(result, title, truth(), table(result.model), known[0])
             files = report_files(report, painter.paint(pictures(report)))
             write_files(out, result_files(result, resolved, files))
     print(f"\n{trust_text(report)}", file=sys.stderr)

@@ -20,6 +20,7 @@ from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.model.simulation import simulate
 from odescope.recordings.coordinate import Coordinate, Input
+from odescope.report.data import TableRow
 
 DURATION, PERIOD = 65.0, 0.001
 FORCE_RMS, FORCE_BAND = 20.0, 3.0  # newtons, hertz
@@ -167,24 +168,14 @@ PAPER_TABLE: dict[str, dict[str, float]] = {
 }
 
 
-@dataclass(frozen=True)
-class TableRow:
-    """A row of Table 2: coefficient in the numerator, or of the denominator, in truth, paper and odescope."""
-
-    target: str
-    term: str
-    truth: float | None
-    paper: float | None
-    found: float | None
-
-
 def table_two(truth: Model, found: Model) -> list[TableRow]:
     """Return Table 2 with three columns; a term that one of them lacks is None there."""
     rows = []
     for target, true, mine in zip(truth.targets, truth.relations, found.relations, strict=True):
         left, right = _normalised(true), _normalised(mine)
         for term in dict.fromkeys((*left, *right)):
-            rows.append(TableRow(target, term, left.get(term), PAPER_TABLE[target].get(term), right.get(term)))
+            paper = PAPER_TABLE[target].get(term)
+            rows.append(TableRow(target=target, term=term, truth=left.get(term), paper=paper, found=right.get(term)))
     return rows
 
 

@@ -19,10 +19,12 @@ from threadpoolctl import threadpool_limits
 from odescope.errors import InputError, NoModelError
 from odescope.events import Monitor
 from odescope.library.candidates import Library
-from odescope.likelihood.account import likelihood_notes
+from odescope.likelihood.account import doubts
 from odescope.likelihood.refine import Refinement, refine
-from odescope.model.model import Json, Model
+from odescope.model.model import Model
 from odescope.model.notebook import model_html
+from odescope.model.notes import notes_of
+from odescope.model.scores import DelayScore, Streamed
 from odescope.parallel.memory import peak_bytes
 from odescope.parallel.workers import Workers, workers
 from odescope.pipeline.evaluation import domain, provenance, scores
@@ -43,7 +45,6 @@ from odescope.signals.outliers import clip_outliers
 from odescope.study.options import Study
 
 SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out, unless all are
-TOLD = 6  # notes of one kind
 
 Watch = Callable[[str], None]
 
@@ -76,45 +77,9 @@ class Identification:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know: candidates left out as dependent, denominators that may vanish, early ends."""
-        dependent = list(
-            dict.fromkeys(
-                f"left out of the library: {term}, on these data a combination of {', '.join(t.text for t in others)}"
-                for s in self.searches
-                for term, others in s.problem.dependent
-            )
-        )
-        notes: dict[str, None] = dict.fromkeys(dependent[:TOLD])
-        if len(dependent) > TOLD:
-            notes[f"and {len(dependent) - TOLD} more candidates that are combinations of others: see the report"] = None
-        targets: Any = self.model.scores["targets"]
-        notes |= {
-            f"the denominator of {target} vanishes between the states of the data: expect poles when simulating": None
-            for target, score in targets.items()
-            if score["denominator"]["box"][0] * score["denominator"]["box"][1] <= 0.0
-        }
-        if short := self.model.scores.get("left_out"):
-            notes[f"{short} recordings are shorter than a period of the cutoff and were left out"] = None
-        if streamed := self.model.scores.get("streamed"):
-            told: Any = streamed
-            notes[
-                f"{told['rows']:,} rows were read in {told['portions']} portions: all of them count in the regression;"
-                f" cutoffs, ranking, likelihood and report rest on {told['sampled']} of the portions"
-            ] = None
-        delays: Any = self.model.scores.get("delays", {})
-        notes |= {
-            f"{name} acts {d['delay']:.4g} s after it was recorded"
-            + ("" if d["std_error"] is None else f" (standard error {d['std_error']:.2g} s)"): None
-            for name, d in delays.items()
-            if d["delay"]
-        }
-        outliers: Any = self.model.scores.get("outliers", {})
-        notes |= {
-            f"{count} samples of {name} were clipped as outliers": None for name, count in outliers.items() if count
-        }
-        if self.refinement is not None:
-            likelihood: Any = self.model.scores["likelihood"]
-            notes |= dict.fromkeys([*likelihood_notes(self.refinement, self.model.targets), *likelihood["hints"]])
-        return tuple(notes)
+        dependent = [(t.text, [o.text for o in others]) for s in self.searches for t, others in s.problem.dependent]
+        judged = None if self.refinement is None else doubts(self.refinement, self.model.targets)
+        return notes_of(self.model.scores, dependent, judged)
 
 
 def identify(
@@ -252,14 +217,15 @@ def _identify(
             chosen = tuple(as_adopted(s, c, r) for s, c, r in zip(searches, chosen, model.relations, strict=True))
     with stage("model"):
         told = scores(model, signals, searches, chosen, refinement, study.random.seed)
-        if left_out:
-            told["left_out"] = left_out
-        if outliers:
-            told["outliers"] = dict[str, Json](outliers)
-        if delays:
-            told["delays"] = {n: {"delay": d.seconds, "std_error": d.std_error} for n, d in delays.items()}
-        if not log.complete and whole is not None:
-            told["streamed"] = {"rows": whole.rows, "portions": whole.portions, "sampled": len(log.portions)}
+        told = msgspec.structs.replace(
+            told,
+            left_out=left_out,
+            outliers=outliers,
+            delays={name: DelayScore(d.seconds, d.std_error) for name, d in delays.items()},
+            streamed=None
+            if log.complete or whole is None
+            else Streamed(whole.rows, whole.portions, sampled=len(log.portions)),
+        )
         model = replace(model, scores=told, domain=domain(signals, model, whole))
         model = replace(model, provenance=provenance(study, signals, whole))
     return Identification(study, log.records, signals, tuple(searches), chosen, model, refinement, seconds, memory)

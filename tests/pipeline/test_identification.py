@@ -124,17 +124,17 @@ def test_the_chosen_are_the_first_of_their_target_and_made_the_model(demo):
 def test_scores_are_honest(demo):
     model = demo[0].model
     for target in model.targets:
-        score = model.scores["targets"][target]
-        assert score["r2_held_out"] > 0.99
+        score = model.scores.targets[target]
+        assert score.r2_held_out > 0.99
         # The truth's denominator, 1 - .3268 cos^2, is least at cos^2 = 1 and most at 0; the pendulum turns over.
-        assert score["denominator"]["data"] == pytest.approx([1 - 0.3268, 1.0], abs=2e-3)
-        low, high = score["denominator"]["box"]
-        assert low <= score["denominator"]["data"][0]
-        assert high >= score["denominator"]["data"][1]
-    free_run = model.scores["free_run"]
-    assert free_run["ended"] is None
-    assert free_run["duration"] == pytest.approx(13.0, rel=0.02)  # a fifth of the record
-    assert 1.0 < free_run["valid_time"] <= free_run["duration"]
+        assert score.denominator.data == pytest.approx([1 - 0.3268, 1.0], abs=2e-3)
+        low, high = score.denominator.box
+        assert low <= score.denominator.data[0]
+        assert high >= score.denominator.data[1]
+    free_run = model.scores.free_run
+    assert free_run.ended is None
+    assert free_run.duration == pytest.approx(13.0, rel=0.02)  # a fifth of the record
+    assert 1.0 < free_run.valid_time <= free_run.duration
     assert demo[0].notes == ()
 
 
@@ -318,7 +318,7 @@ def test_coupled_relations_solved_together_are_the_rational_model(coupled):
     for (top, bottom), (true_top, true_bottom) in zip(mine, truth, strict=True):
         expected = true_top / true_bottom
         assert np.std(top / bottom - expected) < 0.01 * np.std(expected)
-    score = coupled.model.scores["targets"]["x_ddot"]["denominator"]["data"]
+    score = coupled.model.scores.targets["x_ddot"].denominator.data
     assert score[0] > 0.0 or score[1] < 0.0
 
 

@@ -7,9 +7,9 @@ from pages import identified, samples
 import odescope
 from odescope import report
 from odescope.errors import InputError
-from odescope.report.paint import painters
-from odescope.report.pictures import draw_job, pictures
-from odescope.report.style import plain, product, saved
+from odescope.report.figures.paint import painters
+from odescope.report.figures.pictures import draw_job, pictures
+from odescope.report.figures.style import plain, product, saved
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_notebooks_show_equations_escaped(result):
     from odescope.model.notebook import model_html
 
     assert "&lt;b&gt;" in model_html(result.model, ["<b>"])
-    bare = replace(result.model, scores={})
+    bare = replace(result.model, scores=None)
     assert "<li>" not in bare._repr_html_()
     assert isinstance(odescope.to_mathml(bare), str)
 
