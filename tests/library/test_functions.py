@@ -7,6 +7,7 @@ from odescope.export.code import to_python
 from odescope.library.expression import Call, Combination, Name, Term
 from odescope.library.functions import FUNCTIONS
 from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
@@ -51,7 +52,8 @@ def test_a_free_run_and_exported_code_compute_the_function_of_its_name(function)
     low, high = (0.1, 1.4) if function in ("log", "sqrt") else (-1.3, 1.4)
     scope = Scope.of(["x", "u"])
     rows = [("x_dot", parse_term("1", scope), 1.0), (None, parse_term(f"{function}(u)", scope), -1.0)]
-    model = Model((Coordinate("x"),), (Input("u"),), (Relation(tuple(RelationTerm(*row) for row in rows)),))
+    relation = Relation(tuple(RelationTerm(Product(f, t), c) for f, t, c in rows))
+    model = Model((Coordinate("x"),), (Input("u"),), (relation,))
     u = np.linspace(low, high, 271)
     run = simulate(model, u - low, u[:, None], np.zeros(1))
     fine = np.linspace(low, high, 270 * 64 + 1)
