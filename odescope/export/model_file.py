@@ -10,7 +10,6 @@ import msgspec
 
 from odescope.errors import InputError
 from odescope.library.parse import Scope, parse_term
-from odescope.model.explicit import explicit
 from odescope.model.model import Json, Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.recordings.coordinate import Coordinate, Input
@@ -69,7 +68,7 @@ def to_json(model: Model) -> str:
             _Relation([_Term(t.factor, t.term.text, t.coefficient, t.std_error) for t in r.terms])
             for r in model.relations
         ],
-        explicit={q.target: q.text for q in explicit(model)},
+        explicit={q.target: q.text for q in model.quotients},
         scores=_finite(dict(model.scores)),
         domain={name: (float(low), float(high)) for name, (low, high) in model.domain.items()},
         provenance=_finite(dict(model.provenance)),

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.library.derivative import derivative
 from odescope.library.expression import Term
 from odescope.library.tape import Tape, write_tape
 from odescope.likelihood.elimination import eliminate, substitute
@@ -57,7 +58,7 @@ class Program:
         for k, slot in enumerate(slots):
             for i, state in enumerate(states):
                 if state in slot.term.names:
-                    combination = slot.term.gradient(state)
+                    combination = derivative(slot.term, state)
                     if combination.parts:
                         gradients.append((k, i, combination))
         tape = write_tape(variables, [*(s.term for s in slots), *(g for _, _, g in gradients)])
@@ -144,7 +145,7 @@ class Evaluator:
 
         def part(begin: int, end: int) -> None:
             integrate(
-                tape.code, tape.left, tape.right, tape.constant, tape.outputs[: len(program.slots)], owner, factor,
+                *tape.instructions, tape.outputs[: len(program.slots)], owner, factor,
                 param, theta, program.grad, program.following, program.measured, 1.0 / data.noise, data.step,
                 self.substeps, p, data.start, data.count, data.measured, self.inputs, x0, begin, end, *out,
             )  # fmt: skip

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from odescope.library.tape import run_tape
+from odescope.library.tape import Instructions, run_tape
 
 LANES = 32  # segments side by side: states, sensitivities and tape of 32 lanes stay in a first- or second-level cache
 
@@ -54,7 +54,7 @@ def _slopes(
         work[i, :lanes] = x[i, :lanes]
     for i in range(first - n):
         work[n + i, :lanes] = u[i, :lanes]
-    run_tape(code, left, right, constant, work, first, lanes)
+    run_tape(Instructions(code, left, right, constant), work, lanes)
     a[:, :, :lanes] = 0.0
     y[:, :lanes] = 0.0
     for k in range(owner.shape[0]):

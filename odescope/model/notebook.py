@@ -1,31 +1,14 @@
-"""What a notebook shows of a model, and in plain words how far to trust it."""
+"""In plain words, how far to trust a model."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from html import escape
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from odescope.library.mathml import math
-from odescope.model.explicit import explicit
-from odescope.model.model import Model
 
-
-def model_html(model: Model, notes: Sequence[str] = ()) -> str:
-    """Return the equations in MathML with what is known of their worth; all text is escaped."""
-    equations = "".join(f"<p>{math(q.mathml)}</p>" for q in explicit(model))
-    said = "".join(f"<li>{escape(line)}</li>" for line in (*trust(model), *notes))
-    return f"<div>{equations}{f'<ul>{said}</ul>' if said else ''}</div>"
-
-
-def model_latex(model: Model) -> str:
-    """Return the equations as displayed LaTeX, one a line."""
-    return "$$\\begin{gathered}\n" + " \\\\\n".join(q.latex for q in explicit(model)) + "\n\\end{gathered}$$"
-
-
-def trust(model: Model) -> tuple[str, ...]:
+def trust(of: Mapping[str, object]) -> tuple[str, ...]:
     """Return sentences on how far to trust a model, from the scores it was identified with; none where it has none."""
-    scores: Any = model.scores
+    scores: Any = of
     said = []
     targets = scores.get("targets") or {}
     if targets:

@@ -10,8 +10,8 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.likelihood.account import likelihood_scores
 from odescope.likelihood.refine import Refinement
-from odescope.model.explicit import denominator_ranges
-from odescope.model.model import Json, Model
+from odescope.model.denominators import denominator_ranges
+from odescope.model.model import Json, Model, without_delays
 from odescope.model.simulation import simulate
 from odescope.pipeline.joint_models import Search, samples_of
 from odescope.pipeline.streaming import Whole
@@ -65,7 +65,8 @@ def _free_run(model: Model, signals: Signals, variables: FloatArray) -> dict[str
     tail = variables[:, -max(variables.shape[1] // 5, 2) :]
     states, inputs = tail[: len(model.states)].T, tail[len(model.states) :].T
     t = np.arange(len(states), dtype=np.float64) * np.float64(signals.period)
-    run = simulate(model, t, np.ascontiguousarray(inputs), np.ascontiguousarray(states[0]))
+    # The inputs of signals are as they acted.
+    run = simulate(without_delays(model), t, np.ascontiguousarray(inputs), np.ascontiguousarray(states[0]))
     spread = np.maximum(np.concatenate(list(signals.columns), axis=1).std(axis=1), 1e-300)
     scale = np.array([spread[signals.row(s)] for s in model.states])
     reached = len(run.t)

@@ -20,8 +20,9 @@ from odescope.errors import InputError, NoModelError
 from odescope.library.candidates import Library
 from odescope.likelihood.account import likelihood_notes
 from odescope.likelihood.refine import Refinement, refine
+from odescope.model.display import equations_html
 from odescope.model.model import Json, Model
-from odescope.model.notebook import model_html
+from odescope.model.notebook import trust
 from odescope.parallel.memory import peak_bytes
 from odescope.parallel.workers import Workers, workers
 from odescope.pipeline.evaluation import domain, provenance, scores
@@ -66,7 +67,7 @@ class Identification:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the equations, how far to trust them, and the notes."""
-        return model_html(self.model, self.notes)
+        return equations_html(self.model.quotients, (*trust(self.model.scores), *self.notes))
 
     def _repr_latex_(self) -> str:
         """Return the equations as LaTeX for a notebook."""

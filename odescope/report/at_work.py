@@ -8,7 +8,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.tape import evaluate
-from odescope.model.model import Model
+from odescope.model.model import Model, without_delays
 from odescope.model.relation import Relation
 from odescope.model.simulation import simulate
 from odescope.pipeline.identification import Identification
@@ -119,7 +119,7 @@ def _free_run(
     inputs, initial = variables[len(states) :].T, variables[: len(states), 0]
     t = np.arange(len(time), dtype=np.float64) * np.float64(signals.period)
     runs = [
-        (text, role, simulate(model, t, np.ascontiguousarray(inputs), np.ascontiguousarray(initial)))
+        (text, role, simulate(without_delays(model), t, np.ascontiguousarray(inputs), np.ascontiguousarray(initial)))
         for text, role, model in models
     ]
     panels = []

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from odescope.export.mathml import product_mathml, relation_mathml
 from odescope.library.mathml import math, mathml_name
-from odescope.model.explicit import explicit
+from odescope.model.display import product_mathml, quotient_mathml, relation_mathml
 from odescope.model.notebook import trust
 from odescope.model.relation import RelationTerm
 from odescope.report.assemble import model_of, to_json_text
@@ -50,7 +49,7 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
         r=report,
         model=model,
         equations=_equations(report),
-        trust=trust(model),
+        trust=trust(model.scores),
         figures=figures,
         listed=LISTED,
         listed_limits=LISTED_LIMITS,
@@ -84,7 +83,7 @@ def _equations(report: Report) -> list[Equation]:
 
     model = model_of(report)
     found = []
-    for quotient, relation, units in zip(explicit(model), model.relations, report.coefficients, strict=True):
+    for quotient, relation, units in zip(model.quotients, model.relations, report.coefficients, strict=True):
         rows = []
         for term, more in zip(relation.terms, units, strict=True):
             error = "" if term.std_error is None else with_error(term.coefficient, term.std_error)[1]
@@ -93,7 +92,7 @@ def _equations(report: Report) -> list[Equation]:
         found.append(
             Equation(
                 Markup(_small(mathml_name(quotient.target))),
-                Markup(math(quotient.mathml)),
+                Markup(math(quotient_mathml(quotient))),
                 Markup(math(relation_mathml(relation))),
                 tuple(rows),
                 any(t.std_error is not None for t in relation.terms),

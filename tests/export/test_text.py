@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hand_models import MODELS
 
-from odescope.export.text import to_latex, to_text
+from odescope.export.writers import to_latex, to_text
 
 FUNCTIONS = {f: getattr(np, f) for f in ("sin", "cos", "exp", "abs", "tanh")}
 
