@@ -330,7 +330,7 @@ def _identify_and_write(
         write_files,
     )
     from odescope.errors import Stopped
-    from odescope.export.writers import to_text
+    from odescope.export.languages.text import to_text
     from odescope.pipeline.identification import identify as run
     from odescope.report.assemble import measured, summary
     from odescope.report.console import trust_text

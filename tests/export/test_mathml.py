@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hand_models import MODELS
 
-from odescope.export.writers import to_mathml
+from odescope.export.languages.mathml import to_mathml
 from odescope.library.mathml import MATHML, math, mathml_name, mathml_number
 from odescope.library.parse import Scope, parse_term
 from odescope.library.printer import print_term

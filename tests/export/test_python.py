@@ -8,8 +8,8 @@ import pytest
 from hand_models import MODELS
 from scipy.integrate import solve_ivp
 
+from odescope.export.languages.python import to_python
 from odescope.export.model_file import to_json
-from odescope.export.writers import to_python
 from odescope.model.simulation import simulate
 
 

@@ -6,6 +6,9 @@ from odescope.model.display import quotient_latex
 from odescope.model.model import Model
 
 
-def write(model: Model) -> str:
+def to_latex(model: Model) -> str:
     """Return the explicit equations as LaTeX, one a line, to six significant digits."""
     return " \\\\\n".join(quotient_latex(q) for q in model.quotients)
+
+
+write = to_latex

@@ -7,6 +7,9 @@ from odescope.model.display import quotient_mathml
 from odescope.model.model import Model
 
 
-def write(model: Model) -> str:
+def to_mathml(model: Model) -> str:
     """Return the explicit equations as MathML, one a line, to six significant digits."""
     return "\n".join(math(quotient_mathml(q)) for q in model.quotients)
+
+
+write = to_mathml

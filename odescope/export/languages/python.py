@@ -41,7 +41,7 @@ def {acting}({t}, {given}):
 """
 
 
-def write(model: Model) -> str:
+def to_python(model: Model) -> str:
     """Return the source of a module with STATES, INPUTS, DELAYS and derivative(t, state, inputs)."""
     inputs = tuple(i.name for i in model.inputs)
     mark = "_"  # begins the module's own names; no name of the model does
@@ -71,6 +71,9 @@ def write(model: Model) -> str:
         following=", ".join(levels[s] for s in model.states),
         **own,
     )
+
+
+write = to_python
 
 
 def python_language(np: str) -> Language[str]:

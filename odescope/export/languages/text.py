@@ -8,7 +8,7 @@ from odescope.library.expression import Combination
 from odescope.model.model import Model
 
 
-def write(model: Model, digits: int | None = None) -> str:
+def to_text(model: Model, digits: int | None = None) -> str:
     """Return one explicit equation a line; floats round-trip, or are rounded to `digits` significant digits."""
     quotients = model.quotients
     if digits is not None:
@@ -17,6 +17,9 @@ def write(model: Model, digits: int | None = None) -> str:
             for q in quotients
         )
     return "\n".join(f"{q.target} = {q.text}" for q in quotients)
+
+
+write = to_text
 
 
 def _rounded(combination: Combination, digits: int) -> Combination:
