@@ -90,7 +90,7 @@ def _derivative(equations, x, work, a, b, out):
 def integrate(equations, drive, initial, states, rtol, atol):
     """Write the states (N, n) at the samples; return how many samples were reached, and how the run ended.
 
-    Longer than a screen, since a step, its error and the next step's length share a dozen scalars.
+    Longer than a screen because a step, its error and the length of the next share a dozen scalars.
 
     Args:
         equations: what to integrate.
