@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from odescope.errors import InputError, OdescopeError
+from odescope.export.languages import names, writer
 
 if TYPE_CHECKING:
     from odescope.arrays import FloatArray
@@ -225,26 +226,15 @@ def report(
 @app.command(short_help="Write a model as text, LaTeX or Python.")
 def export(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")],
-    to: Annotated[str, typer.Option(metavar="text|latex|mathml|python", help="What to write.")] = "text",
+    to: Annotated[str, typer.Option(metavar="|".join(names()), help="What to write.")] = "text",
     out: Annotated[Path | None, typer.Option(help="File to write.", show_default="standard output")] = None,
 ) -> None:
     """Write a model as text, as LaTeX, as MathML, or as a Python module that imports numpy alone."""
     from odescope.commands.files import refuse_overwriting, write_file
-    from odescope.errors import nearest
-    from odescope.export.code import to_python
-    from odescope.export.mathml import to_mathml
     from odescope.export.model_file import read_model
-    from odescope.export.text import to_latex, to_text
 
-    writers: dict[str, Callable[..., str]] = {
-        "text": to_text,
-        "latex": to_latex,
-        "mathml": to_mathml,
-        "python": to_python,
-    }
-    if to not in writers:
-        raise InputError(f"cannot export to {to!r}; {nearest(to, writers)}")
-    text = writers[to](read_model(model)).rstrip("\n") + "\n"
+    write = writer(to)
+    text = write(read_model(model)).rstrip("\n") + "\n"
     if out is None:
         _say(text)
     else:
@@ -339,7 +329,7 @@ def _identify_and_write(
         write_files,
     )
     from odescope.errors import Stopped
-    from odescope.export.text import to_text
+    from odescope.export.languages.text import to_text
     from odescope.pipeline.identification import identify as run
     from odescope.report.assemble import observed, summary
     from odescope.report.console import trust_text

@@ -15,7 +15,6 @@ from odescope.arrays import FloatArray
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
-from odescope.model.explicit import explicit
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.model.simulation import simulate
@@ -122,7 +121,7 @@ def true_signals(log: Log, joint_friction: float) -> dict[str, FloatArray]:
     """Return every state and target of a log by name, (N,), without noise."""
     model = cart_pendulum(joint_friction)
     columns = np.ascontiguousarray(np.column_stack([log.states, log.force]).T)
-    quotients = explicit(model)
+    quotients = model.quotients
     values = evaluate(
         write_tape(model.variables, [p for q in quotients for p in (q.numerator, q.denominator)]), columns
     )

@@ -16,7 +16,6 @@ from odescope.model.model import Model
 from odescope.model.simulation import Trajectory, simulate
 from odescope.recordings.readers import Layout, column_names, read_records
 from odescope.recordings.record import Record
-from odescope.signals.delays import delayed
 
 TIME_NAMES = ("t", "time", "Time", "T", "TIME")
 
@@ -50,7 +49,7 @@ def free_runs(
         held=frozenset(i.name for i in model.inputs if i.hold == "zero"),
         recording=recording,
     )
-    records = delayed(read_records([data_path], layout), model.inputs)
+    records = read_records([data_path], layout)
     out, notes = io.StringIO(), []
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow((*(() if recording is None else (recording,)), time or "t", *model.states))

@@ -12,7 +12,6 @@ import msgspec
 from odescope.errors import InputError
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
-from odescope.model.explicit import explicit
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.model.scores import Scores
@@ -64,7 +63,7 @@ def to_json(model: Model) -> str:
             _Relation([_Term(t.factor, t.term.text, t.coefficient, t.std_error) for t in r.terms])
             for r in model.relations
         ],
-        "explicit": {q.target: q.text for q in explicit(model)},
+        "explicit": {q.target: q.text for q in model.quotients},
         "scores": model.scores or Scores(),
         "domain": {name: (float(low), float(high)) for name, (low, high) in model.domain.items()},
         "provenance": dict(model.provenance),

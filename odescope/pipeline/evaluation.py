@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 
-import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.account import likelihood_scores
 from odescope.likelihood.refine import Refinement
-from odescope.model.explicit import denominator_ranges
-from odescope.model.model import Json, Model
+from odescope.model.denominators import denominator_ranges
+from odescope.model.model import Json, Model, without_delays
 from odescope.model.scores import Denominator, FreeRun, Scores, TargetScore
 from odescope.model.simulation import Trajectory, simulate
 from odescope.pipeline.joint_models import Search, samples_of
@@ -109,8 +108,7 @@ class LastPart:
     def run(self, model: Model) -> Trajectory:
         """Simulate a model freely from the first state of the part."""
         # The inputs of signals are shifted to when they act: no delay is left for the simulation.
-        prompt = tuple(msgspec.structs.replace(i, delay=0.0) for i in model.inputs)
-        return simulate(replace(model, inputs=prompt), self.t, self.inputs, self.states[0])
+        return simulate(without_delays(model), self.t, self.inputs, self.states[0])
 
 
 def free_run(model: Model, signals: Signals) -> FreeRun:
