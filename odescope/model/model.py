@@ -10,7 +10,7 @@ from odescope.errors import InputError
 from odescope.library.expression import Combination
 from odescope.library.tape import Tape, write_tape
 from odescope.model.relation import Relation
-from odescope.model.scores import Scores
+from odescope.model.scores import ModelScores
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
@@ -27,7 +27,7 @@ class Model:
     coordinates: tuple[Coordinate, ...]
     inputs: tuple[Input, ...]
     relations: tuple[Relation, ...]
-    scores: Scores | None = None
+    scores: ModelScores | None = None
     domain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     provenance: Mapping[str, Json] = field(default_factory=dict)
 

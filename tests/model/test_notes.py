@@ -6,7 +6,16 @@ import msgspec
 import pytest
 
 from odescope.model.notes import TOLD, notes_of, share, trust
-from odescope.model.scores import DelayScore, Denominator, Doubts, FreeRun, Likelihood, Scores, Streamed, TargetScore
+from odescope.model.scores import (
+    DelayScore,
+    Denominator,
+    Doubts,
+    FreeRun,
+    Likelihood,
+    ModelScores,
+    Streamed,
+    TargetScore,
+)
 
 SOUND = Denominator(data=(0.5, 1.0), box=(0.4, 1.1))
 GOOD = TargetScore(0.998, 0.1, 0.997, 12.0, SOUND)
@@ -24,7 +33,7 @@ def test_a_model_without_scores_is_not_judged():
 
 
 def test_trust_in_a_sound_model_and_in_one_of_regression_alone():
-    sound = Scores(targets={"x_dot": GOOD, "y_dot": GOOD}, free_run=FreeRun(8.0, 8.0), likelihood=JUDGED)
+    sound = ModelScores(targets={"x_dot": GOOD, "y_dot": GOOD}, free_run=FreeRun(8.0, 8.0), likelihood=JUDGED)
     assert trust(sound) == (
         "On held-out data it predicts 99.80 % of the variance of x_dot and 99.80 % of the variance of y_dot (R²).",
         "Run freely it stays with the record for all 8 s tried.",
@@ -41,7 +50,7 @@ def test_trust_in_a_sound_model_and_in_one_of_regression_alone():
 )
 def test_a_denominator_that_changes_sign_is_a_pole_in_trust_and_notes(box, poles):
     score = msgspec.structs.replace(GOOD, denominator=Denominator((0.5, 1.0), box))
-    scores = Scores(targets={"x_dot": score})
+    scores = ModelScores(targets={"x_dot": score})
     assert any(line == "Expect poles in x_dot." for line in trust(scores)) is poles
     assert any("the denominator of x_dot vanishes" in note for note in said(scores)) is poles
 
@@ -55,7 +64,7 @@ def test_candidates_left_out_are_named_once_and_not_without_end():
 
 
 def test_what_happened_to_the_data_is_said_in_the_order_of_the_stages():
-    scores = Scores(
+    scores = ModelScores(
         targets={"x_dot": GOOD},
         left_out=2,
         outliers={"x": 4, "y": 0},
@@ -71,18 +80,18 @@ def test_what_happened_to_the_data_is_said_in_the_order_of_the_stages():
 def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():
     doubts = Doubts(late=False, crowded=True, window=0.2, thin=(("x*y", "y_dot", 2.345),))
     judged = msgspec.structs.replace(JUDGED, finished=False, process_noise={"x_dot": 0.5}, hints=("look",))
-    notes = said(Scores(likelihood=judged), doubts)
+    notes = said(ModelScores(likelihood=judged), doubts)
     assert [any(part in note for note in notes) for part in ("its budget", "largest number of terms")] == [True, True]
     assert "0.5 of x_dot unexplained (root mean square of averages over 0.2 s)" in notes[2]
     assert notes[3:] == ("thin evidence, more data would decide: x*y in y_dot (2.3 standard errors)", "look")
-    assert said(Scores(), doubts) == ()
-    late = said(Scores(likelihood=judged), msgspec.structs.replace(doubts, late=True))
+    assert said(ModelScores(), doubts) == ()
+    late = said(ModelScores(likelihood=judged), msgspec.structs.replace(doubts, late=True))
     assert "ended by the clock" in late[0]
 
 
 def test_a_model_that_does_not_follow_has_no_errors_to_speak_of():
     judged = msgspec.structs.replace(JUDGED, follows=False, residual_variance=49.0)
-    (note,) = said(Scores(likelihood=judged), NONE)
+    (note,) = said(ModelScores(likelihood=judged), NONE)
     assert note.startswith("no standard errors: even in short segments the best model misses the record by 7 times")
 
 

@@ -27,7 +27,7 @@ from odescope.study.options import (
     study_toml,
 )
 
-# The study of DESIGN 3.2, with nothing left to its default.
+# A study with nothing left to its default: the format that other programs write.
 TEXT = """
 [data]
 files = ["run1.csv", "run2.csv"]
