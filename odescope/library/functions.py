@@ -70,10 +70,7 @@ def call(code: int, z: float) -> float:
         return np.sign(z)
     if code == 14:
         return np.tanh(z)
-    raise ValueError(
-        "an instruction of a tape has a code without a branch in library/functions.py: write the branch, and delete"
-        " the kernels compiled before it was there (*.nbi and *.nbc in the folders __pycache__)"
-    )
+    raise ValueError("an instruction of a tape has a code without a branch in library/functions.py: write the branch")
 
 
 FUNCTIONS: dict[str, Function] = {row.name: row for row in _ROWS}

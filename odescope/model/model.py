@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import msgspec
+
 from odescope.errors import InputError
 from odescope.library.expression import Combination
 from odescope.library.tape import Tape, write_tape
@@ -13,7 +15,7 @@ from odescope.model.display import equations_html, equations_latex
 from odescope.model.explicit import Quotient, explicit
 from odescope.model.notes import trust
 from odescope.model.relation import Relation
-from odescope.model.scores import Scores
+from odescope.model.scores import ModelScores
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
@@ -30,7 +32,7 @@ class Model:
     coordinates: tuple[Coordinate, ...]
     inputs: tuple[Input, ...]
     relations: tuple[Relation, ...]
-    scores: Scores | None = None
+    scores: ModelScores | None = None
     domain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     provenance: Mapping[str, Json] = field(default_factory=dict)
 
@@ -88,4 +90,4 @@ class Model:
 
 def without_delays(model: Model) -> Model:
     """Return a model for inputs as they act, from which what they were late by has been taken."""
-    return replace(model, inputs=tuple(replace(i, delay=0.0) for i in model.inputs))
+    return replace(model, inputs=tuple(msgspec.structs.replace(i, delay=0.0) for i in model.inputs))

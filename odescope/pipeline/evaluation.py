@@ -13,7 +13,7 @@ from odescope.likelihood.account import likelihood_scores
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Json, Model, without_delays
-from odescope.model.scores import Denominator, FreeRun, Scores, TargetScore
+from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore
 from odescope.model.simulation import Trajectory, simulate
 from odescope.pipeline.joint_models import Search, samples_of
 from odescope.pipeline.streaming import Whole
@@ -48,7 +48,7 @@ def scores(
     chosen: Sequence[Candidate],
     refinement: Refinement | None,
     seed: int,
-) -> Scores:
+) -> ModelScores:
     """Return how well each target is predicted, how far a free run holds, and what the likelihood found.
 
     Args:
@@ -61,7 +61,7 @@ def scores(
     """
     every = np.concatenate(samples_of(signals, model), axis=1)
     ranges = denominator_ranges(model, every, np.random.default_rng(seed))
-    return Scores(
+    return ModelScores(
         targets={
             c.target: TargetScore(
                 r2_held_out=float(c.target_r2),

@@ -46,20 +46,19 @@ def _printed(study: Study) -> str:
         return study_toml(study)
     except TypeError:
         signals, regression = study.signals, study.regression
-        lines = []
-        for key, pieces in (
+        places: tuple[tuple[str, tuple[object, ...]], ...] = (
             ("signals.differentiator", (signals.differentiator,)),
             ("regression.rows", (regression.rows,)),
             ("regression.proposers", regression.proposers),
-        ):
-            own = [type(p).__name__ for p in pieces if not isinstance(p, msgspec.Struct)]
-            lines += [f"# {key}: a piece of one's own, {name}\n" for name in own]
-        if not isinstance(signals.differentiator, msgspec.Struct):
+        )
+        own = {key: [p for p in pieces if not isinstance(p, msgspec.Struct)] for key, pieces in places}
+        if own["signals.differentiator"]:
             signals = msgspec.structs.replace(signals, differentiator=Filtering().differentiator)
-        if not isinstance(regression.rows, msgspec.Struct):
+        if own["regression.rows"]:
             regression = msgspec.structs.replace(regression, rows=Regression().rows)
-        known = tuple(p for p in regression.proposers if isinstance(p, msgspec.Struct)) or Regression().proposers
-        regression = msgspec.structs.replace(regression, proposers=known)
+        known = tuple(p for p in regression.proposers if p not in own["regression.proposers"])
+        regression = msgspec.structs.replace(regression, proposers=known or Regression().proposers)
+        lines = [f"# {key}: a piece of one's own, {type(p).__name__}\n" for key, found in own.items() for p in found]
         return "".join(lines) + study_toml(msgspec.structs.replace(study, signals=signals, regression=regression))
 
 

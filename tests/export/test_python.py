@@ -3,6 +3,7 @@ import builtins
 import json
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from hand_models import MODELS
@@ -66,7 +67,7 @@ def test_the_module_integrates_to_the_free_run(name):
 @pytest.mark.parametrize("delays", [(0.0, 0.0), (0.05, -0.02), (0.123, 0.0)])
 def test_recorded_inputs_act_as_late_as_the_model_says(delays):
     model = MODELS["rational"]
-    inputs = tuple(replace(i, delay=d) for i, d in zip(model.inputs, delays, strict=True))
+    inputs = tuple(msgspec.structs.replace(i, delay=d) for i, d in zip(model.inputs, delays, strict=True))
     model = replace(model, inputs=inputs)
     derivative = module(model)["derivative"]
     t = 0.01 * np.arange(61)
@@ -90,7 +91,7 @@ def test_recorded_inputs_act_as_late_as_the_model_says(delays):
 
 def test_values_are_taken_as_they_act_whatever_the_delay():
     model = MODELS["rational"]
-    late = replace(model, inputs=tuple(replace(i, delay=0.5) for i in model.inputs))
+    late = replace(model, inputs=tuple(msgspec.structs.replace(i, delay=0.5) for i in model.inputs))
     state, inputs = (1.0, 2.0, 1.0, 3.0), (1.0, 2.0)
     assert np.array_equal(
         module(late)["derivative"](0.0, state, inputs), module(model)["derivative"](0.0, state, inputs)
