@@ -151,6 +151,11 @@ class _Code(caching.CompileResultCacheImpl):  # type: ignore[misc]
 class _Cache(caching.Cache):  # type: ignore[misc]
     _impl_class = _Code
 
+    def __init__(self, function: FunctionType) -> None:
+        super().__init__(function)
+        # What was made from another source is passed over unread: it may name classes that are there no more.
+        self._cache_file._version += _stamp(function).hex()
+
 
 @functools.cache
 def _stamp(function: FunctionType) -> bytes:

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
 from odescope.model.initial_state import initial_state
 from odescope.model.model import Model, without_delays
 from odescope.model.relation import Relation, RelationTerm
@@ -19,8 +20,8 @@ from odescope.signals.differentiators import Spectral
 def build(inputs, *terms, order=1):
     x = Coordinate("x", order)
     scope = Scope.of([*x.states, *(i.name for i in inputs)])
-    rows = (RelationTerm(None, parse_term(text, scope), -c) for text, c in terms)
-    return Model((x,), tuple(inputs), (Relation((RelationTerm(x.target, parse_term("1", scope), 1.0), *rows)),))
+    rows = (RelationTerm(Product(None, parse_term(text, scope)), -c) for text, c in terms)
+    return Model((x,), tuple(inputs), (Relation((RelationTerm(Product(x.target), 1.0), *rows)),))
 
 
 def acting(t, column, i):
