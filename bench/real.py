@@ -26,7 +26,7 @@ from odescope.recordings.readers import records_from
 from odescope.recordings.record import Records
 from odescope.report.at_work import predicted
 from odescope.signals.estimate import Signals, estimate_signals
-from odescope.study.options import read_study
+from odescope.study.toml import read_study
 
 STUDIES = Path(__file__).parents[1] / "docs" / "studies"
 CASES = (

@@ -42,7 +42,8 @@ _HOMES = {
     "export.code": ("to_python",),
     "export.mathml": ("to_mathml",),
     "export.model_file": ("from_json", "read_model", "to_json"),
-    "study.options": ("Candidates", "Data", "Driven", "Filtering", "Measured", "Regression", "Study", "read_study"),
+    "study.options": ("Candidates", "Data", "Driven", "Filtering", "Measured", "Regression", "Study"),
+    "study.toml": ("read_study",),
     "pipeline.joint_models": ("Search", "to_relation"),
     "pipeline.identification": ("Identification", "identify"),
 }

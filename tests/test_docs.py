@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from odescope.study.options import Data, parse_study
+from odescope.study.options import Data
+from odescope.study.toml import parse_study
 
 ROOT = Path(__file__).parent.parent
 

@@ -18,7 +18,7 @@ from odescope.report.data import Coefficient, Measured, Report, Reproduce, Stage
 from odescope.report.recorded import Truth, derivatives_chart, recorded, spectra
 from odescope.report.searches import likelihood, searched
 from odescope.report.units import coefficient_units, quantity_units
-from odescope.study.options import study_toml
+from odescope.study.toml import study_toml
 
 PACKAGES = ("numpy", "scipy", "numba", "matplotlib")
 

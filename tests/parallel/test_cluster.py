@@ -70,7 +70,8 @@ def assert_same(result, alone):
 def test_two_workers_give_the_model_of_one_process(machines, study, alone):
     told = []
     result = identify(study, watch=told.append, cluster=machines.address)
-    assert f"recordings: {RECORDINGS} of {RECORDINGS} portions, 0 s left" in told
+    stages = [getattr(event, "stage", "") for event in told]
+    assert f"recordings: {RECORDINGS} of {RECORDINGS} portions, 0 s left" in stages
     assert result.model.provenance["recordings"] == RECORDINGS - 1
     assert alone.notes[0] == "1 recordings are shorter than a period of the cutoff and were left out"
     assert_same(result, alone)
@@ -80,8 +81,8 @@ def test_a_worker_killed_half_way_costs_its_task_alone(machines, study, alone):
     machines.staff(2)
     killed = []
 
-    def watch(text):
-        if text.startswith(f"recordings: {RECORDINGS // 4} of") and not killed:
+    def watch(event):
+        if getattr(event, "stage", "").startswith(f"recordings: {RECORDINGS // 4} of") and not killed:
             machines.workers[0].kill()
             killed.append(machines.workers[0].wait())
 

@@ -11,6 +11,7 @@ import pytest
 
 from odescope.commands.demo import cart_pendulum, simulate_log, table_two
 from odescope.errors import InputError, NoModelError
+from odescope.events import Event, StageBegan
 from odescope.export.model_file import from_json, to_json
 from odescope.library.tape import evaluate, write_tape
 from odescope.likelihood.search import LikelihoodSearch
@@ -100,8 +101,9 @@ DEMO = study_of(
 
 @pytest.fixture(scope="module")
 def demo(log):
-    stages: list[str] = []
-    return identify(DEMO, log, stages.append), stages
+    events: list[Event] = []
+    result = identify(DEMO, log, watch=events.append)
+    return result, [event.stage for event in events if isinstance(event, StageBegan)]
 
 
 def test_the_demo_is_recovered_with_joint_friction(demo):
@@ -565,7 +567,7 @@ def test_as_many_proposals_as_asked_for_go_to_the_likelihood(log, monkeypatch):
     def refine(records, signals, problems, starts, plain, options, watch, hands):
         given.extend(starts)
 
-    monkeypatch.setattr("odescope.pipeline.identification.refine", refine)
+    monkeypatch.setattr("odescope.pipeline.stages.refine", refine)
     result = identify(msgspec.structs.replace(DEMO, likelihood=LikelihoodSearch(starts=3)), log)
     terms = [tuple(tuple(t.term for t in r.terms) for r in relations) for relations in given]
     assert len(terms) == len(set(terms)) == 3

@@ -168,8 +168,8 @@ class Interrupted(Exception):
 
 
 def stop_after(portions):
-    def watch(text):
-        if text.startswith(f"recordings: {portions} of"):
+    def watch(event):
+        if getattr(event, "stage", "").startswith(f"recordings: {portions} of"):
             raise Interrupted
 
     return watch
@@ -188,7 +188,8 @@ def test_an_interrupted_run_goes_on_where_it_stopped(tmp_path, folder, counted):
     result = identify(study, watch=told.append, store=store)
     assert counted.portions == PORTIONS - kept
     assert coefficients(result) == pytest.approx(coefficients(expected), rel=1e-12)
-    assert any(t.startswith(f"recordings: {PORTIONS} of {PORTIONS} portions, 0 s left") for t in told)
+    stages = [getattr(event, "stage", "") for event in told]
+    assert any(t.startswith(f"recordings: {PORTIONS} of {PORTIONS} portions, 0 s left") for t in stages)
     counted.asked.clear()
     assert coefficients(identify(study, store=store)) == pytest.approx(coefficients(expected), rel=1e-12)
     assert counted.portions == 0
@@ -305,7 +306,7 @@ PEAK = """
 import sys
 from odescope.pipeline.identification import identify
 from odescope.parallel.memory import peak_bytes
-from odescope.study.options import read_study
+from odescope.study.toml import read_study
 from pathlib import Path
 
 result = identify(read_study(Path(sys.argv[1])))

@@ -21,11 +21,8 @@ from odescope.study.options import (
     Random,
     Regression,
     Study,
-    moved,
-    parse_study,
-    read_study,
-    study_toml,
 )
+from odescope.study.toml import moved, parse_study, read_study, study_toml
 
 # The study of DESIGN 3.2, with nothing left to its default.
 TEXT = """
