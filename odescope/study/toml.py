@@ -81,12 +81,7 @@ def beside_data(study: Study, folder: Path) -> Study:
         study: its files are relative to `folder`.
         folder: of the study.
     """
-    parents = []
-    for file in study.data.files:
-        parent = Path(os.path.abspath(folder / file)).parent
-        while any(c in str(parent) for c in "*?["):
-            parent = parent.parent
-        parents.append(str(parent))
+    parents = [os.path.dirname(os.path.abspath(folder / file)) for file in study.data.files]
     try:
         return moved(study, folder, Path(os.path.commonpath(parents)) if parents else folder)
     except ValueError:  # several drives, on Windows
