@@ -63,7 +63,7 @@ class Monitor:
 
     Attributes:
         tell: called with every event, in the thread that runs the pipeline.
-        stop: asked at least once a second; True ends the run.
+        stop: asked at least once a second, in any thread; True ends the run.
     """
 
     tell: Callable[[Event], None] = unheard

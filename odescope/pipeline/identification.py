@@ -142,7 +142,7 @@ def identify(
         watch: called with every event, in this thread: each stage as it begins (`StageBegan`), how far it got
             (`Progress`), the result before the likelihood stage (`DraftReady`) and at the end (`EquationsReady`), then
             its notes (`Note`). What it raises ends the run.
-        stop: asked again and again, about once a second or more often; True ends the run.
+        stop: asked again and again, once a second or more often and in any thread; True ends the run.
         cluster: "local", or the address of a Dask scheduler, whose workers see the files under the same names; without
             it everything runs in this process.
         store: folder in which the factors of recordings are kept that do not fit in memory, so that a run that was

@@ -26,8 +26,9 @@ from odescope.recordings.checks import check_channels
 from odescope.recordings.coordinate import Input
 from odescope.recordings.readers import records_from
 from odescope.recordings.record import Records
+from odescope.regression.factor import Factor
 from odescope.regression.problem import Problem, pose
-from odescope.regression.proposers import Support
+from odescope.regression.proposers import Proposer, Support
 from odescope.selection.bootstrap import inclusion
 from odescope.selection.ranking import Candidate, rank
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
@@ -184,7 +185,7 @@ def _delays(work: Work, records: Records, libraries: Sequence[Library], wanted: 
         for c, library in zip(study.measured(), libraries, strict=True):
             problem = pose(signals, c.target, c.order, library, study.regression.rows)
             try:
-                total += min(x.criterion for x in rank(problem, _swept(study, problem), study.selection).candidates)
+                total += min(x.criterion for x in rank(problem, _swept(work, problem), study.selection).candidates)
             except NoModelError:  # far from the delay nothing fits
                 return np.inf
         return total
@@ -235,16 +236,37 @@ def search_all(work: Work, prepared: Prepared, problems: Sequence[Problem]) -> t
     study, searches = work.study, []
     for problem, library in zip(problems, prepared.libraries, strict=True):
         with work.stage("regression"):
-            found = _swept(study, problem)
+            found = _swept(work, problem)
         with work.stage("selection"):
             ranked = rank(problem, found, study.selection)
             searches.append(Search(problem, found, ranked, library.removed, np.zeros(len(problem.terms))))
     return tuple(searches)
 
 
-def _swept(study: Study, problem: Problem) -> Sweep:
+def _swept(work: Work, problem: Problem) -> Sweep:
     """Return all the supports that are found for a target."""
-    return sweep(problem.factor, problem.terms, _nested(study, problem), study.regression.proposers)
+    return sweep(problem.factor, problem.terms, _nested(work.study, problem), _interruptible(work))
+
+
+@dataclass(frozen=True)
+class Interruptible:
+    """A proposer that asks whether to stop before each left-hand side; a sweep over a rich library takes its time."""
+
+    proposer: Proposer
+    monitor: Monitor
+
+    def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
+        """Yield what the proposer yields.
+
+        Raises:
+            Stopped: the run is to end.
+        """
+        self.monitor.check()
+        return self.proposer.supports(factor, left, columns)
+
+
+def _interruptible(work: Work) -> tuple[Proposer, ...]:
+    return tuple(Interruptible(p, work.monitor) for p in work.study.regression.proposers)
 
 
 def _nested(study: Study, problem: Problem) -> tuple[Support, ...]:
@@ -286,7 +308,9 @@ def draw_anew(work: Work, searches: Sequence[Search], chosen: Chosen) -> tuple[S
         for search, candidate in zip(searches, chosen, strict=True):
             work.monitor.check()
             nested = _nested(study, search.problem)
-            shares = inclusion(search.problem, candidate, nested, study.regression.proposers, rng, work.hands)
+            # Nobody on another machine could be asked whether to stop.
+            proposers = study.regression.proposers if work.hands.remote else _interruptible(work)
+            shares = inclusion(search.problem, candidate, nested, proposers, rng, work.hands)
             drawn.append(replace(search, inclusion=shares))
     return tuple(drawn)
 
