@@ -65,7 +65,7 @@ def run_study(
 ) -> RunResult:
     """Identify a study, draw its report, and write the files of both to a folder.
 
-    It tells the events of `identify` and then `FilesWritten`. Files appear all at once, at the end.
+    It tells the events of `identify`, then `FilesWritten`; files appear all at once.
 
     Args:
         study: the options, with the files to read.
@@ -83,8 +83,8 @@ def run_study(
         NoModelError: the data support no model.
         Stopped: the monitor said so, or an interrupt came; the message says what is kept.
     """
-    resolved = moved(study, folder, out)
     check_writable(out)
+    resolved = moved(study, folder, out)
     _refuse_own_sources(study, resolved, folder, out, source)
     if study.likelihood.enabled and not _compiled():
         monitor.tell(Note("compiling the kernels, once: this takes about a minute"))
@@ -100,9 +100,8 @@ def run_study(
             monitor.tell(event)
 
         try:
-            result = identify(
-                _placed(study, folder), watch=tell, stop=monitor.stop, cluster=cluster, store=out / FACTORS
-            )
+            placed = _placed(study, folder)
+            result = identify(placed, watch=tell, stop=monitor.stop, cluster=cluster, store=out / FACTORS)
             monitor.tell(StageBegan("report"))
             printed, table = study_toml(beside_data(study, folder)), reference.table(result.model)
             report = summary(result, title, printed, dict(reference.signals()), table, early.known)

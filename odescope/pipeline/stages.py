@@ -249,7 +249,7 @@ def _swept(work: Work, problem: Problem) -> Sweep:
 
 
 @dataclass(frozen=True)
-class Interruptible:
+class _Interruptible:
     """A proposer that asks whether to stop before each left-hand side; a sweep over a rich library takes its time."""
 
     proposer: Proposer
@@ -266,7 +266,7 @@ class Interruptible:
 
 
 def _interruptible(work: Work) -> tuple[Proposer, ...]:
-    return tuple(Interruptible(p, work.monitor) for p in work.study.regression.proposers)
+    return tuple(_Interruptible(p, work.monitor) for p in work.study.regression.proposers)
 
 
 def _nested(study: Study, problem: Problem) -> tuple[Support, ...]:
