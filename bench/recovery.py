@@ -31,6 +31,7 @@ from threadpoolctl import threadpool_limits
 from odescope import NoModelError, Study, identify
 from odescope.commands.demo import NOISE, cart_pendulum, simulate_log
 from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.model.simulation import simulate
@@ -127,7 +128,7 @@ def system(experiment: Experiment) -> Case:
     names = [s for c in coordinates for s in c.states]
     scope = Scope.of([*names, *(i.name for i in inputs)])
     relations = tuple(
-        Relation(tuple(RelationTerm(f, parse_term(t, scope), c) for f, t, c in terms))
+        Relation(tuple(RelationTerm(Product(f, parse_term(t, scope)), c) for f, t, c in terms))
         for terms in RELATIONS[experiment.system].values()
     )
     truth = Model(coordinates, inputs, relations)
@@ -268,7 +269,7 @@ def attempt(experiment: Experiment) -> Result:
     note = (
         "no likelihood"
         if refinement is None
-        else f"scale {refinement.outcome.scale:.3g}, gap {refinement.outcome.gap:g}"
+        else f"scale {refinement.outcome.scale:.3g}, width {refinement.outcome.width:g}"
     )
     return Result(failures, coefficients, result.seconds["likelihood"], sum(result.seconds.values()), note)
 

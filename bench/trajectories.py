@@ -15,14 +15,15 @@ from timing import Process, Row, Timing, alternate, command, duration, slope
 
 from odescope import identify
 from odescope.commands.demo import START, cart_pendulum, simulate_log
-from odescope.library.expression import ONE
-from odescope.likelihood.fit import Evaluator, Fit, Program, Slot, fit
-from odescope.likelihood.search import GAPS
+from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.fit import Fit, fit
+from odescope.likelihood.program import Frame, Part, Program
+from odescope.likelihood.search import WIDTHS
 from odescope.likelihood.segments import Segments, cut_segments
 from odescope.model.simulation import simulate
-from odescope.recordings.coordinate import following_states
 from odescope.recordings.readers import records_from
 from odescope.recordings.record import Records
+from odescope.signals.differentiators import Spectral
 from odescope.signals.estimate import Signals, estimate_signals
 
 EVERY = 10  # of the demo's samples, for the simulation: 6 501
@@ -41,18 +42,17 @@ def recorded(samples: int) -> tuple[Records, Signals]:
 
 def averages(samples: int) -> Segments:
     records, signals = recorded(samples)
-    return cut_segments(records, signals.coordinates, signals.inputs, signals.channels)
+    return cut_segments(records, signals, Spectral())
 
 
 def structure() -> tuple[Program, np.ndarray, np.ndarray]:
     """Return the cart's program, its true coefficients, and which of them are parameters: twelve."""
     model = cart_pendulum()
+    frame = Frame.of(model.coordinates, [i.name for i in model.inputs])
     terms = [(r, t) for r, relation in enumerate(model.relations) for t in relation.terms]
-    factors = [-1 if t.factor is None else model.targets.index(t.factor) for _, t in terms]
-    slots = [Slot(r, f, t.term, f == r and t.term == ONE) for (r, t), f in zip(terms, factors, strict=True)]
-    measured = np.array([model.states.index(c.name) for c in model.coordinates])
-    program = Program.of(slots, model.variables, following_states(model.coordinates), measured)
-    return program, np.array([t.coefficient for _, t in terms]), np.flatnonzero([not s.fixed for s in slots])
+    parts = [Part(r, t.product) for r, t in terms]
+    free = np.flatnonzero([not frame.held(part) for part in parts])
+    return Program.of(parts, frame), np.array([t.coefficient for _, t in terms]), free
 
 
 def trajectory(repeats: int) -> tuple[list[Row], str]:
@@ -65,7 +65,7 @@ def trajectory(repeats: int) -> tuple[list[Row], str]:
     ends: list[Fit | None] = []
 
     def work() -> None:
-        ends.append(fit(evaluator, program, start, free, segments.initial, segments.spread * GAPS[-1]))
+        ends.append(fit(evaluator, program, start, free, segments.initial, segments.spread * WIDTHS[-1]))
 
     seconds = alternate({"fit": work}, repeats)["fit"]
     records, _ = recorded(65_001)
@@ -155,7 +155,7 @@ def growth(repeats: int) -> tuple[str, str, str, float]:
     sizes, seconds = [], []
     for samples in (8_126, 16_251, 32_501, 65_001):
         segments = averages(samples)
-        evaluator, gap = Evaluator(segments), segments.spread * GAPS[-1]
+        evaluator, gap = Evaluator(segments), segments.spread * WIDTHS[-1]
         work = {"it": lambda e=evaluator, g=gap: e.expand(program, truth, free, e.segments.initial, g)}
         sizes.append(len(segments.measured))
         seconds.append(alternate(work, 3 * repeats)["it"].best)

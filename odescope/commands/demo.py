@@ -16,6 +16,7 @@ from odescope.arrays import FloatArray
 from odescope.commands.files import check_writable
 from odescope.events import FilesWritten, Monitor, StageBegan
 from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.explicit import explicit
 from odescope.model.model import Model
@@ -90,10 +91,12 @@ def cart_pendulum(joint_friction: float = PAPER_JOINT_FRICTION) -> Model:
 
     def relation(target: str, rest: Mapping[str, float]) -> Relation:
         denominator = (
-            RelationTerm(target, parse_term("1", scope), 1.0),
-            RelationTerm(target, parse_term("cos(phi)**2", scope), q),
+            RelationTerm(Product(target), 1.0),
+            RelationTerm(Product(target, parse_term("cos(phi)**2", scope)), q),
         )
-        return Relation((*denominator, *(RelationTerm(None, parse_term(t, scope), c) for t, c in rest.items())))
+        return Relation(
+            (*denominator, *(RelationTerm(Product(None, parse_term(t, scope)), c) for t, c in rest.items()))
+        )
 
     return Model(coordinates, (Input("u", "linear", "N"),), (relation("x_ddot", cart), relation("phi_ddot", pendulum)))
 

@@ -48,7 +48,8 @@ def standing(event: Event) -> str:
         return event.stage
     if isinstance(event, Progress):
         left = "" if event.seconds_left is None else f", {span(event.seconds_left)} left"
-        return f"{event.stage}: {event.done} of {event.total} {plural(event.part)}{left}"
+        counted = event.part if event.total == 1 else f"{event.done} of {event.total} {plural(event.part)}"
+        return f"{event.stage}: {counted}{left}"
     return ""
 
 

@@ -10,6 +10,7 @@ import msgspec
 
 from odescope.errors import InputError
 from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
 from odescope.model.explicit import explicit
 from odescope.model.model import Json, Model
 from odescope.model.relation import Relation, RelationTerm
@@ -144,4 +145,4 @@ def _read_term(t: _Term, scope: Scope) -> RelationTerm:
         raise InputError(f"the coefficient of {t.term!r} is not finite")
     if t.std_error is not None and not t.std_error >= 0.0:
         raise InputError(f"the standard error of {t.term!r} is negative")
-    return RelationTerm(t.factor, parse_term(t.term, scope), t.coefficient, t.std_error)
+    return RelationTerm(Product(t.factor, parse_term(t.term, scope)), t.coefficient, t.std_error)

@@ -8,8 +8,9 @@ from itertools import combinations_with_replacement, product
 from math import comb
 
 from odescope.errors import InputError
-from odescope.library.expression import ONE, Name, Term
+from odescope.library.expression import ONE, Term
 from odescope.library.parse import MAXIMUM_POWER, Scope, parse_term
+from odescope.library.product import Product
 from odescope.library.rules import Rule
 
 MAXIMUM_CANDIDATES = 20_000
@@ -79,22 +80,14 @@ class Library:
             terms = kept
         return Library(terms, tuple(removed))
 
+    def products(self, targets: Collection[str]) -> tuple[Product, ...]:
+        """Return the candidates as products of a target or 1.
+
+        Raises:
+            InputError: a candidate is not linear in the targets.
+        """
+        return tuple(Product.of(term, targets) for term in self.terms)
+
     def preview(self, samples: int) -> str:
         """Return how many candidates there are and what their values would take in memory if held at once."""
         return f"{len(self)} candidates x {samples} samples: {len(self) * samples * 8 / 1e6:.1f} MB if held at once"
-
-
-def split_target(term: Term, targets: Collection[str]) -> tuple[str | None, Term]:
-    """Return the target that a term is linear in, or None, and the product without it.
-
-    Raises:
-        InputError: a target appears to a power, inside a function, or beside another target.
-    """
-    found = term.names & set(targets)
-    if not found:
-        return None, term
-    name = min(found)
-    rest = Term(tuple(f for f in term.factors if f[0] != Name(name)))
-    if len(found) > 1 or term.power_of(Name(name)) != 1 or name in rest.names:
-        raise InputError(f"the candidate {term} is not linear in the targets: {', '.join(sorted(found))}")
-    return name, rest

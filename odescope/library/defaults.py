@@ -1,4 +1,4 @@
-"""Libraries without a hand: the default by order of the equations, and the paper's (METHOD section 4)."""
+"""Libraries without a hand: the default by order of the equations, and the paper's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the likelihood stage has to say, as plain data and as sentences (METHOD sections 9 and 10)."""
+"""What the likelihood stage has to say, as plain data and as sentences."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.expression import Term
 from odescope.likelihood.evidence import between, in_blocks
-from odescope.likelihood.fit import Slot
 from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import MOST_TERMS, THIN
 from odescope.model.model import Json
-from odescope.model.relation import RelationTerm
 
 CORRELATED = 0.5  # least correlation of two estimates that is listed
 CLEAR = 0.1  # least correlation of what is missing with its cause that is worth a word
@@ -31,20 +29,20 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[st
     lacking = process if refinement.follows else refinement.rejected
     trail: list[Json] = [
         {
-            "gap": m.gap if process is None and np.isfinite(m.gap) else None,
+            "gap": m.width if process is None and np.isfinite(m.width) else None,
             "action": m.action,
-            "target": targets[m.slot.relation],
-            "term": _text(m.slot, targets),
+            "target": targets[m.part.relation],
+            "term": m.part.product.text,
             "statistic": m.statistic,
-            "price": m.price,
+            "price": m.penalty,
         }
         for m in (outcome.trail if process is None else process.trail)
     ]
     scores: dict[str, Json] = {
         "follows": refinement.follows,
         "residual_variance": outcome.scale,
-        "gap": outcome.gap if np.isfinite(outcome.gap) else None,
-        "finished": outcome.finished,
+        "gap": outcome.width if np.isfinite(outcome.width) else None,
+        "finished": refinement.finished,
         "starts": refinement.starts,
         "process_noise": None,
         "trail": trail,
@@ -55,7 +53,7 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[st
         scores["held_out_free_run"] = process.held_out
     if refinement.evidence is None or not refinement.follows:
         return scores
-    present = [searcher.slots[k] for k in refinement.fit.present]
+    present = [searcher.parts[k] for k in refinement.fit.present]
     scores["intervals"] = [
         {"target": target, "term": t.text, "interval": list[Json](t.interval)}
         for target, relation in zip(targets, refinement.relations, strict=True)
@@ -65,18 +63,18 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[st
     correlation = refinement.evidence.correlation
     scores["correlations"] = [
         {
-            "first": f"{_text(present[i], targets)} in {targets[present[i].relation]}",
-            "second": f"{_text(present[j], targets)} in {targets[present[j].relation]}",
+            "first": f"{present[i].product.text} in {targets[present[i].relation]}",
+            "second": f"{present[j].product.text} in {targets[present[j].relation]}",
             "correlation": float(correlation[i, j]),
         }
         for i, j in zip(*np.nonzero(np.abs(np.tril(correlation, -1)) > CORRELATED), strict=True)
     ]
     limits = refinement.evidence.limits
-    absent = sorted(np.flatnonzero(limits), key=lambda k: float(searcher.price[k]))  # the simplest first
+    absent = sorted(np.flatnonzero(limits), key=lambda k: float(searcher.penalty[k]))  # the simplest first
     scores["limits"] = [
         {
-            "target": targets[searcher.slots[k].relation],
-            "term": _text(searcher.slots[k], targets),
+            "target": targets[searcher.parts[k].relation],
+            "term": searcher.parts[k].product.text,
             "limit": float(limits[k]) if np.isfinite(limits[k]) else None,
         }
         for k in absent
@@ -88,8 +86,12 @@ def likelihood_notes(refinement: Refinement, targets: Sequence[str]) -> list[str
     """Return what the user should know of the stage: what the model does not explain, and where evidence is thin."""
     outcome, process = refinement.outcome, refinement.process
     notes = []
-    if not outcome.finished:
-        notes.append("the search ended with its time: allow it more, [likelihood] seconds, for what it may have missed")
+    if refinement.late:
+        notes.append("the search was ended by the clock, [likelihood] seconds: another run may end elsewhere")
+    elif not refinement.finished:
+        notes.append(
+            "the search ended with its budget: allow it more, [likelihood] budget, for what it may have missed"
+        )
     if len(refinement.fit.present) > MOST_TERMS * len(targets):
         notes.append(
             "the search stopped at its largest number of terms: the library lacks what would explain the record in few"
@@ -108,19 +110,15 @@ def likelihood_notes(refinement: Refinement, targets: Sequence[str]) -> list[str
             " standard errors allow for it"
         )
     if refinement.evidence is not None:
-        weak = refinement.evidence.wald < THIN * refinement.searcher.price[refinement.fit.present]
+        weak = refinement.evidence.wald < THIN * refinement.searcher.penalty[refinement.fit.present]
         thin = [
-            f"{_text(refinement.searcher.slots[k], targets)} in {targets[refinement.searcher.slots[k].relation]}"
+            f"{refinement.searcher.parts[k].product.text} in {targets[refinement.searcher.parts[k].relation]}"
             f" ({np.sqrt(w):.1f} standard errors)"
             for k, w in zip(refinement.fit.present[weak], refinement.evidence.wald[weak], strict=True)
         ]
         if thin:
             notes.append(f"thin evidence, more data would decide: {', '.join(thin)}")
     return notes
-
-
-def _text(slot: Slot, targets: Sequence[str]) -> str:
-    return RelationTerm(None if slot.factor < 0 else targets[slot.factor], slot.term, 1.0).text
 
 
 def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
@@ -130,14 +128,14 @@ def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
     the sign of a velocity is dry friction; what goes with the rate of an input is a delay.
     """
     searcher, segments = process.searcher, process.searcher.segments
-    names, following = searcher.variables, searcher.following
+    names, following = searcher.frame.variables, searcher.frame.following
     program, kept = searcher.program(process.fit.present)
     none = np.zeros(0, dtype=np.int64)
-    *_, last, _ = searcher.evaluator.integrate(program, process.fit.theta[kept], none, process.fit.x0)
+    last = searcher.evaluator.integrate(program, process.fit.theta[kept], none, process.fit.x0).last
     joints = np.flatnonzero(segments.joined)
     begin = process.fit.x0[joints + 1]
     lacking = begin - last[joints]
-    present = [searcher.slots[k].term for k in kept]
+    present = [searcher.parts[k].product.term for k in kept]
     velocities = [int(np.flatnonzero(following == j)[0]) for j in range(len(following)) if (following == j).any()]
     moving = [int(following[v]) for v in velocities if not _has_sign(present, names[following[v]])]
     rates = np.diff(segments.inputs[segments.start, 0], axis=0, append=0.0)[joints]

@@ -1,4 +1,4 @@
-"""The initial states of the segments: eliminated, solved for, and their covariances (METHOD section 9).
+"""The initial states of the segments: eliminated, solved for, and their covariances.
 
 They form a block-tridiagonal system with the parameters as border: all three are linear in the number of segments.
 """
@@ -10,25 +10,29 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def eliminate(hessian, gradient, last, jacobian, x0, joined, gap, damping, n, p):
+def eliminate(sums, x0, joined, defect_std, damping):
     """Eliminate the initial states: block-tridiagonal Cholesky with the parameters as border.
 
-    Joint j ties the end of segment j to the start of j + 1 where joined[j]; its gap is weighted by 1 / gap^2 a state.
-    Returns the joints' cost, the reduced matrix (p, p) and gradient (p,), what back-substitution needs, log det of the
-    states' block, and success. `damping` multiplies the diagonal (Levenberg-Marquardt), 0 for the plain matrix.
+    One function, since forward elimination uses each block while it is in cache. The end of segment j is tied to the
+    start of j + 1 where joined[j]; the defect between them is weighted by 1 / defect_std^2 a state. `sums` as in the
+    kernel. `damping` multiplies the diagonal (Levenberg-Marquardt), 0 for the plain matrix. Returns the defects' cost,
+    the reduced matrix (p, p) and gradient (p,), what back-substitution needs, log det of the states' block, success.
     """
-    segments, width = x0.shape[0], n + p
-    diagonal = hessian.copy()
-    rhs = gradient.copy()
+    segments, n = x0.shape
+    width = sums.gradient.shape[1]
+    p = width - n
+    last, jacobian = sums.last, sums.jacobian
+    diagonal = sums.hessian.copy()
+    rhs = sums.gradient.copy()
     lower = np.zeros((segments, n, n))  # couples segment j + 1 (rows) to j (columns)
-    joints = 0.0
+    cost = 0.0
     for j in range(segments - 1):
         if not joined[j]:
             continue
         for i in range(n):
-            w = 1.0 / (gap[i] * gap[i])
+            w = 1.0 / (defect_std[i] * defect_std[i])
             d = last[j, i] - x0[j + 1, i]
-            joints += w * d * d
+            cost += w * d * d
             for c in range(width):
                 jc = jacobian[j, i, c]
                 rhs[j, c] += w * d * jc
@@ -76,7 +80,7 @@ def eliminate(hessian, gradient, last, jacobian, x0, joined, gap, damping, n, p)
                     total -= factor[j, i, m] * factor[j, k, m]
                 if i == k:
                     if not total > 0.0:
-                        return joints, reduced, reduced_g, factor, border, carry, 0.0, False
+                        return cost, reduced, reduced_g, factor, border, carry, 0.0, False
                     factor[j, i, i] = np.sqrt(total)
                     log_det += 2.0 * np.log(factor[j, i, i])
                 else:
@@ -100,7 +104,7 @@ def eliminate(hessian, gradient, last, jacobian, x0, joined, gap, damping, n, p)
                 reduced_g[c] -= bc * border[j, i, p]
                 for b in range(p):
                     reduced[c, b] -= bc * border[j, i, b]
-    return joints, reduced, reduced_g, factor, border, carry, log_det, True
+    return cost, reduced, reduced_g, factor, border, carry, log_det, True
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -127,7 +131,7 @@ def substitute(factor, border, carry, joined, change):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def joint_covariances(factor, carry, joined):
+def state_covariances(factor, carry, joined):
     """Return posterior covariances of the initial states: own (J, n, n), with the next segment's (J, n, n).
 
     The states' block is L L^T with `factor` on the diagonal of L and `carry` below it; only the blocks of the inverse

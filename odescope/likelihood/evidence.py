@@ -1,4 +1,7 @@
-"""What the record says about every term: scores, variances, and what it could not have shown (METHOD section 9)."""
+"""What the record says about every term: scores, variances, and what it could not have shown.
+
+docs/method.md, Structure by likelihood.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +9,70 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import BoolArray, FloatArray
+from odescope.likelihood.evaluator import scaled
 from odescope.likelihood.fit import SINGULAR, Fit
-from odescope.likelihood.search import Searcher
+from odescope.likelihood.searcher import Searcher
 
 TOLD_APART = 1e-6  # share of a candidate's information that the present terms leave to it, at least
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """Shapes: scores (slots,) of the absent terms, wald and variances (p,) and correlation (p, p) of the present ones.
+class Projection:
+    """What is left of absent candidates once the present ones have explained what they can.
 
-    limits (slots,) are the coefficients from which on an absent term is likely to be detected: infinite where the data
-    cannot tell it from present terms, 0 where a term is present or fixed.
+    Shapes, for p present and a absent candidates, all in units of `scale` (f,), the root of their information: inverse
+    (p, p) of the information of the present; influence (b, p) what the gradient of each block adds to their estimates;
+    left (a,) the share of an absent candidate's information; slopes (b, a) gradients with respect to the absent.
+    """
+
+    scale: FloatArray
+    inverse: FloatArray
+    influence: FloatArray
+    left: FloatArray
+    slopes: FloatArray
+
+    @property
+    def told(self) -> BoolArray:
+        """Whether the data can tell an absent candidate from the present ones, (a,)."""
+        told: BoolArray = self.left > TOLD_APART
+        return told
+
+    def scores(self, spread: FloatArray) -> FloatArray:
+        """Return the score statistics (a,), each chi-squared with one degree of freedom.
+
+        Args:
+            spread: variances of the slopes (a,).
+        """
+        return np.where(self.told, self.slopes.sum(axis=0) ** 2 / np.maximum(spread, 1e-300), 0.0)
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of candidates that cannot be told apart
+def project(information: FloatArray, gradients: FloatArray, here: BoolArray) -> Projection:
+    """Return what the present candidates leave of the absent ones.
+
+    Args:
+        information: (f, f) of all candidates, initial states eliminated.
+        gradients: (b, f) of blocks of the record, which sum to the whole.
+        here: (f,) which candidates are present.
+    """
+    correlations, scale = scaled(information)
+    slopes = gradients / scale
+    values, vectors = np.linalg.eigh(correlations[np.ix_(here, here)])
+    # What two terms cannot be told apart by is rounding, of either sign: large variances, never negative or small ones.
+    inverse = (vectors / np.maximum(values, SINGULAR * values.max(initial=0.0))) @ vectors.T
+    cross = correlations[np.ix_(here, ~here)]
+    influence = slopes[:, here] @ inverse
+    left = np.diag(correlations)[~here] - np.einsum("ij,ij->j", cross, inverse @ cross)
+    return Projection(scale, inverse, influence, left, slopes[:, ~here] - influence @ cross)
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Shapes: scores (parts,) of the absent terms, wald and variances (p,) and correlation (p, p) of the present ones.
+
+    limits (parts,) are the coefficients from which on an absent term is likely to be detected: infinite where the data
+    cannot tell it from present terms, 0 where a term is present or held.
     """
 
     scores: FloatArray
@@ -28,43 +82,34 @@ class Evidence:
     limits: FloatArray
 
 
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of candidates that cannot be told apart
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def weigh(searcher: Searcher, found: Fit, information: FloatArray, blocks: FloatArray) -> Evidence:
     """Return the evidence in a reduced information matrix, checked against the spread between blocks of the record.
 
     Args:
-        searcher: candidates and their prices.
+        searcher: candidates and their penalties.
         found: a fit of some of them.
-        information: (f, f) of all free slots, initial states eliminated.
+        information: (f, f) of all free parts, initial states eliminated.
         blocks: (b, f) gradients of the blocks of the record, which sum to the whole; a single row is no check.
     """
     free = searcher.free
     here = np.isin(free, found.present)
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    scaled, slopes = information / np.outer(scale, scale), blocks / scale
-    values, vectors = np.linalg.eigh(scaled[np.ix_(here, here)])
-    # What two terms cannot be told apart by is rounding, of either sign: large variances, never negative or small ones.
-    inverse = (vectors / np.maximum(values, SINGULAR * values.max(initial=0.0))) @ vectors.T
-    cross = scaled[np.ix_(here, ~here)]
-    influence = slopes[:, here] @ inverse
-    left = np.diag(scaled)[~here] - np.einsum("ij,ij->j", cross, inverse @ cross)
-    projected = slopes[:, ~here] - influence @ cross
-    own, spread = np.diag(inverse), np.maximum(left, 1e-300)
+    rest = project(information, blocks, here)
+    own, spread = np.diag(rest.inverse), np.maximum(rest.left, 1e-300)
     if len(blocks) > 1:
-        own = np.maximum(own, between(influence))
-        spread = np.maximum(spread, between(projected))
-    variances = own / scale[here] ** 2
-    told = left > TOLD_APART
-    scores, limits = np.zeros(len(searcher.slots)), np.zeros(len(searcher.slots))
-    scores[free[~here]] = np.where(told, projected.sum(axis=0) ** 2 / spread, 0.0)
-    reach = np.sqrt(searcher.price[free[~here]] * spread) / np.maximum(left, 1e-300) / scale[~here]
-    limits[free[~here]] = np.where(told, reach, np.inf)
-    diagonal = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+        own = np.maximum(own, between(rest.influence))
+        spread = np.maximum(spread, between(rest.slopes))
+    variances = own / rest.scale[here] ** 2
+    scores, limits = np.zeros(len(searcher.parts)), np.zeros(len(searcher.parts))
+    scores[free[~here]] = rest.scores(spread)
+    reach = np.sqrt(searcher.penalty[free[~here]] * spread) / np.maximum(rest.left, 1e-300) / rest.scale[~here]
+    limits[free[~here]] = np.where(rest.told, reach, np.inf)
+    diagonal = np.sqrt(np.maximum(np.diag(rest.inverse), 1e-300))
     return Evidence(
         scores,
         found.theta[free[here]] ** 2 / np.maximum(variances, 1e-300),
         variances,
-        np.clip(inverse / np.outer(diagonal, diagonal), -1.0, 1.0),
+        np.clip(rest.inverse / np.outer(diagonal, diagonal), -1.0, 1.0),
         limits,
     )
 

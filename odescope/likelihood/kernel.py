@@ -8,53 +8,74 @@ segment are accumulated on the fly. Lanes are segments, innermost, so that the t
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
+from odescope.arrays import FloatArray, IntArray
 from odescope.library.tape import run_tape
 
 LANES = 32  # segments side by side: states, sensitivities and tape of 32 lanes stay in a first- or second-level cache
 
 
+class Averages(NamedTuple):
+    """What the kernel compares with.
+
+    Shapes: inverse_noise (c,) 1 / sigma; step of a sample in seconds, taken in `substeps`; start, size (J,) first
+    sample and number of samples of each segment; y (N, c); u (N, 2 substeps + 1, inputs) the inputs on the half steps
+    of the step that begins at each sample.
+    """
+
+    inverse_noise: FloatArray
+    step: float
+    substeps: int
+    start: IntArray
+    size: IntArray
+    y: FloatArray
+    u: FloatArray
+
+
+class Sums(NamedTuple):
+    """What the kernel fills in, one entry a segment.
+
+    Shapes: cost (J,); gradient (J, n + p); hessian (J, n + p, n + p); last (J, n) the state at the first sample of the
+    next segment; jacobian (J, n, n + p) its derivatives.
+    """
+
+    cost: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+    last: FloatArray
+    jacobian: FloatArray
+
+
+class Scratch(NamedTuple):
+    """Room for the slopes of a block of L lanes: work (slots, L); a, inv (T, T, L); y, v (T, L); g (T, n, L)."""
+
+    work: FloatArray
+    a: FloatArray
+    inv: FloatArray
+    y: FloatArray
+    g: FloatArray
+    v: FloatArray
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _slopes(
-    code,
-    left,
-    right,
-    constant,
-    slot,
-    owner,
-    factor,
-    param,
-    weight,
-    grad,
-    following,
-    n,
-    targets,
-    p,
-    lanes,
-    x,
-    s,
-    u,
-    work,
-    a,
-    inv,
-    y,
-    g,
-    v,
-    dx,
-    ds,
-):
+def _slopes(code, places, param, weight, p, lanes, x, s, u, scratch, dx, ds):
     """Compute x' and S' of all lanes.
 
-    Shapes: x, dx (n, L); s, ds (n, n + p, L); a, inv (T, T, L); y, v (T, L); g (T, n, L).
+    Shapes: x, dx (n, L); s, ds (n, n + p, L); u (inputs, L); param, weight one entry a part.
     """
-    first = work.shape[0] - code.shape[0]
+    work, a, inv, y, g, v = scratch.work, scratch.a, scratch.inv, scratch.y, scratch.g, scratch.v
+    slot, owner, factor, grad, following = places.slot, places.owner, places.factor, places.grad, places.following
+    n, targets = x.shape[0], y.shape[0]
+    first = work.shape[0] - code.code.shape[0]
     for i in range(n):
         work[i, :lanes] = x[i, :lanes]
     for i in range(first - n):
         work[n + i, :lanes] = u[i, :lanes]
-    run_tape(code, left, right, constant, work, first, lanes)
+    run_tape(code.code, code.left, code.right, code.constant, work, first, lanes)
     a[:, :, :lanes] = 0.0
     y[:, :lanes] = 0.0
     for k in range(owner.shape[0]):
@@ -174,58 +195,47 @@ def _invert(a, inv, targets, lanes):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def integrate(
-    code,
-    left,
-    right,
-    constant,
-    slot,
-    owner,
-    factor,
-    param,
-    weight,
-    grad,
-    following,
-    measured,
-    inverse_noise,
-    h,
-    substeps,
-    p,
-    start,
-    count,
-    y_data,
-    u_data,
-    x0,
-    begin,
-    end,
-    cost,
-    gradient,
-    hessian,
-    last,
-    jacobian,
-):
+def integrate(code, places, param, weight, p, data, x0, begin, end, out):
     """Integrate segments begin to end - 1 and accumulate cost, gradient and Gauss-Newton matrix of each.
 
-    Shapes: start, count (J,) first sample and number of samples of each segment; y_data (N, c); u_data (N, 2 substeps
-    + 1, inputs) the inputs on the half steps of the step that begins at each sample; x0 (J, n); cost (J,); gradient
-    (J, n + p); hessian (J, n + p, n + p); last (J, n) the state at the first sample of the next segment; jacobian
-    (J, n, n + p) its derivatives. inverse_noise (c,) is 1 / sigma.
+    One loop nest, since state, sensitivities and their sums stay in cache only while a block of lanes is worked on.
+
+    Args:
+        code: instructions of the tape, `Code`.
+        places: where parts stand, `Places`.
+        param: (parts,) number of the parameter that is a part's coefficient, -1 for none.
+        weight: (parts,) coefficients.
+        p: number of parameters.
+        data: the measurements and how to step, `Averages`.
+        x0: (J, n) initial states.
+        begin: first segment.
+        end: one after the last.
+        out: what is accumulated, `Sums`.
     """
+    following, measured = places.following, places.measured
+    inverse_noise, substeps, start, count = data.inverse_noise, data.substeps, data.start, data.size
+    y_data, u_data = data.y, data.u
+    cost, gradient, hessian, last, jacobian = out
     n, targets = x0.shape[1], 0
     for i in range(n):
         if following[i] < 0:
             targets += 1
     channels, inputs = y_data.shape[1], u_data.shape[2]
     width = n + p
-    work = np.zeros((n + inputs + code.shape[0], LANES))
     x, xs, dx, xa = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES))
     s, ss = np.empty((n, width, LANES)), np.empty((n, width, LANES))
     ds, sa = np.empty((n, width, LANES)), np.empty((n, width, LANES))
-    a, inv = np.empty((targets, targets, LANES)), np.empty((targets, targets, LANES))
-    y, g, v = np.empty((targets, LANES)), np.empty((targets, n, LANES)), np.empty((targets, LANES))
+    scratch = Scratch(
+        np.zeros((n + inputs + code.code.shape[0], LANES)),
+        np.empty((targets, targets, LANES)),
+        np.empty((targets, targets, LANES)),
+        np.empty((targets, LANES)),
+        np.empty((targets, n, LANES)),
+        np.empty((targets, LANES)),
+    )
     u, e = np.zeros((inputs, LANES)), np.empty(LANES)
     slope = np.empty(width)
-    step = h / substeps
+    step = data.step / substeps
     for low in range(begin, end, LANES):
         lanes = min(LANES, end - low)
         longest = 0
@@ -274,34 +284,7 @@ def integrate(
                         for j in range(width):
                             for lane in range(lanes):
                                 ss[i, j, lane] = s[i, j, lane] + (f * ds[i, j, lane] if stage else 0.0)
-                    _slopes(
-                        code,
-                        left,
-                        right,
-                        constant,
-                        slot,
-                        owner,
-                        factor,
-                        param,
-                        weight,
-                        grad,
-                        following,
-                        n,
-                        targets,
-                        p,
-                        lanes,
-                        xs,
-                        ss,
-                        u,
-                        work,
-                        a,
-                        inv,
-                        y,
-                        g,
-                        v,
-                        dx,
-                        ds,
-                    )
+                    _slopes(code, places, param, weight, p, lanes, xs, ss, u, scratch, dx, ds)
                     share = step / 6.0 if stage == 0 or stage == 3 else step / 3.0
                     for i in range(n):
                         for lane in range(lanes):

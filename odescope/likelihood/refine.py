@@ -8,33 +8,36 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from odescope.arrays import FloatArray
-from odescope.library.candidates import split_target
-from odescope.library.expression import Term
+from odescope.arrays import FloatArray, IntArray
+from odescope.events import Monitor, Progress
+from odescope.likelihood.budget import Budget
+from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
-from odescope.likelihood.fit import Evaluator, Fit, Program
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.process_noise import (
     Noisy,
     cost_without_process_noise,
-    free_run_error,
     in_pieces,
     search_with_process_noise,
 )
-from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, Searcher, search, universe
+from odescope.likelihood.program import Frame
+from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, search
+from odescope.likelihood.searcher import Searcher, candidate_parts
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
 from odescope.model.relation import Relation, RelationTerm
 from odescope.parallel.workers import Threads, Workers
-from odescope.recordings.coordinate import following_states
 from odescope.recordings.record import Records
 from odescope.regression.problem import Problem
 from odescope.regression.proposers import MatchingPursuit
+from odescope.signals.differentiators import Differentiator
 from odescope.signals.estimate import Signals
 
 THREADS = Threads()
 
 FORWARD_TERMS = 6  # of a sparse forward selection that a search may begin from
 FINEST = 8  # steps of RK4 a block average, at most
-JOINED_SHARE = 0.6  # of the time, at most, for the search without process noise
+JOINED_SHARE = 0.6  # of the budget, at most, for the searches without process noise
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
 NEGLIGIBLE = 1e-3  # of the variance
 CHANCE = 2.0  # standard deviations of a residual variance that are no reason to look for process noise
@@ -43,6 +46,8 @@ STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that does not a
 STEP_SHARE = 0.01  # of the cost, and
 STEP_MOVE = 0.2  # standard errors of any coefficient: changes of a refit that do not ask for shorter steps still
 
+Start = tuple[FloatArray, IntArray]  # coefficients (parts,), 1 in held parts, and the parts present, ascending
+
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
@@ -50,7 +55,8 @@ class Refinement:
 
     `outcome` is the search for a model that follows the record to within its noise. Where there is none, `process` is
     the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and
-    `searcher` are those of the relations, `evidence` what the record says of every term.
+    `searcher` are those of the relations, `evidence` what the record says of every term. Not `finished` if the budget
+    ended a search, `late` if the clock did; `spent` is in units of the budget.
     """
 
     relations: tuple[Relation, ...]
@@ -61,6 +67,9 @@ class Refinement:
     searcher: Searcher
     evidence: Evidence | None
     starts: int
+    finished: bool
+    late: bool
+    spent: float
 
     @property
     def follows(self) -> bool:
@@ -70,7 +79,7 @@ class Refinement:
 
 def _joined(outcome: Outcome) -> bool:
     """Say whether the model of a search follows the record to within its noise, segments joined."""
-    return bool(np.isfinite(outcome.gap)) and outcome.scale < FOLLOWED
+    return bool(np.isfinite(outcome.width)) and outcome.scale < FOLLOWED
 
 
 def refine(
@@ -79,9 +88,10 @@ def refine(
     problems: Sequence[Problem],
     starts: Sequence[Sequence[Relation]],
     plain: Sequence[Relation],
+    differentiator: Differentiator,
     options: LikelihoodSearch,
-    watch: Callable[[str], None] = lambda _: None,
-    hands: Workers = THREADS,
+    monitor: Monitor = Monitor(),  # noqa: B008
+    workers: Workers = THREADS,
 ) -> Refinement | None:
     """Return the best end of the searches from several starts, or None where no start can be followed.
 
@@ -91,172 +101,151 @@ def refine(
         problems: the candidates of each target.
         starts: relations of all targets to begin from; a sparse forward selection is added.
         plain: relations that hold their targets bare; they are begun from too where one of those cannot be followed.
-        options: how many starts, how long.
-        watch: told what goes on.
-        hands: who searches from the starts.
+        differentiator: that the signals were found with.
+        options: how many starts, at what budget.
+        monitor: told what goes on, and asked whether to stop.
+        workers: who searches from the starts.
+
+    Raises:
+        Stopped: the run is to end.
     """
 
     def cut(length: int) -> Segments:
-        return cut_segments(records, signals.coordinates, signals.inputs, signals.channels, length)
+        return cut_segments(records, signals, differentiator, length)
 
-    slots = universe([_products(p, signals.targets) for p in problems])
-    if not all(any(s.fixed for s in slots if s.relation == r) for r in range(len(problems))):
+    frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs])
+    deadline = None if options.seconds is None else time.time() + options.seconds
+    whole = Budget(options.budget, monitor, deadline)
+    searcher = Searcher(Evaluator(cut(SEGMENT), 1, whole), candidate_parts([p.terms for p in problems]), frame)
+    if len(searcher.held) < searcher.relations:
         return None  # a library without the bare target has nothing that could be 1 throughout a search
-    variables = (*signals.states, *(i.name for i in signals.inputs))
-    measured = np.array([signals.states.index(c.name) for c in signals.coordinates], dtype=np.int64)
-    now = time.time()
-    searcher = Searcher(
-        Evaluator(cut(SEGMENT)), slots, variables, following_states(signals.coordinates), measured,
-        now + JOINED_SHARE * options.seconds,
-    )  # fmt: skip
-    begun = [_slots_of(searcher, relations, signals.targets) for relations in starts][: options.starts]
-    begun.append(_forward(searcher, problems))
+    begun = [searcher.start(relations) for relations in starts][: options.starts]
+    begun.append(searcher.start([_forward(problem) for problem in problems]))
     searcher = _fine_enough(searcher, begun)
-    outcomes = _searches(searcher, begun, _slots_of(searcher, plain, signals.targets), watch, hands)
+    outcomes = _searches(searcher, begun, searcher.start(plain), monitor, workers)
     if not outcomes:
         return None
     best = min(outcomes, key=lambda o: o.rank)
     if _joined(best):
         searcher, best = _finer(searcher, best)
-    process = None
+    process, adopted = None, False
     chance = CHANCE * np.sqrt(2.0 / searcher.segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:
-        watch("likelihood: process noise")
-        timed = replace(searcher, deadline=now + options.seconds)
-        process, adopted = _with_process_noise(cut, timed, best, begun)
-        if process is not None and adopted:
-            relations = _relations(searcher, process.fit, np.sqrt(process.evidence.variances), signals.targets)
-            return Refinement(
-                relations, best, process, None, process.fit, process.searcher, process.evidence, len(outcomes)
-            )
-    relations = _relations(searcher, best.fit, np.sqrt(best.fit.variances * best.scale), signals.targets)
-    return Refinement(relations, best, None, process, best.fit, searcher, _evidence(searcher, best), len(outcomes))
+        monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
+        whole.spent += sum(o.spent for o in outcomes)
+        process, adopted = _with_process_noise(cut, searcher, best, begun)
+    evidence: Evidence | None
+    if process is not None and adopted:
+        found, last, evidence = process.fit, process.searcher, process.evidence
+        errors = np.sqrt(process.evidence.variances)
+    else:
+        found, last, evidence = best.fit, searcher, _evidence(searcher, best)
+        errors = np.sqrt(found.variances * best.scale)
+    return Refinement(
+        relations=searcher.relations_of(found, errors),
+        outcome=best,
+        process=process if adopted else None,
+        rejected=None if adopted else process,
+        fit=found,
+        searcher=last,
+        evidence=evidence,
+        starts=len(outcomes),
+        finished=best.finished and not whole.over,
+        late=best.late or whole.late,
+        spent=whole.spent,
+    )
 
 
 def _searches(
-    searcher: Searcher,
-    begun: Sequence[tuple[FloatArray, list[int]]],
-    plain: tuple[FloatArray, list[int]],
-    watch: Callable[[str], None],
-    hands: Workers,
+    searcher: Searcher, begun: Sequence[Start], plain: Start, monitor: Monitor, workers: Workers
 ) -> list[Outcome]:
-    """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails."""
+    """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails.
+
+    Every search has its own part of the budget, so that it ends alike wherever it runs.
+    """
+    share = JOINED_SHARE / len(begun)
+    # A monitor speaks to whoever started the run, not to a worker elsewhere.
+    budget = replace(searcher.budget.part(share), monitor=Monitor()) if workers.remote else searcher.budget.part(share)
     outcomes, failed = list[Outcome](), False
-    watch(f"likelihood: search 1 of {len(begun)}")
-    for number, found in enumerate(hands.map(_search, begun, searcher, alone=True), start=1):
-        if number < len(begun):
-            watch(f"likelihood: search {number + 1} of {len(begun)}")
+    monitor.tell(Progress("likelihood", "search", 0, len(begun)))
+    for number, found in enumerate(workers.map(_search, begun, searcher.within(budget), alone=True), start=1):
+        monitor.check()
+        monitor.tell(Progress("likelihood", "search", number, len(begun)))
         if found is None:
             failed = True
             continue
         outcomes.append(found)
-        if found.clear or time.time() > searcher.deadline:
+        if found.clear:
             break
-    if failed and time.time() < searcher.deadline:
-        watch("likelihood: search from plain relations")
-        found = search(searcher, *_shorter(searcher, plain, outcomes))
+    if failed:
+        monitor.tell(Progress("likelihood", "search from plain relations", 0, 1))
+        found = _search(_shorter(searcher, plain, outcomes), searcher.within(searcher.budget.part(share)))
         if found is not None:
             outcomes.append(found)
     return outcomes
 
 
-def _search(start: tuple[FloatArray, list[int]], searcher: Searcher) -> Outcome | None:
-    return search(searcher, *start)
+def _search(start: Start, searcher: Searcher) -> Outcome | None:
+    """Search with a budget of one's own."""
+    return search(searcher.within(searcher.budget.part(1.0)), *start)
 
 
-def _shorter(
-    searcher: Searcher, plain: tuple[FloatArray, list[int]], outcomes: Sequence[Outcome]
-) -> tuple[FloatArray, list[int]]:
+def _shorter(searcher: Searcher, plain: Start, outcomes: Sequence[Outcome]) -> Start:
     """Return each relation as it is plain or as the best search left it, whichever has fewer terms."""
     if not outcomes:
         return plain
     best = min(outcomes, key=lambda o: o.rank).fit
-    theta, present = plain[0].copy(), list[int]()
+    theta, owner = plain[0].copy(), np.array([p.relation for p in searcher.parts])
+    present = list[int]()
     for r in range(searcher.relations):
-        own = [k for k in plain[1] if searcher.slots[k].relation == r]
-        other = [int(k) for k in best.present if searcher.slots[k].relation == r]
+        own, other = plain[1][owner[plain[1]] == r], best.present[owner[best.present] == r]
         if len(other) < len(own):
             theta[own] = 0.0
             theta[other] = best.theta[other]
             own = other
-        present += own
-    return theta, present
+        present += own.tolist()
+    return theta, np.array(sorted(present), dtype=np.int64)
 
 
 def _with_process_noise(
-    cut: Callable[[int], Segments],
-    searcher: Searcher,
-    best: Outcome,
-    starts: Sequence[tuple[FloatArray, list[int]]],
+    cut: Callable[[int], Segments], searcher: Searcher, best: Outcome, begun: Sequence[Start]
 ) -> tuple[Noisy | None, bool]:
     """Return the model with process noise, None where no start can be followed, and whether the record needs it."""
-    begun = [(theta, np.array(sorted(present), dtype=np.int64)) for theta, present in starts]
-    if np.isfinite(best.gap):
-        begun.append((best.fit.theta, best.fit.present))
-    pieces = in_pieces(cut, searcher, begun)
-    process = search_with_process_noise(pieces, begun)
+    starts = [*begun, *([(best.fit.theta, best.fit.present)] if np.isfinite(best.width) else [])]
+    pieces = in_pieces(cut, searcher, starts)
+    process = search_with_process_noise(pieces, starts)
     if process is None:
         return None, False
     if _joined(best) and cost_without_process_noise(pieces, best) < process.penalised:
         return process, False
     # Compared as fitted to all: the proposal has seen what was held out too.
-    proposed, found = (free_run_error(pieces, theta) for theta in (starts[0][0], process.fit.theta))
+    proposed, found = (free_run_error(pieces, theta) for theta in (begun[0][0], process.fit.theta))
     return process, found < max(NO_WORSE_THAN_PROPOSED * proposed, NEGLIGIBLE)
 
 
 def _evidence(searcher: Searcher, outcome: Outcome) -> Evidence | None:
     """Return the evidence at the end of a search without process noise, variances at the residuals' level."""
-    program = Program.of(searcher.slots, searcher.variables, searcher.following, searcher.measured)
-    fit, gap = outcome.fit, searcher.segments.spread * outcome.gap
-    expansion = searcher.evaluator.expand(program, fit.theta, searcher.free, fit.x0, gap)
+    fit, defect_std = outcome.fit, searcher.segments.spread * outcome.width
+    expansion = searcher.evaluator.expand(searcher.whole, fit.theta, searcher.free, fit.x0, defect_std)
     if expansion is None or not expansion.finite:
         return None
     return weigh(searcher, fit, expansion.information / outcome.scale, expansion.gradient[None] / outcome.scale)
 
 
-def _products(problem: Problem, targets: Sequence[str]) -> list[tuple[int, Term]]:
-    split = [split_target(term, targets) for term in problem.terms]
-    return [(-1 if name is None else list(targets).index(name), rest) for name, rest in split]
+def _forward(problem: Problem) -> Relation:
+    """Return a sparse forward selection of a relation that holds its target bare, fitted by regression."""
+    everything = range(len(problem.terms))
+    plain = tuple(j for j in everything if j not in problem.own or j == problem.left)
+    path = list(MatchingPursuit(FORWARD_TERMS).supports(problem.factor, problem.left, plain))
+    xi = problem.factor.solve((*path[-1], problem.left), problem.left)
+    return Relation(tuple(RelationTerm(problem.terms[j], float(xi[j])) for j in (problem.left, *path[-1])))
 
 
-def _slots_of(
-    searcher: Searcher, relations: Sequence[Relation], targets: Sequence[str]
-) -> tuple[FloatArray, list[int]]:
-    """Return coefficients and present slots of relations whose own bare target has coefficient 1."""
-    place = {(s.relation, s.factor, s.term): k for k, s in enumerate(searcher.slots)}
-    theta = np.array([1.0 if s.fixed else 0.0 for s in searcher.slots])
-    present = []
-    for r, relation in enumerate(relations):
-        for t in relation.terms:
-            k = place[r, -1 if t.factor is None else list(targets).index(t.factor), t.term]
-            if not searcher.slots[k].fixed:
-                theta[k] = t.coefficient
-                present.append(k)
-    return theta, present
-
-
-def _forward(searcher: Searcher, problems: Sequence[Problem]) -> tuple[FloatArray, list[int]]:
-    """Return a sparse forward selection of every relation, fitted by regression."""
-    theta = np.array([1.0 if s.fixed else 0.0 for s in searcher.slots])
-    present, offset = [], 0
-    for problem in problems:
-        everything = tuple(range(len(problem.terms)))
-        plain = tuple(j for j in everything if j not in problem.own or j == problem.left)
-        path = list(MatchingPursuit(FORWARD_TERMS).supports(problem.factor, problem.left, plain))
-        support = (*path[-1], problem.left)
-        xi = problem.factor.solve(support, problem.left)
-        for j in path[-1]:
-            theta[offset + j] = xi[j]
-            present.append(offset + j)
-        offset += len(problem.terms)
-    return theta, present
-
-
-def _fine_enough(searcher: Searcher, starts: Sequence[tuple[FloatArray, list[int]]]) -> Searcher:
+def _fine_enough(searcher: Searcher, starts: Sequence[Start]) -> Searcher:
     """Halve the steps of RK4 until that no longer matters to the first start that can be followed in loose segments."""
     loose = np.full_like(searcher.segments.spread, np.inf)
     for theta, present in starts:
-        found = searcher.fit(theta, np.array(sorted(present), dtype=np.int64), searcher.segments.initial, loose)
+        found = searcher.fit(theta, present, searcher.segments.initial, loose)
         if found is not None:
             return _halve(searcher, found, loose)[0]
     return searcher
@@ -264,21 +253,21 @@ def _fine_enough(searcher: Searcher, starts: Sequence[tuple[FloatArray, list[int
 
 def _finer(searcher: Searcher, outcome: Outcome) -> tuple[Searcher, Outcome]:
     """Halve the steps until that no longer matters at the end of a search."""
-    searcher, found = _halve(searcher, outcome.fit, searcher.segments.spread * outcome.gap)
+    searcher, found = _halve(searcher, outcome.fit, searcher.segments.spread * outcome.width)
     return searcher, replace(outcome, fit=found)
 
 
-def _halve(searcher: Searcher, found: Fit, gap: FloatArray) -> tuple[Searcher, Fit]:
+def _halve(searcher: Searcher, found: Fit, defect_std: FloatArray) -> tuple[Searcher, Fit]:
     """Return searcher and fit with steps so short that halving them moves no coefficient by its standard error.
 
     Where the cost itself hardly changes nothing is refitted. It always does where a term jumps, such as dry friction.
     """
     while searcher.evaluator.substeps < FINEST:
-        finer = replace(searcher, evaluator=Evaluator(searcher.segments, 2 * searcher.evaluator.substeps))
-        again = finer.fit(found.theta, found.present, found.x0, gap, iterations=0)
+        finer = searcher.finer(2 * searcher.evaluator.substeps)
+        again = finer.fit(found.theta, found.present, found.x0, defect_std, iterations=0)
         if again is not None and abs(again.cost - found.cost) < STEP_ERROR:
             break
-        refitted = finer.fit(found.theta, found.present, found.x0, gap)
+        refitted = finer.fit(found.theta, found.present, found.x0, defect_std)
         if refitted is None:
             break
         moved = (refitted.theta - found.theta)[found.present] ** 2
@@ -288,25 +277,3 @@ def _halve(searcher: Searcher, found: Fit, gap: FloatArray) -> tuple[Searcher, F
         if same and bool(np.all(moved < STEP_MOVE**2 * variances)):
             break
     return searcher, found
-
-
-def _relations(searcher: Searcher, fit: Fit, errors: FloatArray, targets: Sequence[str]) -> tuple[Relation, ...]:
-    of_slot = dict(zip(fit.present.tolist(), errors.tolist(), strict=True))
-    relations = []
-    for r in range(len(targets)):
-        own = [k for k, s in enumerate(searcher.slots) if s.relation == r and (s.fixed or k in of_slot)]
-        own.sort(key=lambda k: not searcher.slots[k].fixed)
-        relations.append(
-            Relation(
-                tuple(
-                    RelationTerm(
-                        None if searcher.slots[k].factor < 0 else targets[searcher.slots[k].factor],
-                        searcher.slots[k].term,
-                        float(fit.theta[k]),
-                        of_slot.get(k),
-                    )
-                    for k in own
-                )
-            )
-        )
-    return tuple(relations)

@@ -1,7 +1,7 @@
 """What the likelihood sees: block averages of the measured coordinates, cut into short segments.
 
 The signal ends at the cutoff, the noise does not: averages over blocks of k samples with a Nyquist frequency of several
-times the cutoff carry the same information (METHOD section 9). What averaging does to the signal itself is taken out
+times the cutoff carry the same information. What averaging does to the signal itself is taken out
 with the filtered signal, whose own error does not matter there.
 """
 
@@ -14,10 +14,9 @@ from functools import lru_cache
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
-from odescope.recordings.coordinate import Coordinate, Input, state_names
 from odescope.recordings.record import Record, Records
-from odescope.signals.estimate import Channel
-from odescope.signals.spectral import differentiate, last_bin
+from odescope.signals.differentiators import Differentiator, settled
+from odescope.signals.estimate import Signals
 
 OVERSAMPLING = 8  # block averages a period of the highest cutoff
 SEGMENT = 25  # block averages a segment
@@ -58,88 +57,85 @@ class Segments:
         return self.filtered[self.start]
 
 
-def cut_segments(
-    records: Records,
-    coordinates: Sequence[Coordinate],
-    inputs: Sequence[Input],
-    channels: Sequence[Channel],
-    length: int = SEGMENT,
-) -> Segments:
+def cut_segments(records: Records, signals: Signals, differentiator: Differentiator, length: int = SEGMENT) -> Segments:
     """Return the segments of uniformly sampled records.
 
     Args:
         records: what was measured.
-        coordinates: their coordinates.
-        inputs: their inputs.
-        channels: noise and cutoff of each coordinate, in order.
+        signals: coordinates, inputs, and the noise and cutoff that were found in the records.
+        differentiator: that found them; it gives the smoothed states.
         length: averages a segment.
     """
-    period = records.runs[0].sample_period
-    block = max(1, int(1.0 / (OVERSAMPLING * max(c.cutoff for c in channels) * period)))
-    block = max(1, min(block, min(len(r) for r in records) // (4 * LEAST_SEGMENT)))
-    block -= (block + 1) % 2  # the centre of an odd block is a sample, at which the filtered signal is known
-    if any(i.hold == "zero" for i in inputs):
-        block = 1  # what a held input does between its switches is not in an average over several of them
-    states = state_names(coordinates)
-    measured, drive, filtered, start, count, joined = [], [], [], [], [], []
-    runs, total = list[tuple[int, int]](), 0
+    period, channels = records.runs[0].sample_period, signals.channels
+    block = _block(records, signals, period)
     share = min(1.0, LARGEST * block / sum(len(r) for r in records))
+    measured, inputs, filtered, runs, total = [], [], [], list[tuple[int, int]](), 0
     for run in records:
-        y, u, x = _averages(run, coordinates, inputs, channels, states, period, block)
+        y, u, x = _averages(run, signals, differentiator, period, block)
         kept = max(round(share * len(y)), min(len(y), LEAST_SEGMENT))
-        y, u, x = y[:kept], u[:kept], x[:kept]
-        pieces = max(1, round(len(y) / length))
-        edges = np.linspace(0, len(y), pieces + 1).astype(np.int64)
-        start += [total + int(e) for e in edges[:-1]]
+        measured.append(y[:kept])
+        inputs.append(u[:kept])
+        filtered.append(x[:kept])
+        runs.append((total, total + len(y[:kept])))
+        total = runs[-1][1]
+    start, count, joined = _cut(runs, length)
+    y = np.concatenate(measured)
+    noise = np.array([max(c.noise, 1e-12 * float(np.ptp(y[:, k]))) for k, c in enumerate(channels)])
+    return Segments(
+        measured=y,
+        inputs=np.concatenate(inputs),
+        filtered=np.concatenate(filtered),
+        start=start,
+        count=count,
+        joined=joined,
+        noise=noise / np.sqrt(block),
+        spread=_smoothing_error(signals, noise, period),
+        step=block * period,
+        block=block,
+        runs=tuple(runs),
+    )
+
+
+def _block(records: Records, signals: Signals, period: float) -> int:
+    """Return how many samples make an average."""
+    if any(i.hold == "zero" for i in signals.inputs):
+        return 1  # what a held input does between its switches is not in an average over several of them
+    block = max(1, int(1.0 / (OVERSAMPLING * max(c.cutoff for c in signals.channels) * period)))
+    block = max(1, min(block, min(len(r) for r in records) // (4 * LEAST_SEGMENT)))
+    return block - (block + 1) % 2  # the centre of an odd block is a sample, at which the filtered signal is known
+
+
+def _cut(runs: Sequence[tuple[int, int]], length: int) -> tuple[IntArray, IntArray, BoolArray]:
+    """Return start and count of segments of about so many averages, and whether each ends where the next begins."""
+    start, count, joined = list[int](), list[int](), list[bool]()
+    for begin, end in runs:
+        pieces = max(1, round((end - begin) / length))
+        edges = np.linspace(0, end - begin, pieces + 1).astype(np.int64)
+        start += (begin + edges[:-1]).tolist()
         count += np.diff(edges).tolist()
         joined += [True] * (pieces - 1) + [False]
-        measured.append(y)
-        drive.append(u)
-        filtered.append(x)
-        runs.append((total, total + len(y)))
-        total += len(y)
-    noise = np.array(
-        [max(c.noise, 1e-12 * float(np.ptp(np.concatenate(measured)[:, k]))) for k, c in enumerate(channels)]
-    )
-    return Segments(
-        np.concatenate(measured),
-        np.concatenate(drive),
-        np.concatenate(filtered),
-        np.array(start, dtype=np.int64),
-        np.array(count, dtype=np.int64),
-        np.array(joined, dtype=np.bool_),
-        noise / np.sqrt(block),
-        _smoothing_error(coordinates, channels, noise, period, states),
-        block * period,
-        block,
-        tuple(runs),
-    )
+    return np.array(start, dtype=np.int64), np.array(count, dtype=np.int64), np.array(joined, dtype=np.bool_)
 
 
 def _averages(
-    run: Record,
-    coordinates: Sequence[Coordinate],
-    inputs: Sequence[Input],
-    channels: Sequence[Channel],
-    states: Sequence[str],
-    period: float,
-    block: int,
+    run: Record, signals: Signals, differentiator: Differentiator, period: float, block: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return measured averages (b, c), inputs on the nodes of steps (b, 3, i), smoothed states (b, n) of one record."""
     blocks = len(run) // block
-    kept = blocks * block
     centre = (block - 1) // 2 + block * np.arange(blocks)
     smooth: dict[str, FloatArray] = {}
     columns = []
-    for c, channel in zip(coordinates, channels, strict=True):
+    for c, channel in zip(signals.coordinates, signals.channels, strict=True):
         samples = run.column(c.name)
-        values = differentiate(samples, period, last_bin(len(samples), period, channel.cutoff), c.order - 1)
+        values = settled(differentiator, channel.cutoff, False).derivatives([samples], period, c.order - 1).values[0]
         at_centre = [v[centre] for v in values]
         smooth |= {c.derivative(k): v for k, v in enumerate(at_centre)}
-        columns.append((samples - values[0])[:kept].reshape(blocks, block).mean(axis=1) + at_centre[0])
-    nodes = np.empty((blocks, 3, len(inputs)))
-    for j, i in enumerate(inputs):
+        rest = (samples - values[0])[: blocks * block].reshape(blocks, block)
+        columns.append(rest.mean(axis=1) + at_centre[0])
+    nodes = np.empty((blocks, 3, len(signals.inputs)))
+    for j, i in enumerate(signals.inputs):
         nodes[:, :, j] = _on_nodes(run.column(i.name), i.hold, centre, block)
-    return np.column_stack(columns), nodes, np.column_stack([smooth[s] for s in states])
+    return np.column_stack(columns), nodes, np.column_stack([smooth[s] for s in signals.states])
 
 
 def _on_nodes(samples: FloatArray, hold: str, centre: IntArray, block: int) -> FloatArray:
@@ -171,17 +167,11 @@ def _parabola(block: int, hold: str) -> FloatArray:
     return result
 
 
-def _smoothing_error(
-    coordinates: Sequence[Coordinate],
-    channels: Sequence[Channel],
-    noise: FloatArray,
-    period: float,
-    states: Sequence[str],
-) -> FloatArray:
+def _smoothing_error(signals: Signals, noise: FloatArray, period: float) -> FloatArray:
     """Return the standard deviation that white noise leaves in each filtered state below the cutoff."""
     found = {}
-    for c, channel, sigma in zip(coordinates, channels, noise, strict=True):
+    for c, channel, sigma in zip(signals.coordinates, signals.channels, noise, strict=True):
         for k in range(c.order):
             power = (2.0 * np.pi) ** (2 * k) * channel.cutoff ** (2 * k + 1) / (2 * k + 1)
             found[c.derivative(k)] = sigma * np.sqrt(2.0 * period * power)
-    return np.array([found[s] for s in states])
+    return np.array([found[s] for s in signals.states])

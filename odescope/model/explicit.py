@@ -1,4 +1,4 @@
-"""The explicit form: targets as quotients, by collecting what multiplies them (METHOD section 8).
+"""The explicit form: targets as quotients, by collecting what multiplies them.
 
 Relations that share targets are solved by Cramer's rule on their own small block; everything stays a sum of terms.
 """

@@ -1,29 +1,37 @@
-"""Relation: a sum of terms that is zero, each a coefficient times a target or 1, times a product."""
+"""Relation: a sum of terms that is zero, each a coefficient times a product."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from odescope.library.expression import Combination, Term
+from odescope.library.product import Product
 
 NORMAL = 1.959963984540054  # of a standard normal, 97.5 %
 
 
 @dataclass(frozen=True)
 class RelationTerm:
-    """coefficient * factor * term; factor is a target or None, which means 1."""
+    """coefficient * product."""
 
-    factor: str | None
-    term: Term
+    product: Product
     coefficient: float
     std_error: float | None = None
 
     @property
+    def factor(self) -> str | None:
+        """The target in the product, None for 1."""
+        return self.product.factor
+
+    @property
+    def term(self) -> Term:
+        """The product without its target."""
+        return self.product.term
+
+    @property
     def text(self) -> str:
-        """The product of factor and term in Python syntax."""
-        if self.factor is None:
-            return self.term.text
-        return self.factor if not self.term.factors else f"{self.factor}*{self.term.text}"
+        """The product in Python syntax."""
+        return self.product.text
 
     @property
     def interval(self) -> tuple[float, float] | None:

@@ -10,13 +10,13 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
-from odescope.library.expression import Term
 from odescope.likelihood.refine import Refinement
 from odescope.model.explicit import denominator_ranges
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.regression.problem import Problem
-from odescope.selection.ranking import Candidate, Ranked, left_column, price
+from odescope.selection.criterion import penalty
+from odescope.selection.ranking import Candidate, Ranked, left_column
 from odescope.selection.sweep import Sweep
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
@@ -40,14 +40,11 @@ class Search:
     inclusion: FloatArray
 
 
-def to_relation(problem: Problem, candidate: Candidate, targets: Sequence[str]) -> Relation:
+def to_relation(problem: Problem, candidate: Candidate) -> Relation:
     """Return a candidate as a relation, its target term with coefficient 1 first."""
     left = left_column(problem, candidate.support)
-    terms = []
-    for j in (left, *(j for j in candidate.support if j != left)):
-        held = problem.terms[j].names & set(targets)
-        terms.append(RelationTerm(min(held, default=None), problem.rests[j], float(candidate.xi[j])))
-    return Relation(tuple(terms))
+    columns = (left, *(j for j in candidate.support if j != left))
+    return Relation(tuple(RelationTerm(problem.terms[j], float(candidate.xi[j])) for j in columns))
 
 
 def proposals(
@@ -64,13 +61,13 @@ def proposals(
         pairs = permutations(zip(searches, chosen, strict=True), 2)
         if any(_say_the_same(*one, *other) for one, other in pairs):
             continue
-        relations = tuple(to_relation(s.problem, c, signals.targets) for s, c in zip(searches, chosen, strict=True))
+        relations = tuple(to_relation(s.problem, c) for s, c in zip(searches, chosen, strict=True))
         model = Model(signals.coordinates, signals.inputs, relations)
         if determined(model, signals):
             yield chosen, model
 
 
-def plain(search: Search, chosen: Candidate, targets: Sequence[str]) -> Relation:
+def plain(search: Search, chosen: Candidate) -> Relation:
     """Return the shortest relation that holds its target bare and predicts it nearly as well; else the chosen one.
 
     Its denominator cannot vanish, and a search adds what it lacks more surely than it drops look-alikes.
@@ -81,7 +78,7 @@ def plain(search: Search, chosen: Candidate, targets: Sequence[str]) -> Relation
         for c in search.ranked.candidates
         if set(c.support) & set(problem.own) == {problem.left} and 1.0 - c.explained <= missed
     ]
-    return to_relation(problem, min(bare, key=lambda c: (len(c.support), c.criterion), default=chosen), targets)
+    return to_relation(problem, min(bare, key=lambda c: (len(c.support), c.criterion), default=chosen))
 
 
 def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other: Candidate) -> bool:
@@ -96,7 +93,7 @@ def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other
         return False
     same = np.array([xi.get(term, 0.0) for term in problem.terms]) / xi[problem.terms[left]]
     noise = max(factor.residual(chosen.xi), 1e-10 * float(factor.scale[left]) / np.sqrt(factor.rows))
-    allowed = price(factor.rows, factor.width) / factor.rows
+    allowed = float(penalty(factor.rows, 1.0 / factor.width)) / factor.rows
     return bool(factor.residual(chosen.xi - same) ** 2 <= allowed * noise**2)
 
 
@@ -111,17 +108,10 @@ def adopt(model: Model, refinement: Refinement | None, signals: Signals) -> tupl
     return (refined, refinement) if determined(refined, signals) else (model, None)
 
 
-def as_adopted(search: Search, chosen: Candidate, relation: Relation, targets: Sequence[str]) -> Candidate:
+def as_adopted(search: Search, chosen: Candidate, relation: Relation) -> Candidate:
     """Return the candidate with the terms of the model's relation; where none has them, the one chosen before."""
-    adopted = {(t.factor, t.term) for t in relation.terms}
-
-    def products(candidate: Candidate) -> set[tuple[str | None, Term]]:
-        return {
-            (min(search.problem.terms[j].names & set(targets), default=None), search.problem.rests[j])
-            for j in candidate.support
-        }
-
-    return next((c for c in search.ranked.candidates if products(c) == adopted), chosen)
+    adopted, terms = {t.product for t in relation.terms}, search.problem.terms
+    return next((c for c in search.ranked.candidates if {terms[j] for j in c.support} == adopted), chosen)
 
 
 def samples_of(signals: Signals, model: Model) -> list[FloatArray]:

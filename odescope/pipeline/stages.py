@@ -272,7 +272,7 @@ def _interruptible(work: Work) -> tuple[Proposer, ...]:
 def _nested(study: Study, problem: Problem) -> tuple[Support, ...]:
     """Return the sets of columns that are searched in."""
     whole = (tuple(range(len(problem.terms))),)
-    return nested_libraries(problem.rests, problem.own) if study.regression.nested else whole
+    return nested_libraries(problem.terms, problem.own) if study.regression.nested else whole
 
 
 def propose(work: Work, signals: Signals, searches: Sequence[Search]) -> list[tuple[Chosen, Model]]:
@@ -331,16 +331,19 @@ def refine_model(
     if not options.enabled:
         return chosen, model, None
     with work.stage("likelihood"):
-        starts = [m.relations for _, m in proposed]
-        bare = [plain(s, c, signals.targets) for s, c in zip(searches, chosen, strict=True)]
-        problems = [s.problem for s in searches]
         refinement = refine(
-            filtered.records, signals, problems, starts, bare, options, _spoken(work.monitor), work.hands
+            filtered.records,
+            signals,
+            [s.problem for s in searches],
+            [m.relations for _, m in proposed],
+            [plain(s, c) for s, c in zip(searches, chosen, strict=True)],
+            work.study.signals.differentiator,
+            options,
+            work.monitor,
+            work.hands,
         )
         model, refinement = adopt(model, refinement, signals)
-        chosen = tuple(
-            as_adopted(s, c, r, signals.targets) for s, c, r in zip(searches, chosen, model.relations, strict=True)
-        )
+        chosen = tuple(as_adopted(s, c, r) for s, c, r in zip(searches, chosen, model.relations, strict=True))
     return chosen, model, refinement
 
 

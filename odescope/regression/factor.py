@@ -1,4 +1,4 @@
-"""The factor R of one QR pass: the only thing regression sees of the samples (METHOD section 5)."""
+"""The factor R of one QR pass: the only thing regression sees of the samples."""
 
 from __future__ import annotations
 

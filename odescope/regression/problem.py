@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError, NoModelError
-from odescope.library.candidates import Library, split_target
-from odescope.library.expression import ONE, Term
+from odescope.library.candidates import Library
+from odescope.library.product import Product
 from odescope.library.tape import Tape, evaluate, write_tape
 from odescope.parallel.workers import Threads, Workers
 from odescope.regression.factor import Factor, factorise, merge
-from odescope.regression.rows import Block, RowChoice, RowMap, cut_blocks
+from odescope.regression.rows import Block, BlockValues, RowChoice, RowMap, cut_blocks
 from odescope.signals.estimate import Signals
 
 PIECES = 40  # of all rows, at least, that a bootstrap draws from
@@ -31,7 +30,7 @@ class LibraryRows:
     The tape's outputs are the m candidates, then what multiplies the target in those that hold it.
     """
 
-    terms: tuple[Term, ...]
+    terms: tuple[Product, ...]
     tape: Tape
     row_map: RowMap
 
@@ -48,7 +47,7 @@ class LibraryRows:
 
 
 @dataclass(frozen=True, eq=False)
-class OnBlocks(Sequence[FloatArray]):
+class OnBlocks:
     """Some outputs of a tape on each block of the signals, evaluated when asked for: no library stands in memory."""
 
     tape: Tape
@@ -59,35 +58,35 @@ class OnBlocks(Sequence[FloatArray]):
     def __len__(self) -> int:
         return len(self.blocks)
 
-    def __getitem__(self, index: Any) -> Any:
-        block = self.blocks[index]
-        return evaluate(self.tape, self.signals.columns[block.record][:, block.start : block.stop])[self.outputs]
+    def __getitem__(self, block: int) -> FloatArray:
+        """Return the values (outputs, n_b) on a block."""
+        here = self.blocks[block]
+        values = evaluate(self.tape, self.signals.columns[here.record][:, here.start : here.stop])
+        return values[self.outputs]
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """One target's candidates on the signals, and the factors of the folds.
 
-    `own` lists the k candidates that hold the target, `rests` the candidates without any target, `pieces` are the
-    factors of runs of rows within the blocks, `dependent` what was left out because it is a combination of others on
-    these data. `folds` are, by number, the factors of all the data, `sample` those of the signals where these are but a
-    sample of the data.
+    `own` lists the k candidates that hold the target, `pieces` are the factors of runs of rows within the blocks,
+    `dependent` what was left out because it is a combination of others on these data. `folds` are, by number, the
+    factors of all the data, `sample` those of the signals where these are but a sample of the data.
     """
 
     target: str
     library: LibraryRows
-    rests: tuple[Term, ...]
     own: tuple[int, ...]
     left: int
     signals: Signals
     blocks: tuple[Block, ...]
     folds: Mapping[int, Factor]
     pieces: tuple[Factor, ...]
-    dependent: tuple[tuple[Term, tuple[Term, ...]], ...] = ()
+    dependent: tuple[tuple[Product, tuple[Product, ...]], ...] = ()
     sample: Mapping[int, Factor] | None = None
 
     @property
-    def terms(self) -> tuple[Term, ...]:
+    def terms(self) -> tuple[Product, ...]:
         """The m candidates."""
         return self.library.terms
 
@@ -115,11 +114,10 @@ class Problem:
 
     def evaluated(self, block: int) -> FloatArray:
         """Return the values of the candidates on a block, then what multiplies the target in `own`, (m + k, n_b)."""
-        found: FloatArray = OnBlocks(self.library.tape, self.signals, self.blocks, slice(None))[block]
-        return found
+        return OnBlocks(self.library.tape, self.signals, self.blocks, slice(None))[block]
 
     @property
-    def values(self) -> Sequence[FloatArray]:
+    def values(self) -> BlockValues:
         """The values of the candidates on each block, (m, n_b)."""
         return OnBlocks(self.library.tape, self.signals, self.blocks, slice(0, len(self.terms)))
 
@@ -187,27 +185,26 @@ def pose(
             than candidates.
         NoModelError: a candidate vanishes on all data and nothing is left without it.
     """
-    split = {term: split_target(term, signals.targets) for term in library}
-    if not any(name == target for name, _ in split.values()):
+    candidates = library.products(signals.targets)
+    if not any(c.factor == target for c in candidates):
         raise InputError(f"no candidate term of the library holds the target {target}")
-    if signals.samples < len(library):
+    if signals.samples < len(candidates):
         raise InputError(
-            f"after filtering, {signals.samples} samples cannot decide between {len(library)} candidate terms for"
+            f"after filtering, {signals.samples} samples cannot decide between {len(candidates)} candidate terms for"
             f" {target}: record longer, or shrink the library ([library] degree, basis or rules)"
         )
     blocks = cut_blocks(signals, folds)
-    kept, dependent = _kept(signals, target, tuple(library), split, blocks)
-    own = tuple(k for k, term in enumerate(kept) if split[term][0] == target)
+    kept, dependent = _kept(signals, target, candidates, blocks)
+    own = tuple(k for k, c in enumerate(kept) if c.factor == target)
     if not own:
         raise NoModelError("library", f"every candidate that holds {target} vanishes on the data")
-    left = next((k for k in own if split[kept[k]][1] == ONE), own[0])
-    tape = write_tape(signals.names, [*kept, *(split[kept[k]][1] for k in own)])
+    left = next((k for k in own if kept[k].bare), own[0])
+    tape = write_tape(signals.names, [*(c.expanded for c in kept), *(kept[k].term for k in own)])
     values = OnBlocks(tape, signals, blocks, slice(0, len(kept)))
     rows = LibraryRows(kept, tape, choice.row_map(signals, order, blocks, values, left))
     pieces = Pieces()
     pieces.take(factored(rows, signals, blocks, pieces_a_block(len(blocks)), Threads()))
-    rests = tuple(split[term][1] for term in kept)
-    return Problem(target, rows, rests, own, left, signals, blocks, pieces.folds(), pieces.all(), dependent)
+    return Problem(target, rows, own, left, signals, blocks, pieces.folds(), pieces.all(), dependent)
 
 
 def pieces_a_block(blocks: int) -> int:
@@ -244,43 +241,42 @@ class _Seen:
 def _kept(
     signals: Signals,
     target: str,
-    library: tuple[Term, ...],
-    split: Mapping[Term, tuple[str | None, Term]],
+    candidates: tuple[Product, ...],
     blocks: Sequence[Block],
-) -> tuple[tuple[Term, ...], tuple[tuple[Term, tuple[Term, ...]], ...]]:
+) -> tuple[tuple[Product, ...], tuple[tuple[Product, tuple[Product, ...]], ...]]:
     """Return the candidates that are used, and those that are combinations of others, with these.
 
     Those with the target are compared by what multiplies it: a combination of both kinds is no nuisance but what is
     looked for. Samples are compared, since of rows there may be fewer than candidates.
     """
-    plain = [j for j, term in enumerate(library) if split[term][0] is None]
-    own = [j for j, term in enumerate(library) if split[term][0] == target]
-    tape = write_tape(signals.names, [*library, *(split[library[j]][1] for j in own)])
+    plain = [j for j, c in enumerate(candidates) if c.factor is None]
+    own = [j for j, c in enumerate(candidates) if c.factor == target]
+    tape = write_tape(signals.names, [*(c.expanded for c in candidates), *(candidates[j].term for j in own)])
 
     def survey(block: Block) -> tuple[_Seen, tuple[Factor, Factor] | None]:
         values = evaluate(tape, signals.columns[block.record][:, block.start : block.stop])
-        seen = _Seen.of(values[: len(library)])
+        seen = _Seen.of(values[: len(candidates)])
         if seen.bad.any() or seen.largest.max() > LARGEST_CANDIDATE:
             return seen, None
-        return seen, (factorise([values[plain].T]), factorise([values[len(library) :].T]))
+        return seen, (factorise([values[plain].T]), factorise([values[len(candidates) :].T]))
 
     surveys = list(Threads().map(survey, blocks))
     seen = _Seen(np.sum([s.bad for s, _ in surveys], axis=0), np.max([s.largest for s, _ in surveys], axis=0))
-    _refuse(library, seen)
-    dependent: list[tuple[Term, tuple[Term, ...]]] = []
+    _refuse(candidates, seen)
+    dependent: list[tuple[Product, tuple[Product, ...]]] = []
     for group, place in ((plain, 0), (own, 1)):
         live = [k for k, j in enumerate(group) if seen.largest[j] > 0.0]
         if not live:
             continue
-        terms = [library[group[k]] for k in live]
+        terms = [candidates[group[k]] for k in live]
         whole = merge([factors[place] for _, factors in surveys if factors is not None]).restrict(live)
         dependent += [(terms[k], tuple(terms[other] for other in others)) for k, others in whole.dependent()]
     left_out = {term for term, _ in dependent}
-    kept = (term for j, term in enumerate(library) if seen.largest[j] > 0.0 and term not in left_out)
+    kept = (c for j, c in enumerate(candidates) if seen.largest[j] > 0.0 and c not in left_out)
     return tuple(kept), tuple(dependent)
 
 
-def _refuse(terms: Sequence[Term], seen: _Seen) -> None:
+def _refuse(terms: Sequence[Product], seen: _Seen) -> None:
     """Refuse candidates that are not finite, or too large to square."""
     for term, bad, largest in zip(terms, seen.bad.tolist(), seen.largest.tolist(), strict=True):
         if bad:

@@ -44,6 +44,18 @@ class Block:
     fold: int
 
 
+class BlockValues(Protocol):
+    """Values of candidates on every block, perhaps made anew each time they are asked for."""
+
+    def __len__(self) -> int:
+        """Return the number of blocks."""
+        ...
+
+    def __getitem__(self, block: int) -> FloatArray:
+        """Return the values (m, samples of the block)."""
+        ...
+
+
 class RowMap(Protocol):
     """A linear map from the samples of a block to rows."""
 
@@ -55,16 +67,14 @@ class RowMap(Protocol):
 class RowChoice(Protocol):
     """Chooses the map for one target from the values of its library."""
 
-    def row_map(
-        self, signals: Signals, order: int, blocks: Sequence[Block], values: Sequence[FloatArray], left: int
-    ) -> RowMap:
+    def row_map(self, signals: Signals, order: int, blocks: Sequence[Block], values: BlockValues, left: int) -> RowMap:
         """Return the map.
 
         Args:
             signals: where the values come from.
             order: order of the target's equation.
             blocks: stretches of the record.
-            values: library columns (m, n_b), one array a block, perhaps made anew each time they are asked for.
+            values: library columns (m, n_b) on every block.
             left: the column of the target itself.
         """
         ...
@@ -132,9 +142,7 @@ class CosineRows:
 class PlainRows(msgspec.Struct, frozen=True, tag="samples", tag_field="kind", forbid_unknown_fields=True):
     """The paper's rows: every sample counts alike."""
 
-    def row_map(
-        self, signals: Signals, order: int, blocks: Sequence[Block], values: Sequence[FloatArray], left: int
-    ) -> RowMap:
+    def row_map(self, signals: Signals, order: int, blocks: Sequence[Block], values: BlockValues, left: int) -> RowMap:
         """Return the map that keeps the samples."""
         return SampleRows()
 
@@ -148,9 +156,7 @@ class NoiseWeighted(msgspec.Struct, frozen=True, tag="noise_weighted", tag_field
 
     passes: Annotated[int, msgspec.Meta(ge=0, le=10)] = 1
 
-    def row_map(
-        self, signals: Signals, order: int, blocks: Sequence[Block], values: Sequence[FloatArray], left: int
-    ) -> RowMap:
+    def row_map(self, signals: Signals, order: int, blocks: Sequence[Block], values: BlockValues, left: int) -> RowMap:
         """Return the weighted cosines for this library."""
         cutoff = min(c.cutoff for c in signals.channels)
         grid = np.linspace(0.0, cutoff, 512)
@@ -170,7 +176,7 @@ class NoiseWeighted(msgspec.Struct, frozen=True, tag="noise_weighted", tag_field
         return rows
 
 
-def _on_each(values: Sequence[FloatArray], function: Callable[[FloatArray], Result]) -> list[Result]:
+def _on_each(values: BlockValues, function: Callable[[FloatArray], Result]) -> list[Result]:
     """Return the function of the values of every block, evaluated where they are needed."""
     return list(Threads().map(lambda k: function(values[k]), range(len(values))))
 

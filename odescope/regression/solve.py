@@ -132,6 +132,7 @@ def _solve_cholesky(a: FloatArray, x: FloatArray) -> None:
         x[i] /= a[i, i]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of columns that nearly depend on each other: refused below
 def full_fits(r: FloatArray) -> FloatArray | None:
     """Return the fit of every column of r on all others at once, (m, m): column i holds the coefficients for guess i.
 
@@ -162,7 +163,7 @@ def threshold_supports(
 
     A term stays while |x_j| weight_j, divided by the largest of the fit and squared if `relative`, is no less than the
     threshold. The outcome is a step function of the threshold. Between two neighbouring sizes the next support is
-    known; a support that maps to itself is final there (METHOD section 6).
+    known; a support that maps to itself is final there.
 
     Args:
         r: (m, m) of the factor.

@@ -59,7 +59,7 @@ def without_last(result: Identification, longest: int) -> Model | None:
         if len(problem.folds) < 2:
             return None
         last = max((b for b in problem.blocks if b.record == longest), key=lambda b: b.start)
-        columns = columns_of(search, relation, result.model.targets)
+        columns = columns_of(search, relation)
         xi = problem.training[last.fold].solve(tuple(sorted(columns)), left_column(problem, columns))
         terms = tuple(
             replace(t, coefficient=float(xi[j]), std_error=None) for t, j in zip(relation.terms, columns, strict=True)

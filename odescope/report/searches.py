@@ -38,22 +38,18 @@ def searched(result: Identification) -> tuple[Searched, ...]:
     """Return what was searched for every target."""
     units = quantity_units(result.model)
     return tuple(
-        _searched(search, chosen, relation, result.model.targets, shown(units[search.problem.target]))
+        _searched(search, chosen, relation, shown(units[search.problem.target]))
         for search, chosen, relation in zip(result.searches, result.chosen, result.model.relations, strict=True)
     )
 
 
-def columns_of(search: Search, relation: Relation, targets: tuple[str, ...]) -> tuple[int, ...]:
+def columns_of(search: Search, relation: Relation) -> tuple[int, ...]:
     """Return the columns of the library that a relation's terms are, in the order of its terms."""
-    problem = search.problem
-    place = {
-        (min(term.names & set(targets), default=None), rest): j
-        for j, (term, rest) in enumerate(zip(problem.terms, problem.rests, strict=True))
-    }
-    return tuple(place[t.factor, t.term] for t in relation.terms)
+    place = {product: j for j, product in enumerate(search.problem.terms)}
+    return tuple(place[t.product] for t in relation.terms)
 
 
-def _searched(search: Search, chosen: Candidate, relation: Relation, targets: tuple[str, ...], unit: str) -> Searched:
+def _searched(search: Search, chosen: Candidate, relation: Relation, unit: str) -> Searched:
     problem, ranked = search.problem, search.ranked.candidates
     texts = [term.text for term in problem.terms]
     best, used = list[Candidate](), set[int]()
@@ -64,7 +60,7 @@ def _searched(search: Search, chosen: Candidate, relation: Relation, targets: tu
     rank = {id(c): k for k, c in enumerate(ranked)}
     best.sort(key=lambda c: rank[id(c)])
     columns = sorted(used)
-    adopted = columns_of(search, relation, targets)
+    adopted = columns_of(search, relation)
     rows = tuple(
         Row(
             rank=1 + rank[id(c)],

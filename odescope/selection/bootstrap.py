@@ -12,7 +12,8 @@ from odescope.parallel.workers import Workers
 from odescope.regression.factor import Factor, merge
 from odescope.regression.problem import Problem
 from odescope.regression.proposers import Proposer, Support
-from odescope.selection.ranking import Candidate, price
+from odescope.selection.criterion import penalty
+from odescope.selection.ranking import Candidate
 
 REPLICATES = 50  # together no dearer than two sweeps
 LEAST_PIVOT = 1e-4  # of unit columns
@@ -100,7 +101,7 @@ def _best(times: IntArray, drawn: _Drawn) -> Support:
         for p in drawn.proposers
         for support in p.supports(factor, guess, columns)
     }
-    dear = price(factor.rows, factor.width)
+    dear = float(penalty(factor.rows, 1.0 / factor.width))
 
     def criterion(support: Support) -> float:
         rest = max(factor.residual(factor.solve(support, guess)), 1e-10 * float(factor.scale[guess]))

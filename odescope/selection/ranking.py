@@ -14,6 +14,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.errors import NoModelError
 from odescope.regression.problem import Problem
 from odescope.regression.proposers import Support
+from odescope.selection.criterion import penalty
 from odescope.selection.score import Scores, score
 from odescope.selection.sweep import Sweep
 
@@ -102,11 +103,6 @@ def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
     return Ranked(ranked, tuple(discarded.items()))
 
 
-def price(rows: int, width: int) -> float:
-    """Return what a term has to earn: ln n, as Bayes' criterion has it, and 2 ln m for the choice among m."""
-    return float(np.log(rows) + 2.0 * np.log(width))
-
-
 def _nothing_left(problem: Problem, found: Sweep, discarded: Counter[str]) -> NoModelError:
     tally = "; ".join(f"{count} {reason}" for reason, count in discarded.items())
     return NoModelError("selection", f"of {len(found.supports)} relations for {problem.target} none is left: {tally}")
@@ -133,7 +129,7 @@ def _criteria(problem: Problem, supports: Sequence[Support], scores: Scores) -> 
     Where the signals are but a sample, all the data rank relations with the same target terms, and the best of these
     compete on the signals.
     """
-    dear = price(problem.factor.rows, len(problem.terms))
+    dear = float(penalty(problem.factor.rows, 1.0 / len(problem.terms)))
     terms = np.array([len(s) for s in supports])
     here = scores.rows * np.log(_noise(scores)) + terms * dear
     if scores.elsewhere is None:
@@ -186,7 +182,7 @@ def _families(problem: Problem, ranked: list[tuple[int, Candidate]], scores: Sco
     Alike: the difference of two predictions is no larger than one term more has to earn by the criterion.
     """
     rows = problem.factor.rows  # of the signals there may be fewer, and differences as much smaller
-    allowed = price(rows, len(problem.terms)) * scores.rows / rows
+    allowed = float(penalty(rows, 1.0 / len(problem.terms))) * scores.rows / rows
     noise = _noise(scores)
     heads: list[int] = []
     members: list[list[Candidate]] = []
@@ -207,4 +203,4 @@ def _families(problem: Problem, ranked: list[tuple[int, Candidate]], scores: Sco
 
 
 def _degree(problem: Problem, support: Support) -> float:
-    return sum(abs(power) for j in support for _, power in problem.rests[j].factors)
+    return sum(problem.terms[j].degree for j in support)

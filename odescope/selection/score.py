@@ -1,4 +1,4 @@
-"""Held-out scores of many relations in one pass over the blocks of the signals (METHOD section 6)."""
+"""Held-out scores of many relations in one pass over the blocks of the signals."""
 
 from __future__ import annotations
 

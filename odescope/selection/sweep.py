@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from odescope.arrays import BoolArray, IntArray
-from odescope.library.expression import ONE, Term
+from odescope.library.expression import Term
+from odescope.library.product import Product
 from odescope.parallel.workers import Threads
 from odescope.regression.factor import Factor
 from odescope.regression.proposers import Proposer, Support
@@ -53,12 +54,12 @@ class Sweep:
         return Sweep(tuple(self.supports[k] for k in keep), tuple(self.guesses[k] for k in keep), self.width)
 
 
-def sweep(factor: Factor, terms: Sequence[Term], nested: Sequence[Support], proposers: Sequence[Proposer]) -> Sweep:
+def sweep(factor: Factor, terms: Sequence[Product], nested: Sequence[Support], proposers: Sequence[Proposer]) -> Sweep:
     """Return all supports that the proposers find with each column in turn as the left-hand side, (15).
 
     Args:
         factor: of the library.
-        terms: the library's m products, targets among their factors.
+        terms: the library's m products.
         nested: sets of columns to search in, the whole library among them (see `nested_libraries`).
         proposers: searched with, one after the other.
     """
@@ -76,36 +77,37 @@ def sweep(factor: Factor, terms: Sequence[Term], nested: Sequence[Support], prop
 
     for guess, supports in enumerate(Threads().map(search, range(factor.width))):
         for support in dict.fromkeys(supports):
-            relation, common = _primitive(tuple(sorted((*support, guess))), terms, place)
-            left = place[terms[guess] * common]
-            found.setdefault(relation, {})[left] = None
+            primitive = _primitive((*support, guess), terms, place)
+            found.setdefault(tuple(sorted(primitive.values())), {})[primitive[guess]] = None
     return Sweep(tuple(found), tuple(tuple(g) for g in found.values()), factor.width)
 
 
-def nested_libraries(rests: Sequence[Term], own: Sequence[int]) -> tuple[Support, ...]:
+def nested_libraries(terms: Sequence[Product], own: Sequence[int]) -> tuple[Support, ...]:
     """Return the columns up to each total degree, and those without a product of the target.
 
     A true relation times any function is a relation too, and a rich library holds several such multiples: their
     mixtures hide the simple one. A smaller library holds fewer.
 
     Args:
-        rests: the products without their targets.
+        terms: the library's m products.
         own: columns that hold the target.
     """
-    degrees = [sum(abs(power) for _, power in rest.factors) for rest in rests]
+    degrees = [p.degree for p in terms]
     sets = [tuple(j for j, d in enumerate(degrees) if d <= limit) for limit in sorted(set(degrees)) if limit > 0]
     explicit = tuple(j for j, d in enumerate(degrees) if j not in own or d == 0)
     return tuple(s for s in dict.fromkeys([explicit, *sets]) if len(s) > 1 and set(s) & set(own))
 
 
-def _primitive(support: Support, terms: Sequence[Term], place: Mapping[Term, int]) -> tuple[Support, Term]:
-    """Return the relation less the factors common to all its terms, and the inverse of what was divided out.
+def _primitive(support: Support, terms: Sequence[Product], place: Mapping[Product, int]) -> dict[int, int]:
+    """Return what each column of a relation becomes when what is common to all its terms is divided out.
 
-    Both say the same of the target; where the library lacks a quotient the relation stays as it is.
+    Both relations say the same of the target; where the library lacks a quotient the relation stays as it is.
     """
     first = terms[support[0]]
-    powers = {atom: min(terms[j].power_of(atom) for j in support) for atom, _ in first.factors}
+    powers = {atom: min(terms[j].term.power_of(atom) for j in support) for atom, _ in first.term.factors}
     inverse = Term.of((atom, -power) for atom, power in powers.items() if power > 0)
-    quotients = [place.get(terms[j] * inverse) for j in support] if inverse.factors else [None]
-    reduced = tuple(sorted(q for q in quotients if q is not None))
-    return (reduced, inverse) if len(reduced) == len(support) else (support, ONE)
+    factors = {terms[j].factor for j in support}
+    quotients = {
+        j: place.get(Product(terms[j].factor if len(factors) > 1 else None, terms[j].term * inverse)) for j in support
+    }
+    return {j: q if q is not None and None not in quotients.values() else j for j, q in quotients.items()}

@@ -91,7 +91,7 @@ def test_a_table_shows_what_is_missing_and_what_is_too_much():
     truth = cart_pendulum()
     cart, pendulum = truth.relations
     lost = Relation(tuple(t for t in cart.terms if t.text != "phi_dot*cos(phi)"))
-    extra = Relation((*pendulum.terms, RelationTerm(None, next(t.term for t in cart.terms if t.text == "u"), 0.25)))
+    extra = Relation((*pendulum.terms, RelationTerm(next(t.product for t in cart.terms if t.text == "u"), 0.25)))
     rows = {(r.target, r.term): r for r in table_two(truth, Model(truth.coordinates, truth.inputs, (lost, extra)))}
     assert rows["x_ddot", "phi_dot*cos(phi)"].found is None
     assert rows["x_ddot", "phi_dot*cos(phi)"].truth == pytest.approx(0.01816, rel=1e-3)

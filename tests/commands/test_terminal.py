@@ -22,6 +22,7 @@ ROOT = Path(cli.__file__).parents[2]
         (Progress("recordings", "chunk", 3, 20), "recordings: 3 of 20 chunks"),
         (Progress("recordings", "chunk", 3, 20, 75.4), "recordings: 3 of 20 chunks, 1 min 15 s left"),
         (Progress("likelihood", "search", 1, 2, 0.2), "likelihood: 1 of 2 searches, 0 s left"),
+        (Progress("likelihood", "search with process noise", 0, 1), "likelihood: search with process noise"),
         (Note("something"), ""),
     ],
 )

@@ -1,13 +1,14 @@
 """Models written by hand for the tests of the exports: rational, coupled, with nasty names and numbers."""
 
 from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.recordings.coordinate import Coordinate, Input
 
 
 def relation(scope, *terms):
-    return Relation(tuple(RelationTerm(f, parse_term(t, scope), c, *error) for f, t, c, *error in terms))
+    return Relation(tuple(RelationTerm(Product(f, parse_term(t, scope)), c, *error) for f, t, c, *error in terms))
 
 
 def rational():

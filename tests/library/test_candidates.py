@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from term_oracle import NAMES, repeatable
 
 from odescope.errors import InputError
-from odescope.library.candidates import Library, split_target
-from odescope.library.expression import ONE, Name, Term
+from odescope.library.candidates import Library
+from odescope.library.expression import Term
 from odescope.library.parse import Scope, parse_term
 from odescope.library.rules import Exclusive, MaximumDegree
 
@@ -80,23 +80,3 @@ def test_a_preview_says_how_much_memory():
 def test_a_library_of_unreadable_text_is_refused():
     with pytest.raises(InputError, match="cannot read"):
         library("x", "x + u")
-
-
-@repeatable
-@given(st.lists(st.sampled_from(BASIS), max_size=4), st.sampled_from([None, "x_ddot", "phi_ddot"]))
-def test_a_target_and_the_rest_multiply_to_the_term(texts, target):
-    rest = Term.of(f for t in texts for f in term(t).factors)
-    whole = rest if target is None else rest * Term.of([(Name(target), 1)])
-    assert split_target(whole, ("x_ddot", "phi_ddot")) == (target, rest)
-
-
-@pytest.mark.parametrize(
-    "text", ["x_ddot**2", "x_ddot*phi_ddot", "sin(x_ddot)", "x_ddot*exp(x_ddot)", "u/x_ddot", "x_ddot*cos(phi_ddot)"]
-)
-def test_what_is_not_linear_in_the_targets_is_refused(text):
-    with pytest.raises(InputError, match="not linear in the targets"):
-        split_target(term(text), ("x_ddot", "phi_ddot"))
-
-
-def test_the_constant_has_no_target():
-    assert split_target(ONE, ("x_ddot",)) == (None, ONE)

@@ -1,4 +1,4 @@
-"""Small systems for the tests of the likelihood: slots for the kernel, and the same equations written out for SciPy."""
+"""Small systems for the tests of the likelihood: parts for the kernel, and the same equations written out for SciPy."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +7,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from odescope.library.parse import Scope, parse_term
-from odescope.likelihood.fit import Program, Slot
+from odescope.library.product import Product
+from odescope.likelihood.program import Frame, Part, Program
 from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
 
@@ -43,13 +44,17 @@ class System:
         return np.array([k for k in range(len(self.terms)) if k not in self.fixed], dtype=np.int64)
 
     @property
-    def slots(self):
-        scope = Scope.of(list(self.variables))
-        return tuple(Slot(r, f, parse_term(t, scope), k in self.fixed) for k, (r, f, t, _) in enumerate(self.terms))
+    def frame(self):
+        return Frame.of(self.coordinates, self.inputs)
+
+    @property
+    def parts(self):
+        scope, target = Scope.of(list(self.variables)), [c.target for c in self.coordinates]
+        return tuple(Part(r, Product(None if f < 0 else target[f], parse_term(t, scope))) for r, f, t, _ in self.terms)
 
     @property
     def program(self):
-        return Program.of(self.slots, self.variables, self.following, self.measured)
+        return Program.of(self.parts, self.frame)
 
     def slope(self, theta, x, u):
         found = self.targets(theta, x, u)

@@ -3,7 +3,6 @@
 import json
 import math
 import re
-import time
 from functools import cache
 
 import numpy as np
@@ -12,9 +11,10 @@ from small_systems import System
 
 from odescope import Study, identify
 from odescope.likelihood.account import likelihood_scores, missing_physics
-from odescope.likelihood.fit import Evaluator
-from odescope.likelihood.process_noise import Noisy, estimate_noise, free_run_error, robust_evidence
-from odescope.likelihood.search import Searcher
+from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.held_out import free_run_error
+from odescope.likelihood.process_noise import Noisy, estimate_noise, robust_evidence
+from odescope.likelihood.searcher import Searcher
 from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate
 from odescope.study.options import Candidates, Data, Driven, Measured
@@ -154,11 +154,12 @@ def unexplained(seed, count=2000, **options):
         np.array([0.02, 0.3]), STEP, 1, ((0, count),),
     )  # fmt: skip
     it = Searcher(
-        Evaluator(segments), PENDULUM.slots, PENDULUM.variables, PENDULUM.following, PENDULUM.measured,
-        time.time() + 1000.0,
-    )  # fmt: skip
+        Evaluator(segments),
+        PENDULUM.parts,
+        PENDULUM.frame,
+    )
     it, found, marginal = estimate_noise(it, it.fit(PENDULUM.theta, PENDULUM.free, segments.initial, segments.spread))
-    evidence = robust_evidence(it, PENDULUM.program, found)
+    evidence = robust_evidence(it, found)
     return Noisy(found, it, marginal, evidence, free_run_error(it, found.theta), ())
 
 

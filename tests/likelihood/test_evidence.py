@@ -1,16 +1,16 @@
 """What weigh makes of an information matrix, against least squares written out in numpy."""
 
-import time
-
 import numpy as np
 import pytest
 from scipy.stats import chi2
 from small_systems import SPRING, drive, shots
 
 from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
+from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import weigh
-from odescope.likelihood.fit import Evaluator, Fit, Slot
-from odescope.likelihood.search import Searcher
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.searcher import Searcher, candidate_parts
 
 SLOTS = 7  # of which the first is fixed
 PRESENT = np.array([1, 3, 6])
@@ -22,8 +22,8 @@ def searcher(count=SLOTS):
     data = shots(np.zeros((50, 2)), drive(50), 0.05, 1.0, np.random.default_rng(0), np.ones(2))
     scope = Scope.of(list(SPRING.variables))
     texts = ["1", *(f"x**{k}" for k in range(1, count))]
-    slots = tuple(Slot(0, 0 if k == 0 else -1, parse_term(t, scope), k == 0) for k, t in enumerate(texts))
-    return Searcher(Evaluator(data), slots, SPRING.variables, SPRING.following, SPRING.measured, time.time() + 9.0)
+    products = [Product("x_ddot" if k == 0 else None, parse_term(t, scope)) for k, t in enumerate(texts)]
+    return Searcher(Evaluator(data), candidate_parts([products]), SPRING.frame)
 
 
 def regression(rng, theta=None, rows=ROWS, correlated=1, twin=None):
@@ -67,7 +67,7 @@ def test_without_blocks_everything_is_that_of_least_squares():
         error = np.sqrt(np.linalg.inv(more.T @ more)[-1, -1])
         assert evidence.scores[k] == pytest.approx((with_it[-1] / error) ** 2, rel=1e-6)
         # At its limit a term is so many standard errors away from zero that its statistic is its price.
-        assert (evidence.limits[k] / error) ** 2 == pytest.approx(searcher().price[k], rel=1e-6)
+        assert (evidence.limits[k] / error) ** 2 == pytest.approx(searcher().penalty[k], rel=1e-6)
     assert not evidence.scores[[0, *PRESENT]].any()
     assert not evidence.limits[[0, *PRESENT]].any()
 

@@ -1,4 +1,3 @@
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +7,12 @@ from scipy.stats import chi2
 from small_systems import SPRING, SPRING_PRESENT, SPRING_STEP, drive, shots, spring_run
 
 from odescope.library.parse import Scope, parse_term
-from odescope.likelihood.fit import Evaluator, Program, Slot, fit
-from odescope.likelihood.search import Searcher
+from odescope.library.product import Product
+from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.fit import fit
+from odescope.likelihood.program import Part
+from odescope.likelihood.search import WhiteResiduals
+from odescope.likelihood.searcher import Searcher
 
 NOISE = 0.02
 SPREAD = np.array([0.01, 0.05])
@@ -29,9 +32,10 @@ def evaluator(states, seed, noise=NOISE):
 
 def searcher(states, seed):
     return Searcher(
-        evaluator(states, seed), SPRING.slots, SPRING.variables, SPRING.following, SPRING.measured,
-        time.time() + 1000.0,
-    )  # fmt: skip
+        evaluator(states, seed),
+        SPRING.parts,
+        SPRING.frame,
+    )
 
 
 def fitted(it, theta=SPRING.theta, present=SPRING_PRESENT, gap=TIGHT):
@@ -115,7 +119,7 @@ def test_the_gap_of_a_tight_fit_is_small(states):
     found = fitted(it)
     loose = fitted(it, gap=LOOSE)
     assert loose.cost == loose.data_cost < found.data_cost
-    last = it.evaluator.integrate(SPRING.program, found.theta, SPRING_PRESENT, found.x0)[3]
+    last = it.evaluator.integrate(SPRING.program, found.theta, SPRING_PRESENT, found.x0).last
     assert np.all(np.abs(last[:-1] - found.x0[1:]) < 0.2 * SPREAD)
 
 
@@ -136,7 +140,7 @@ def test_scores_of_absent_terms_are_chi_squared_with_one_degree_of_freedom(state
     scores = []
     for seed in range(150):
         it = searcher(states, seed)
-        scores.append(it.scores(SPRING.program, fitted(it, gap=gap), gap))
+        scores.append(WhiteResiduals(it, gap).scores(fitted(it, gap=gap)))
     scores = np.array(scores)
     assert np.all(scores[:, [0, *SPRING_PRESENT]] == 0.0)
     # The mean of 150 has standard deviation 0.115, a share of 5 % one of 1.8 %.
@@ -152,7 +156,7 @@ def test_score_fall_of_the_cost_and_wald_agree_for_a_weak_term(size):
     theta[X_SQUARED] = size
     it = searcher(spring_run(theta), 4)
     without = fitted(it)
-    score = it.scores(SPRING.program, without, TIGHT)[X_SQUARED]
+    score = WhiteResiduals(it, TIGHT).scores(without)[X_SQUARED]
     with_it = fitted(it, without.theta, np.array([*SPRING_PRESENT, X_SQUARED]))
     wald = with_it.theta[X_SQUARED] ** 2 / with_it.variances[-1]
     fall = without.cost - with_it.cost
@@ -175,8 +179,8 @@ def test_a_start_that_cannot_be_integrated_gives_none(states):
 
 def with_terms(it, *texts):
     scope = Scope.of(list(SPRING.variables))
-    slots = (*SPRING.slots, *(Slot(0, -1, parse_term(t, scope)) for t in texts))
-    return replace(it, slots=slots), np.append(SPRING.theta, np.zeros(len(texts)))
+    parts = (*SPRING.parts, *(Part(0, Product(None, parse_term(t, scope))) for t in texts))
+    return replace(it, parts=parts), np.append(SPRING.theta, np.zeros(len(texts)))
 
 
 def test_terms_that_no_data_tell_apart_have_large_variances(states):
@@ -194,10 +198,9 @@ def test_terms_that_no_data_tell_apart_have_large_variances(states):
 def test_a_term_whose_sensitivities_overflow_is_refused_and_hides_no_other(states):
     it, theta = with_terms(searcher(states, 0), "exp(300*x)")
     assert it.fit(theta, np.array([*SPRING_PRESENT, 10]), it.segments.initial, TIGHT) is None
-    program = Program.of(it.slots, it.variables, it.following, it.measured)
     lacks = np.array([1, 2, 4])
     found = it.fit(theta, lacks, it.segments.initial, LOOSE)
-    scores = it.scores(program, found, LOOSE)
+    scores = WhiteResiduals(it, LOOSE).scores(found)
     assert np.argmax(scores) == 3
     assert scores[10] == 0.0
 

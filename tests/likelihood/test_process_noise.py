@@ -1,7 +1,6 @@
 """Process noise, against dense Gaussians in numpy and over seeds of systems simulated here."""
 
 import math
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -12,21 +11,22 @@ from scipy.stats import chi2
 from small_systems import CART, SPRING, System, drive
 
 from odescope.likelihood import process_noise as module
-from odescope.likelihood.elimination import eliminate, joint_covariances
+from odescope.likelihood.elimination import eliminate, state_covariances
+from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import weigh
-from odescope.likelihood.fit import Evaluator, Fit, Program, fit
+from odescope.likelihood.fit import Fit, fit
+from odescope.likelihood.held_out import free_run_error, held_out, without_held_out
+from odescope.likelihood.kernel import Sums
 from odescope.likelihood.process_noise import (
     cost_without_process_noise,
     estimate_noise,
-    free_run_error,
-    held_out,
     robust_evidence,
     search_with_process_noise,
     with_noise,
-    without_held_out,
 )
 from odescope.likelihood.refine import FINEST, _evidence, _halve
-from odescope.likelihood.search import Outcome, Searcher
+from odescope.likelihood.search import Outcome
+from odescope.likelihood.searcher import Searcher
 from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate
 
@@ -122,11 +122,12 @@ def white_kicks(rng, q, lengths):
     return kicks
 
 
-def searcher(system, segments, substeps=2, seconds=1000.0):
+def searcher(system, segments, substeps=2, budget=None):
     return Searcher(
-        Evaluator(segments, substeps), system.slots, system.variables, system.following, system.measured,
-        time.time() + seconds,
-    )  # fmt: skip
+        Evaluator(segments, substeps, budget),
+        system.parts,
+        system.frame,
+    )
 
 
 def spring(seed, count=600, sigma=SIGMA, q=Q, kicks=None, believed=None):
@@ -201,11 +202,13 @@ def test_covariances_of_a_random_chain_are_blocks_of_the_dense_inverse(segments,
     joined[-1] = False
     gap = rng.uniform(0.3, 2.0, n)
     zeros = np.zeros((segments, n))
-    *_, factor, _, carry, log_det, ok = eliminate(hessian, zeros, zeros, jacobian, zeros, joined, gap, 0.0, n, 0)
+    *_, factor, _, carry, log_det, ok = eliminate(
+        Sums(np.zeros(segments), zeros, hessian, zeros, jacobian), zeros, joined, gap, 0.0
+    )
     assert ok
     whole = dense_states_hessian(hessian, jacobian, joined, gap)
     assert log_det == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-10)
-    assert_blocks_of_the_inverse(*joint_covariances(factor, carry, joined), whole, joined)
+    assert_blocks_of_the_inverse(*state_covariances(factor, carry, joined), whole, joined)
 
 
 @pytest.mark.parametrize("system", [CART, MASSES], ids=["cart", "masses"])
@@ -219,8 +222,8 @@ def test_covariances_of_a_record_are_blocks_of_the_dense_inverse(system):
     for free in (NONE, system.free):
         integrated = it.integrate(system.program, theta, free, start)
         found = it.expand(system.program, theta, free, start, gap, 0.0, integrated)
-        whole = dense_states_hessian(integrated[2], integrated[4], joined, gap)
-        assert_blocks_of_the_inverse(*joint_covariances(found.factor, found.carry, joined), whole, joined)
+        whole = dense_states_hessian(integrated.hessian, integrated.jacobian, joined, gap)
+        assert_blocks_of_the_inverse(*state_covariances(found.factor, found.carry, joined), whole, joined)
 
 
 # the marginal likelihood
@@ -375,7 +378,7 @@ def test_gradients_of_blocks_sum_to_that_of_the_marginal_fit(weighed):
     it = spring(0)
     theta = LINEAR * np.where(np.arange(len(LINEAR)) == 2, 0.0, 1.0)
     found = fitted(it, theta, np.array([1, 4]))  # lacks friction: a gradient that is not zero
-    assert robust_evidence(it, SPRING.program, found) is not None
+    assert robust_evidence(it, found) is not None
     _, _, information, blocks = weighed
     expansion = it.evaluator.expand(SPRING.program, found.theta, it.free, found.x0, it.segments.spread)
     scale = np.sqrt(np.diag(information))
@@ -388,7 +391,7 @@ def test_with_white_gaps_blocks_scatter_as_the_model_says(weighed):
     for seed in range(30):
         it = spring(200 + seed)
         found = fitted(it)
-        robust = robust_evidence(it, SPRING.program, found)
+        robust = robust_evidence(it, found)
         _, _, information, blocks = weighed
         own = weigh(it, found, information, blocks.sum(axis=0)[None]).variances
         np.testing.assert_allclose(own, found.variances, rtol=1e-3)
@@ -421,7 +424,7 @@ def test_with_coloured_gaps_robust_intervals_cover_and_plain_ones_do_not():
         gaps = np.add.reduceat(kicks, np.arange(0, count, LENGTH), axis=0)
         it = spring(300 + seed, count, 0.005, kicks=kicks, believed=np.maximum(gaps.std(axis=0), 0.002))
         found = fitted(it)
-        evidence = robust_evidence(it, SPRING.program, found)
+        evidence = robust_evidence(it, found)
         error = np.abs(found.theta - LINEAR)[PRESENT]
         plain.append(error < 1.96 * np.sqrt(found.variances))
         robust.append(error < 1.96 * np.sqrt(evidence.variances))
@@ -436,7 +439,7 @@ def test_scores_of_absent_terms_are_chi_squared_with_one_degree_of_freedom(weigh
     for seed in range(40):
         it = spring(400 + seed, 800)
         found = fitted(it)
-        evidence = robust_evidence(it, SPRING.program, found)
+        evidence = robust_evidence(it, found)
         assert not evidence.scores[[0, *PRESENT]].any()
         assert not evidence.limits[[0, *PRESENT]].any()
         _, _, information, blocks = weighed
@@ -456,8 +459,8 @@ def test_a_missing_strong_term_scores_above_its_price_on_a_short_record():
     it = spring(0)
     lacks = fitted(it, LINEAR * np.where(np.arange(len(LINEAR)) == 2, 0.0, 1.0), np.array([1, 4]))
     fall = lacks.cost - fitted(it).cost
-    assert fall > 20.0 * it.price[2]
-    assert robust_evidence(it, SPRING.program, lacks).scores[2] > it.price[2]
+    assert fall > 20.0 * it.penalty[2]
+    assert robust_evidence(it, lacks).scores[2] > it.penalty[2]
 
 
 # limits of detection
@@ -505,7 +508,7 @@ def test_without_process_noise_half_of_the_terms_at_their_limit_are_detected(slo
         measured = states[:, :1] + SIGMA * np.random.default_rng(seed).standard_normal((count, 1))
         it = searcher(SPRING, cut(states, measured, drive(count), SIGMA, spread, (count,), 25))
         found = fitted(it, gap=gap * spread)
-        return it.price[slot], _evidence(it, Outcome(found, gap, 1.0, it.price, (), True))
+        return it.penalty[slot], _evidence(it, Outcome(found, gap, 1.0, it.penalty, (), True, False, 0.0))
 
     still = np.zeros((count, 2))
     limit = evidence(curved(LINEAR, still, count), 0)[1].limits[slot]
@@ -521,15 +524,15 @@ def test_without_process_noise_half_of_the_terms_at_their_limit_are_detected(slo
 
 def test_with_process_noise_terms_at_twice_their_limit_are_detected():
     it = spring(0)
-    limit = robust_evidence(it, SPRING.program, fitted(it)).limits[5]
+    limit = robust_evidence(it, fitted(it)).limits[5]
     scores = []
     for seed in range(8):
         rng = np.random.default_rng(seed)
         states = curved(with_term(5, 2.0 * limit), white_kicks(rng, Q, (600,)))
         measured = states[:, :1] + SIGMA * rng.standard_normal((600, 1))
         it = searcher(SPRING, cut(states, measured, drive(600), SIGMA, Q, (600,)))
-        scores.append(robust_evidence(it, SPRING.program, fitted(it)).scores[5])
-    assert np.mean(np.array(scores) > it.price[5]) > 0.8
+        scores.append(robust_evidence(it, fitted(it)).scores[5])
+    assert np.mean(np.array(scores) > it.penalty[5]) > 0.8
 
 
 # with and without
@@ -542,8 +545,8 @@ def test_only_a_record_with_kicks_is_better_described_with_process_noise():
             it = spring(600 + seed, q=q, believed=Q)
             strict = 1e-3
             joined = fitted(it, gap=strict * Q)
-            outcome = Outcome(joined, strict, joined.data_cost / it.segments.samples, it.price, (), True)
-            with_it = estimate_noise(it, fitted(it))[2] + it.price[PRESENT].sum()
+            outcome = Outcome(joined, strict, joined.data_cost / it.segments.samples, it.penalty, (), True, False, 0.0)
+            with_it = estimate_noise(it, fitted(it))[2] + it.penalty[PRESENT].sum()
             costs.append((cost_without_process_noise(it, outcome), with_it))
     costs = np.array(costs)
     assert np.all(costs[::2, 0] > costs[::2, 1] + 100.0)
@@ -650,7 +653,7 @@ def test_the_search_finds_the_pendulum_under_a_white_torque_and_its_size(when):
     for n in right:
         error = (n.fit.theta - PENDULUM.theta)[PENDULUM_PRESENT]
         assert np.all(np.abs(error) < 4.5 * np.sqrt(n.evidence.variances))
-        prices = n.searcher.price[PENDULUM_PRESENT].sum() + 2 * np.log(n.searcher.segments.samples)
+        prices = n.searcher.penalty[PENDULUM_PRESENT].sum() + 2 * np.log(n.searcher.segments.samples)
         assert n.penalised == pytest.approx(n.marginal + prices)
         if when == "a kick a segment":
             assert n.searcher.segments.noise[0] == pytest.approx(0.005, rel=0.15)
@@ -697,5 +700,5 @@ def test_programs_of_present_slots_alone_and_of_all_slots_cost_the_same():
     program, kept = it.program(found.present)
     gap = it.segments.spread
     short = it.evaluator.expand(program, found.theta[kept], NONE, found.x0, gap)
-    whole = Program.of(it.slots, it.variables, it.following, it.measured)
+    whole = it.whole
     assert short.cost == pytest.approx(it.evaluator.expand(whole, found.theta, NONE, found.x0, gap).cost, rel=1e-12)

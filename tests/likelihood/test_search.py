@@ -5,9 +5,15 @@ import numpy as np
 import pytest
 from small_systems import SPRING, SPRING_PRESENT, SPRING_STEP, drive, shots, spring_run
 
+from odescope.errors import Stopped
+from odescope.events import Monitor
 from odescope.library.parse import Scope, parse_term
-from odescope.likelihood.fit import Evaluator
-from odescope.likelihood.search import Searcher, search
+from odescope.library.product import Product
+from odescope.likelihood.budget import Budget
+from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.program import Part
+from odescope.likelihood.search import search
+from odescope.likelihood.searcher import Searcher
 
 NOISE = 0.02
 SPREAD = np.array([0.01, 0.05])
@@ -18,12 +24,13 @@ def states():
     return spring_run()
 
 
-def searcher(states, seed, seconds=1000.0, noise=NOISE):
+def searcher(states, seed, noise=NOISE, budget=None):
     data = shots(states, drive(), SPRING_STEP, noise, np.random.default_rng(seed), SPREAD)
     return Searcher(
-        Evaluator(data, substeps=2), SPRING.slots, SPRING.variables, SPRING.following, SPRING.measured,
-        time.time() + seconds,
-    )  # fmt: skip
+        Evaluator(data, 2, budget),
+        SPRING.parts,
+        SPRING.frame,
+    )
 
 
 def begin(present):
@@ -31,7 +38,7 @@ def begin(present):
     theta[[k for k in range(1, len(theta)) if k not in present]] = 0.0
     for k in set(present) - set(SPRING_PRESENT.tolist()):
         theta[k] = 0.05
-    return theta, present
+    return theta, np.array(present)
 
 
 STARTS = {
@@ -66,10 +73,9 @@ def test_all_starts_end_in_the_same_fit(states):
 def test_the_trail_says_what_moved(states):
     found = search(searcher(states, 0), *begin(STARTS["dropped and invented"]))
     now = set(STARTS["dropped and invented"])
-    named = [s.term.text if s.factor < 0 else f"target {s.factor + 1} * {s.term.text}" for s in SPRING.slots]
-    names = {name: k for k, name in enumerate(named)}
+    names = {part: k for k, part in enumerate(SPRING.parts)}
     for move in found.trail:
-        k = names[move.slot.term.text]
+        k = names[move.part]
         assert (k in now) == (move.action == "drop")
         now ^= {k}
     assert now == set(found.fit.present.tolist())
@@ -77,23 +83,23 @@ def test_the_trail_says_what_moved(states):
 
 @pytest.mark.parametrize("seed", [3, 5])
 def test_a_look_alike_that_came_first_gives_way(states, seed):
-    # So noisy that x**3 does not earn its price beside x**5, nor x**5 fail to earn its own alone.
+    # So noisy that x**3 does not earn its penalty beside x**5, nor x**5 fail to earn its own alone.
     it = searcher(states, seed, noise=0.2)
-    slots = [replace(s, term=parse_term("x**5", Scope.of(["x"]))) if k == 5 else s for k, s in enumerate(it.slots)]
-    it = replace(it, slots=tuple(slots))
+    fifth = Part(0, Product(None, parse_term("x**5", Scope.of(["x"]))))
+    it = replace(it, parts=tuple(fifth if k == 5 else part for k, part in enumerate(it.parts)))
     good, poor = (search(it, *begin(present)) for present in ([1, 2, 3, 4], [1, 2, 4, 5]))
     assert sorted(poor.fit.present) == sorted(good.fit.present) == SPRING_PRESENT.tolist()
     assert poor.fit.cost == pytest.approx(good.fit.cost, abs=0.1)
 
 
-def test_all_prices_are_those_of_one_prior_and_simple_terms_are_cheaper(states):
+def test_all_penalties_are_those_of_one_prior_and_simple_terms_are_cheaper(states):
     it = searcher(states, 0)
-    share = np.exp(0.5 * (np.log(it.segments.measured.size) - it.price))
+    share = np.exp(0.5 * (np.log(it.segments.measured.size) - it.penalty))
     assert share[it.free].sum() == pytest.approx(1.0)
-    price = {(s.factor, s.term.text): p for s, p in zip(it.slots, it.price, strict=True)}
-    assert price[-1, "x**2"] - price[-1, "x"] == pytest.approx(2.0 * np.log(2.0))
-    assert price[-1, "u*x"] == price[-1, "x**2"]
-    assert price[0, "x**2"] == price[-1, "x**3"]
+    penalty = {part.product.text: p for part, p in zip(it.parts, it.penalty, strict=True)}
+    assert penalty["x**2"] - penalty["x"] == pytest.approx(2.0 * np.log(2.0))
+    assert penalty["u*x"] == penalty["x**2"]
+    assert penalty["x_ddot*x**2"] == penalty["x**3"]
 
 
 @pytest.mark.slow
@@ -123,8 +129,28 @@ def test_a_pole_inside_the_data_neither_raises_nor_passes_for_a_fit(states):
         assert found.scale > 2.0 or np.all(denominator > 0.0)
 
 
-def test_out_of_time_the_fit_so_far_is_returned(states):
-    found = search(searcher(states, 0, seconds=0.0), *begin([1, 2, 3, 4]))
-    assert found is not None
-    assert not found.finished
-    assert np.isfinite(found.fit.cost)
+def test_where_the_budget_is_spent_the_fit_so_far_is_returned_and_every_run_ends_alike(states):
+    start = begin(STARTS["almost nothing"])
+    whole = search(searcher(states, 0, budget=Budget()), *start)
+    ends = [search(searcher(states, 0, budget=Budget(0.2 * whole.spent)), *start) for _ in range(2)]
+    for end in ends:
+        assert not end.finished
+        assert not end.late
+        assert 0.2 * whole.spent < end.spent < whole.spent
+        assert end.width > whole.width or len(end.trail) < len(whole.trail)
+    assert np.array_equal(ends[0].fit.theta, ends[1].fit.theta)
+    assert ends[0].spent == ends[1].spent
+
+
+def test_the_clock_ends_a_search_only_where_it_is_asked_to_and_then_it_says_so(states):
+    end = search(searcher(states, 0, budget=Budget(deadline=time.time())), *begin([1, 2, 3, 4]))
+    assert not end.finished
+    assert end.late
+
+
+def test_a_search_stops_at_the_next_evaluation_that_is_told_to(states):
+    asked = iter([False] * 5)
+    monitor = Monitor(stop=lambda: next(asked, True))
+    with pytest.raises(Stopped):
+        search(searcher(states, 0, budget=Budget(monitor=monitor)), *begin([1, 2, 3, 4]))
+    assert next(asked, "none left") == "none left"

@@ -5,7 +5,8 @@ from scipy.integrate import quad
 from odescope.likelihood.segments import _parabola, cut_segments
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.record import Record, Records
-from odescope.signals.estimate import Channel
+from odescope.signals.differentiators import Spectral
+from odescope.signals.estimate import Channel, Signals
 from odescope.signals.spectral import bin_frequencies, differentiate
 
 PERIOD = 0.002
@@ -19,9 +20,8 @@ def record(t, noise=0.0, seed=0, hold_u=None):
 
 
 def cut(runs, noise=1e-3, cutoff=4.0, hold="linear"):
-    return cut_segments(
-        Records(tuple(runs)), (Coordinate("x", 2),), (Input("u", hold),), (Channel("x", noise, cutoff),)
-    )
+    found = Signals((), (), (), PERIOD, (Channel("x", noise, cutoff),), (Coordinate("x", 2),), (Input("u", hold),))
+    return cut_segments(Records(tuple(runs)), found, Spectral())
 
 
 def centres(data, first=0.0):

@@ -5,6 +5,7 @@ import sympy
 from odescope.errors import InputError
 from odescope.library.expression import Name
 from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.explicit import denominator_ranges, explicit
 from odescope.model.model import Model
@@ -15,8 +16,8 @@ from odescope.recordings.coordinate import Coordinate, Input
 def build(coordinates, inputs, *relations):
     names = {c.derivative(k) for c in coordinates for k in range(c.order)} | {i.name for i in inputs}
     scope = Scope.of(names)
-    rows = (tuple(RelationTerm(factor, parse_term(text, scope), c) for factor, text, c in r) for r in relations)
-    return Model(tuple(coordinates), tuple(inputs), tuple(Relation(row) for row in rows))
+    rows = [[RelationTerm(Product(factor, parse_term(text, scope)), c) for factor, text, c in r] for r in relations]
+    return Model(tuple(coordinates), tuple(inputs), tuple(Relation(tuple(row)) for row in rows))
 
 
 # Coefficients are dyadic, so that products of them are exact and SymPy's rationals must agree to the last bit.

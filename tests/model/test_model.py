@@ -5,6 +5,7 @@ import pytest
 
 from odescope.errors import InputError
 from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
 from odescope.library.tape import evaluate
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
@@ -15,7 +16,7 @@ SCOPE = Scope.of(frozenset({"x", "phi", "x_dot", "phi_dot", "x_ddot", "phi_ddot"
 
 
 def relation(*parts):
-    return Relation(tuple(RelationTerm(factor, parse_term(text, SCOPE), c) for factor, text, c in parts))
+    return Relation(tuple(RelationTerm(Product(factor, parse_term(text, SCOPE)), c) for factor, text, c in parts))
 
 
 CARRIAGE = relation(
@@ -35,8 +36,8 @@ def test_states_come_by_order_of_derivative_and_variables_end_with_the_inputs():
         (Coordinate("x", order=3), Coordinate("y")),
         (FORCE,),
         (
-            Relation((RelationTerm("x_dddot", parse_term("u", SCOPE), 1.0),)),
-            Relation((RelationTerm("y_dot", parse_term("x", SCOPE), 1.0),)),
+            Relation((RelationTerm(Product("x_dddot", parse_term("u", SCOPE)), 1.0),)),
+            Relation((RelationTerm(Product("y_dot", parse_term("x", SCOPE)), 1.0),)),
         ),
     )
     assert mixed.states == ("x", "y", "x_dot", "x_ddot")

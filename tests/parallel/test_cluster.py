@@ -41,7 +41,7 @@ def study(tmp_path_factory):
         coordinates={"x": Measured(order=2)},
         inputs={"u": Driven()},
         signals=Filtering(outliers="clip"),
-        likelihood=LikelihoodSearch(seconds=300.0),  # so that no deadline decides
+        likelihood=LikelihoodSearch(),
     )
 
 

@@ -66,7 +66,7 @@ def test_a_token_that_fires_at_an_event_ends_the_run_before_the_next_stage(stage
         identify(STUDY, oscillator(), watch=events.append, stop=stop)
     assert fired()
     assert not any(isinstance(e, EquationsReady) for e in events)
-    stages = [e.stage for e in events if isinstance(e, StageBegan) and e.stage in STAGES]
+    stages = [e.stage for e in events if isinstance(e, StageBegan)]
     assert stages[-1] == (stage if isinstance(stage, str) else "bootstrap")
     assert asked[-1] == len(events)  # nothing was told after the answer
 

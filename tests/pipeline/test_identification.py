@@ -564,7 +564,7 @@ def test_other_systems_over_seeds(systems, name):
 def test_as_many_proposals_as_asked_for_go_to_the_likelihood(log, monkeypatch):
     given = []
 
-    def refine(records, signals, problems, starts, plain, options, watch, hands):
+    def refine(records, signals, problems, starts, plain, *options):
         given.extend(starts)
 
     monkeypatch.setattr("odescope.pipeline.stages.refine", refine)

@@ -150,8 +150,7 @@ def test_what_to_trust_is_said_in_words(page, result):
 
 def test_without_errors_the_page_says_so(result):
     bare = tuple(
-        replace(r, terms=tuple(RelationTerm(t.factor, t.term, t.coefficient) for t in r.terms))
-        for r in result.model.relations
+        replace(r, terms=tuple(RelationTerm(t.product, t.coefficient) for t in r.terms)) for r in result.model.relations
     )
     told = summary(replace(result, model=replace(result.model, relations=bare)))
     text = Page(to_html(told, blank(told))).text

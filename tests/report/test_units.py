@@ -2,6 +2,7 @@ import pytest
 
 from odescope.commands.demo import cart_pendulum
 from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.recordings.coordinate import Coordinate, Input
@@ -24,7 +25,7 @@ def test_the_pendulum_on_a_cart():
 def unit(term, own="m", driver="N m"):
     scope = Scope.of(["x", "x_dot", "u"])
     relation = Relation(
-        (RelationTerm("x_ddot", parse_term("1", scope), 1.0), RelationTerm(None, parse_term(term, scope), 2.0))
+        (RelationTerm(Product("x_ddot"), 1.0), RelationTerm(Product(None, parse_term(term, scope)), 2.0))
     )
     model = Model((Coordinate("x", 2, unit=own),), (Input("u", unit=driver),), (relation,))
     return coefficient_units(relation, quantity_units(model))[1]

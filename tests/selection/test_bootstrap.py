@@ -96,7 +96,7 @@ def test_the_seed_decides_and_the_cost_is_that_of_few_guesses(clear):
             asked.append(left)
             yield from EnergyThreshold(terms=30).supports(factor, left, columns)
 
-    nested = nested_libraries(problem.rests, problem.own)
+    nested = nested_libraries(problem.terms, problem.own)
     one, two = (inclusion(problem, chosen, nested, [Counted()], np.random.default_rng(7), Threads()) for _ in range(2))
     np.testing.assert_array_equal(one, two)
     assert set(asked) == {chosen.guess}

@@ -62,7 +62,7 @@ def problem(request):
 
 @pytest.fixture(scope="module")
 def found(problem):
-    return sweep(problem.factor, problem.terms, nested_libraries(problem.rests, problem.own), [EnergyThreshold()])
+    return sweep(problem.factor, problem.terms, nested_libraries(problem.terms, problem.own), [EnergyThreshold()])
 
 
 @pytest.fixture(scope="module")

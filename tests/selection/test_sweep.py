@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from odescope.library.candidates import Library
-from odescope.library.expression import ONE, Name, Term
-from odescope.library.parse import Scope, parse_term
+from odescope.library.expression import Name
+from odescope.library.parse import Scope
 from odescope.library.tape import evaluate, write_tape
 from odescope.regression.factor import factorise
 from odescope.regression.proposers import BackwardElimination, EnergyThreshold
@@ -24,13 +24,13 @@ SCOPE = Scope.of(NAMES)
 
 
 def terms_of(*texts):
-    return Library.of(texts, SCOPE).terms
+    return Library.of(texts, SCOPE).products(["v_dot"])
 
 
 # {1, x, v, sin(x)} to degree 3, alone and times the target
-RICH = (Library.of(("x", "v", "sin(x)"), SCOPE).powers(3) * Library.of(("1", "v_dot"), SCOPE)).terms
+RICH = (Library.of(("x", "v", "sin(x)"), SCOPE).powers(3) * Library.of(("1", "v_dot"), SCOPE)).products(["v_dot"])
 PLACE = {term: j for j, term in enumerate(RICH)}
-OWN = tuple(j for j, term in enumerate(RICH) if "v_dot" in term.names)
+OWN = tuple(j for j, term in enumerate(RICH) if term.factor == "v_dot")
 
 
 def of(found):
@@ -104,7 +104,7 @@ def test_one_support_or_none_needs_no_linkage(count):
 
 def predicted(support, xi, columns, rows):
     """The target that a relation gives, by hand: -(terms without it) / (what multiplies it)."""
-    values = evaluate(write_tape(NAMES, RICH), columns)
+    values = evaluate(write_tape(NAMES, [p.expanded for p in RICH]), columns)
     target = columns[NAMES.index("v_dot")]
     top = sum(c * values[j] for j, c in zip(support, xi, strict=True) if j not in OWN)
     bottom = sum(c * values[j] / target for j, c in zip(support, xi, strict=True) if j in OWN)
@@ -117,36 +117,34 @@ def test_dividing_out_leaves_no_common_factor_and_the_same_prediction(support, s
     support = tuple(sorted({*support, OWN[seed % len(OWN)]}))
     if all(j in OWN for j in support):
         support = (0, *support)
-    relation, inverse = _primitive(support, RICH, PLACE)
+    quotients = _primitive(support, RICH, PLACE)
+    relation = tuple(sorted(quotients.values()))
     # A library of monomials holds every quotient: what is left is primitive.
-    common = [min(RICH[j].power_of(atom) for j in relation) for atom in {a for t in RICH for a, _ in t.factors}]
+    atoms = {atom for p in RICH for atom, _ in p.expanded.factors}
+    common = [min(RICH[j].expanded.power_of(atom) for j in relation) for atom in atoms]
     assert max(common) == 0
     assert len(relation) == len(support)
-    quotients = [PLACE[RICH[j] * inverse] for j in support]
-    assert tuple(sorted(quotients)) == relation
     rng = np.random.default_rng(seed)
     columns, xi = rng.uniform(0.5, 2.0, (3, 20)), rng.uniform(0.5, 2.0, len(support))
-    moved = dict(zip(quotients, xi, strict=True))
+    moved = {quotients[j]: c for j, c in zip(support, xi, strict=True)}
     np.testing.assert_allclose(
         predicted(relation, [moved[j] for j in relation], columns, 20), predicted(support, xi, columns, 20), rtol=1e-9
     )
-    assert _primitive(relation, RICH, PLACE) == (relation, ONE)
+    assert _primitive(relation, RICH, PLACE) == {j: j for j in relation}
 
 
 def test_a_quotient_that_the_library_lacks_leaves_the_relation_as_it_is():
     terms = terms_of("x*v", "x**2", "x*v_dot", "v", "v_dot")
     place = {term: j for j, term in enumerate(terms)}
-    assert _primitive((0, 1, 2), terms, place) == ((0, 1, 2), ONE)  # x**2/x = x is not there
-    relation, inverse = _primitive((0, 2), terms, place)
-    assert relation == (3, 4)
-    assert inverse == Term(((Name("x"), -1),))
+    assert _primitive((0, 1, 2), terms, place) == {0: 0, 1: 1, 2: 2}  # x**2/x = x is not there
+    assert _primitive((0, 2), terms, place) == {0: 3, 2: 4}
 
 
 def test_a_common_function_is_divided_out():
     terms = terms_of("sin(x)", "v*sin(x)", "v_dot*sin(x)", "1", "v", "v_dot", "cos(x)")
     place = {term: j for j, term in enumerate(terms)}
-    assert _primitive((0, 1, 2), terms, place)[0] == (3, 4, 5)
-    assert _primitive((0, 1, 6), terms, place) == ((0, 1, 6), ONE)
+    assert _primitive((0, 1, 2), terms, place) == {0: 3, 1: 4, 2: 5}
+    assert _primitive((0, 1, 6), terms, place) == {0: 0, 1: 1, 6: 6}
 
 
 # sweep
@@ -198,17 +196,16 @@ def planted():
     x, v = rng.uniform(-1, 1, (2, 4000))
     target = (2.0 - 3.0 * x * v) / (1 + 0.4 * x)
     columns = np.array([x, v, target + 1e-5 * rng.standard_normal(4000)])
-    terms = (Library.of(("x", "v"), SCOPE).powers(3) * Library.of(("1", "v_dot"), SCOPE)).terms
-    return terms, factorise([evaluate(write_tape(NAMES, terms), columns).T])
+    terms = (Library.of(("x", "v"), SCOPE).powers(3) * Library.of(("1", "v_dot"), SCOPE)).products(["v_dot"])
+    return terms, factorise([evaluate(write_tape(NAMES, [p.expanded for p in terms]), columns).T])
 
 
 @pytest.mark.parametrize("proposer", [EnergyThreshold(), BackwardElimination()], ids=lambda p: type(p).__name__)
 def test_a_planted_relation_is_found_from_each_of_its_terms(planted, proposer):
     terms, factor = planted
-    rests = [Term(tuple(f for f in t.factors if f[0] != Name("v_dot"))) for t in terms]
-    own = [j for j, t in enumerate(terms) if "v_dot" in t.names]
-    found = sweep(factor, terms, nested_libraries(rests, own), [proposer])
-    truth = tuple(sorted(terms.index(parse_term(t, SCOPE)) for t in ("1", "x*v", "v_dot", "x*v_dot")))
+    own = [j for j, p in enumerate(terms) if p.factor is not None]
+    found = sweep(factor, terms, nested_libraries(terms, own), [proposer])
+    truth = tuple(sorted(terms.index(p) for p in terms_of("1", "x*v", "v_dot", "x*v_dot")))
     guesses = dict(zip(found.supports, found.guesses, strict=True))
     assert sorted(guesses[truth]) == list(truth)
     assert len(set(found.supports)) == len(found.supports)
@@ -229,9 +226,8 @@ def test_the_sweep_gives_the_same_every_time(planted):
 
 
 def test_nested_libraries_grow_by_degree_and_keep_the_target():
-    rests = [Term(tuple(f for f in t.factors if f[0] != Name("v_dot"))) for t in RICH]
-    explicit, *by_degree = nested_libraries(rests, OWN)
-    degree = [sum(power for atom, power in t.factors if atom != Name("v_dot")) for t in RICH]
+    explicit, *by_degree = nested_libraries(RICH, OWN)
+    degree = [sum(power for atom, power in p.expanded.factors if atom != Name("v_dot")) for p in RICH]
     assert explicit == tuple(j for j, t in enumerate(RICH) if j not in OWN or t.text == "v_dot")
     assert by_degree == [tuple(j for j, d in enumerate(degree) if d <= k) for k in (1, 2, 3)]
     assert by_degree[-1] == tuple(range(len(RICH)))
@@ -239,5 +235,4 @@ def test_nested_libraries_grow_by_degree_and_keep_the_target():
 
 def test_a_library_of_one_degree_is_searched_whole():
     terms = terms_of("x", "v", "sin(x)", "v_dot")
-    rests = [*terms[:3], ONE]
-    assert nested_libraries(rests, (3,)) == ((0, 1, 2, 3),)
+    assert nested_libraries(terms, (3,)) == ((0, 1, 2, 3),)

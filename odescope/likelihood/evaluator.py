@@ -1,0 +1,157 @@
+"""The likelihood of segments around one structure: its cost, and its expansion with the initial states eliminated."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.likelihood.budget import Budget
+from odescope.likelihood.elimination import eliminate, substitute
+from odescope.likelihood.kernel import LANES, Averages, Sums, integrate
+from odescope.likelihood.program import Program
+from odescope.likelihood.segments import Segments
+
+LEAST = 1e-200  # information about a coefficient: what rounding leaves of none can be negative
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """Cost and its quadratic expansion after the initial states are eliminated.
+
+    Shapes: information (p, p) reduced Gauss-Newton matrix, gradient (p,) reduced; both of half the cost.
+    """
+
+    data_cost: float
+    defect_cost: float
+    information: FloatArray
+    gradient: FloatArray
+    log_det: float
+    factor: FloatArray
+    border: FloatArray
+    carry: FloatArray
+
+    @property
+    def cost(self) -> float:
+        """Data and defects together."""
+        return self.data_cost + self.defect_cost
+
+    @property
+    def finite(self) -> bool:
+        """Whether no sensitivity overflowed."""
+        return bool(np.isfinite(self.information).all() and np.isfinite(self.gradient).all())
+
+
+def scaled(information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the information as correlations, and the scale of each coefficient, its square root."""
+    scale = np.sqrt(np.maximum(np.diag(information), LEAST))
+    with np.errstate(over="ignore"):  # two coefficients of which the data say nothing: rounding over next to nothing
+        correlations: FloatArray = np.clip(information / scale / scale[:, None], -1.0, 1.0)
+    return correlations, scale
+
+
+@lru_cache(maxsize=1)
+def _pool(process: int) -> ThreadPoolExecutor:
+    """Return the threads of a process: none survive a fork, and to start them costs more than a small integration."""
+    return ThreadPoolExecutor(os.cpu_count() or 1, f"odescope-{process}")
+
+
+class Evaluator:
+    """Evaluates segments in two or more threads."""
+
+    def __init__(self, segments: Segments, substeps: int = 1, budget: Budget | None = None) -> None:
+        self.segments = segments
+        self.threads = os.cpu_count() or 1
+        self.substeps = substeps
+        self.budget = Budget() if budget is None else budget
+        # Inputs are parabolas over a step; finer steps take more of their values.
+        s = np.linspace(-1.0, 1.0, 2 * substeps + 1)
+        between = np.column_stack([0.5 * s * (s - 1.0), 1.0 - s**2, 0.5 * s * (s + 1.0)])
+        inputs = np.ascontiguousarray(np.einsum("kn,mni->mki", between, segments.inputs))
+        self._data = Averages(
+            1.0 / segments.noise, segments.step, substeps, segments.start, segments.count, segments.measured, inputs
+        )
+
+    def integrate(self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray) -> Sums:
+        """Return cost, gradient, Gauss-Newton matrix, end and its derivatives of every segment.
+
+        Args:
+            program: the parts.
+            theta: (parts,) coefficients.
+            free: parts that are parameters.
+            x0: (J, n) initial states.
+
+        Raises:
+            Stopped: the run is to end.
+        """
+        self.budget.spend(self.segments, program, len(free), self.substeps)
+        j, n, p = len(self.segments.start), x0.shape[1], len(free)
+        param = np.full(len(program.parts), -1, dtype=np.int64)
+        param[free] = np.arange(p)
+        out = Sums(
+            np.empty(j), np.empty((j, n + p)), np.empty((j, n + p, n + p)), np.empty((j, n)), np.empty((j, n, n + p))
+        )
+
+        def part(begin: int, end: int) -> None:
+            integrate(program.code, program.places, param, theta, p, self._data, x0, begin, end, out)
+
+        edges = np.linspace(0, j, min(self.threads, -(-j // LANES)) + 1).astype(int)
+        others = [_pool(os.getpid()).submit(part, a, b) for a, b in pairwise(edges[1:])]
+        part(0, edges[1])
+        for other in others:
+            other.result()
+        return out
+
+    def expand(
+        self,
+        program: Program,
+        theta: FloatArray,
+        free: IntArray,
+        x0: FloatArray,
+        defect_std: FloatArray,
+        damping: float = 0.0,
+        integrated: Sums | None = None,
+    ) -> Expansion | None:
+        """Return cost and expansion, or None where a segment blows up or the states' block is singular.
+
+        Args:
+            program: the parts.
+            theta: (parts,) coefficients.
+            free: parts that are parameters.
+            x0: (J, n) initial states.
+            defect_std: (n,) standard deviations of the defects between segments.
+            damping: of Levenberg and Marquardt: multiplies the diagonal by 1 + damping.
+            integrated: what `integrate` returned at the same place, if it was called before.
+        """
+        sums = self.integrate(program, theta, free, x0) if integrated is None else integrated
+        if not np.isfinite(sums.cost.sum()) or not np.all(np.isfinite(sums.last)):
+            return None
+        defects, information, reduced, factor, border, carry, log_det, ok = eliminate(
+            sums, x0, self._joined(defect_std), defect_std, damping
+        )
+        if not ok:
+            return None
+        return Expansion(float(sums.cost.sum()), defects, information, reduced, log_det, factor, border, carry)
+
+    def change(self, expansion: Expansion, defect_std: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Return the step of parameters and initial states that the expansion asks for."""
+        if len(expansion.gradient):
+            information, scale = scaled(expansion.information)
+            try:
+                solved = np.linalg.solve(information, -expansion.gradient / scale)
+            except np.linalg.LinAlgError:
+                return None
+            step = solved / scale
+        else:
+            step = np.zeros(0)
+        return step, substitute(expansion.factor, expansion.border, expansion.carry, self._joined(defect_std), step)
+
+    def _joined(self, defect_std: FloatArray) -> BoolArray:
+        """Return (J,) whether the end of a segment is tied to the begin of the next."""
+        joined: BoolArray = self.segments.joined & bool(np.all(np.isfinite(defect_std)))
+        return joined

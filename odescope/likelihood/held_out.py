@@ -1,0 +1,59 @@
+"""What searches do not see, and how free runs of it go."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.likelihood.searcher import Searcher
+from odescope.likelihood.segments import Segments
+
+FIFTH = 5  # one record in so many is held out; of fewer records, that part of each
+WINDOWS = 4  # free runs a stretch that is held out
+
+
+def held_out(segments: Segments) -> list[tuple[int, int]]:
+    """Return begin and end, in averages, of what searches do not see: every fifth record, or the end of each if few."""
+    if len(segments.runs) >= FIFTH:
+        return list(segments.runs[FIFTH - 1 :: FIFTH])
+    return [(end - (end - begin) // FIFTH, end) for begin, end in segments.runs]
+
+
+def without_held_out(segments: Segments) -> Segments:
+    """Return the segments that have nothing in common with what is held out."""
+    begin, end = segments.start, segments.start + segments.count
+    keep = np.ones(len(begin), dtype=np.bool_)
+    for low, high in held_out(segments):
+        keep &= (end <= low) | (begin >= high)
+    joined = segments.joined & np.append(keep[1:], False)
+    return replace(segments, start=begin[keep], count=segments.count[keep], joined=joined[keep])
+
+
+def free_run_error(searcher: Searcher, theta: FloatArray) -> float:
+    """Return the mean squared error of free runs over what is held out, saturating at 1.
+
+    They begin at smoothed states within every stretch, away from its edges where smoothing is poor, and last until its
+    end; errors are in units of the channel's variance over all records.
+    """
+    segments = searcher.segments
+    measured = segments.measured
+    windows = [
+        (low + (2 * k + 1) * (high - low) // (2 * WINDOWS + 2), high)
+        for low, high in held_out(segments)
+        for k in range(WINDOWS)
+    ]
+    start, end = np.array(windows, dtype=np.int64).T
+    loose = replace(
+        segments,
+        start=start,
+        count=end - start,
+        joined=np.zeros(len(start), dtype=np.bool_),
+        noise=np.maximum(measured.std(axis=0), 1e-300),
+    )
+    program, kept = searcher.program(np.flatnonzero(theta))
+    none = np.zeros(0, dtype=np.int64)
+    cost = searcher.on(loose).evaluator.integrate(program, theta[kept], none, segments.filtered[start]).cost
+    error = cost / (loose.count * measured.shape[1])
+    return float(np.mean(np.where(np.isfinite(error), error / (1.0 + error), 1.0)))

@@ -1,0 +1,146 @@
+"""Moves of a structure search: a part is added, dropped, or gone round to see whether it holds another's place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from odescope.arrays import FloatArray, IntArray
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.searcher import Move, Searcher
+
+LOOK_ALIKE = 40.0  # times its penalty: a part that earns more is in its place
+DETOUR = 6  # additions and drops until a search without a part has to be better than that with it
+GAIN = 0.5  # fall of the penalised cost that makes it better: fits are no more accurate than this
+HOPELESS = 10.0  # times the cost before: a detour that stands there is given up
+
+
+class Judge(Protocol):
+    """Says by what statistics parts come and go."""
+
+    @property
+    def trials(self) -> int:
+        """Parts tried by refitting before a move is given up."""
+
+    @property
+    def binding(self) -> bool:
+        """Whether a statistic decides alone and once: what was dropped or refused does not come back.
+
+        Otherwise the penalised cost of the refit decides.
+        """
+
+    def wald(self, here: Fit) -> FloatArray | None:
+        """Return the Wald statistics (p,) of the present parts, None where there are none to be had."""
+
+    def scores(self, here: Fit) -> FloatArray | None:
+        """Return the score statistics (parts,) of the absent parts, 0 for the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moves:
+    """Moves at one size of the defects.
+
+    Attributes:
+        searcher: data and candidates.
+        judge: see there.
+        width: of the defects, in smoothing errors of each state.
+        scale: residual variance, the unit of costs and statistics.
+        trail: collects the moves that were made.
+        barred: parts that may not come (back).
+    """
+
+    searcher: Searcher
+    judge: Judge
+    width: float
+    scale: float
+    trail: list[Move]
+    barred: set[int] = field(default_factory=set)
+
+    @property
+    def defect_std(self) -> FloatArray:
+        """Standard deviations of the defects, (n,)."""
+        return self.searcher.segments.spread * self.width
+
+    def penalised(self, found: Fit) -> float:
+        """Cost and the penalties of the present parts."""
+        return found.cost / self.scale + float(self.searcher.penalty[found.present].sum())
+
+    def without(self, here: Fit, k: int) -> Fit | None:
+        """Return the fit without a present part."""
+        theta = here.theta.copy()
+        theta[k] = 0.0
+        return self.searcher.fit(theta, here.present[here.present != k], here.x0, self.defect_std)
+
+    def having(self, here: Fit, k: int) -> Fit | None:
+        """Return the fit with an absent part."""
+        present: IntArray = np.union1d(here.present, [k])
+        return self.searcher.fit(here.theta, present, here.x0, self.defect_std)
+
+    def drop(self, here: Fit) -> Fit | None:
+        """Drop a part that is not worth its penalty; of look-alikes that are worthless together, only one is."""
+        wald, penalty = self.judge.wald(here), self.searcher.penalty[here.present]
+        if wald is None:
+            return None
+        wald = wald / self.scale
+        for weak in np.argsort(wald - penalty)[: 1 if self.judge.binding else self.judge.trials]:
+            if wald[weak] >= penalty[weak]:
+                return None
+            k = int(here.present[weak])
+            trial = self.without(here, k)
+            if trial is not None and (self.judge.binding or self.penalised(trial) <= self.penalised(here)):
+                self._note("drop", k, float(wald[weak]), trial)
+                if self.judge.binding:
+                    self.barred.add(k)
+                return trial
+        return None
+
+    def add(self, here: Fit) -> Fit | None:
+        """Add a part that is worth its penalty."""
+        scores = self.judge.scores(here)
+        if scores is None:
+            return None
+        scores = scores / self.scale
+        scores[list(self.barred)] = 0.0
+        earned = scores - self.searcher.penalty
+        for k in np.argsort(earned)[::-1][: self.judge.trials].tolist():
+            if earned[k] < 0.0:
+                return None
+            trial = self.having(here, k)
+            if trial is not None and self.penalised(trial) < self.penalised(here):
+                self._note("add", k, float(scores[k]), trial)
+                return trial
+            if self.judge.binding:
+                self.barred.add(k)
+        return None
+
+    def look_back(self, here: Fit) -> Fit | None:
+        """Return the end of a search that a thin part is barred from, if it is better.
+
+        A part that came early may hold the place of another, or with others that of several; once it is gone, the
+        scores of the right ones stand out.
+        """
+        wald = self.judge.wald(here)
+        if wald is None:
+            return None
+        wald = wald / self.scale
+        for weak in np.argsort(wald):
+            k = int(here.present[weak])
+            if wald[weak] > LOOK_ALIKE * self.searcher.penalty[k]:
+                return None
+            detour = replace(self, trail=[], barred={k})
+            there = detour.without(here, k)
+            if there is not None:
+                detour._note("drop", k, float(wald[weak]), there)
+            for _ in range(DETOUR):
+                if there is None or there.cost > HOPELESS * here.cost or self.searcher.budget.over:
+                    break
+                if self.penalised(there) < self.penalised(here) - GAIN:
+                    self.trail.extend(detour.trail)
+                    return there
+                there = detour.drop(there) or detour.add(there)
+        return None
+
+    def _note(self, action: str, k: int, statistic: float, after: Fit) -> None:
+        self.trail.append(self.searcher.move(self.width, action, k, statistic, after))
