@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,16 +16,21 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from odescope.errors import InputError, NoModelError
+from odescope.events import Event, Monitor, Progress
 from odescope.library.candidates import Library
 from odescope.likelihood.account import likelihood_notes
 from odescope.likelihood.refine import Refinement, refine
 from odescope.model.model import Json, Model
 from odescope.model.notebook import model_html
+from odescope.parallel.dask_cluster import open_workers
 from odescope.parallel.memory import peak_bytes
-from odescope.parallel.workers import Workers, workers
+from odescope.parallel.workers import Workers
 from odescope.pipeline.evaluation import domain, provenance, scores
+from odescope.pipeline.fingerprint import fingerprint
 from odescope.pipeline.joint_models import Search, adopt, as_adopted, plain, proposals
-from odescope.pipeline.streaming import Log, Plan, Store, open_log, reduce_all
+from odescope.pipeline.reduce import Plan, reduce_all
+from odescope.pipeline.sample import Sample, open_recordings
+from odescope.pipeline.store import Store
 from odescope.recordings.checks import check_channels
 from odescope.recordings.coordinate import Input
 from odescope.recordings.readers import records_from
@@ -38,7 +42,7 @@ from odescope.selection.ranking import Candidate, rank
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
 from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
 from odescope.signals.estimate import Signals, estimate_signals
-from odescope.signals.outliers import clip_outliers
+from odescope.signals.outliers import clip_outliers, count_clipped, settle_clipping
 from odescope.study.options import Study
 
 SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out, unless all are
@@ -96,8 +100,8 @@ class Identification:
         if streamed := self.model.scores.get("streamed"):
             told: Any = streamed
             notes[
-                f"{told['rows']:,} rows were read in {told['portions']} portions: all of them count in the regression;"
-                f" cutoffs, ranking, likelihood and report rest on {told['sampled']} of the portions"
+                f"{told['rows']:,} rows were read in {told['portions']} chunks: all of them count in the regression;"
+                f" cutoffs, ranking, likelihood and report rest on {told['sampled']} of the chunks"
             ] = None
         delays: Any = self.model.scores.get("delays", {})
         notes |= {
@@ -142,8 +146,8 @@ def identify(
         NoModelError: the data support no model; the error names the stage.
     """
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
-    with threadpool_limits(1, "blas"), workers(cluster) as hands:
-        return _identify(study, data, watch, draft, hands, store)
+    with threadpool_limits(1, "blas"), open_workers(cluster) as workers:
+        return _identify(study, data, watch, draft, workers, store)
 
 
 def _identify(
@@ -151,7 +155,7 @@ def _identify(
     data: Any,
     watch: Watch,
     draft: Callable[[Identification], None],
-    hands: Workers,
+    workers: Workers,
     store: Path | None,
 ) -> Identification:
     seconds: dict[str, float] = {}
@@ -167,20 +171,25 @@ def _identify(
         memory[name] = peak_bytes()
 
     with stage("records"):
-        log = open_log(study.data, study.layout(), _kept_in(store, study)) if data is None else _given(study, data)
-        check_channels(log.records, coordinates, study.driven())
+        sample = (
+            open_recordings(study.data, study.layout(), _kept_in(store, study)) if data is None else _given(study, data)
+        )
+        check_channels(sample.records, coordinates, study.driven())
     with stage("library"):
         libraries = [study.candidates(c.target) for c in coordinates]
         for c, library in zip(coordinates, libraries, strict=True):
-            if log.records.samples < len(library):
+            if sample.records.samples < len(library):
                 raise InputError(
-                    f"{log.records.samples} samples cannot decide between {len(library)} candidate terms for"
+                    f"{sample.records.samples} samples cannot decide between {len(library)} candidate terms for"
                     f" {c.target}: record longer, or shrink the library ([library] degree, basis or rules)"
                 )
-    records, outliers, clipping = log.records, dict[str, int](), None
+    records, outliers, clipping = sample.records, dict[str, int](), None
     if study.signals.outliers == "clip":
         with stage("signals"):
-            records, outliers, clipping = clip_outliers(records, coordinates, study.signals.differentiator)
+            clipping = settle_clipping(records, coordinates, study.signals.differentiator)
+            clipped = clip_outliers(records.stretches, coordinates, study.signals.differentiator, clipping)
+            outliers = count_clipped(records.stretches, clipped, coordinates)
+            records = Records.of(s.record for s in clipped)
     inputs, delays = study.driven(), dict[str, Delay]()
     wanted = [name for name, i in study.inputs.items() if i.delay == "estimate"]
     if wanted:
@@ -189,21 +198,22 @@ def _identify(
         inputs = with_delays(inputs, {name: d.seconds for name, d in delays.items()})
     lead = max((abs(i.delay) for i in inputs), default=0.0) or None
     with stage("signals"):
-        records = delayed(records, inputs, lead)
+        records = Records.of(s.record for s in delayed(records.stretches, inputs, lead))
         signals = _signals(study, records, inputs)
         shortest = SHORTEST / min(c.cutoff for c in signals.channels)
         long = [run.duration >= shortest for run in records]
         left_out = long.count(False) if any(long) else 0
         if left_out:  # a piece of an oscillation has no derivative worth fitting
-            log, records = log.without([not kept for kept in long]), Records(tuple(compress(records, long)))
+            sample = sample.without([not kept for kept in long])
+            records = Records(tuple(compress(records, long)))
             signals = _signals(study, records, inputs)
     with stage("regression"):
         problems = [
-            pose(signals, c.target, c.order, library, study.regression.rows, log.folds)
+            pose(signals, c.target, c.order, library, study.regression.rows, sample.folds)
             for c, library in zip(coordinates, libraries, strict=True)
         ]
     whole = None
-    if not log.complete or (log.portions and hands.remote):
+    if not sample.complete:
         with stage("recordings"):
             options = study.signals
             plan = Plan(
@@ -211,7 +221,7 @@ def _identify(
                 shortest if any(long) else 0.0, replace(signals, columns=(), start=()),
                 tuple(p.library for p in problems),
             )  # fmt: skip
-            whole = reduce_all(log, plan, problems, hands, watch)
+            whole = reduce_all(sample, plan, problems, workers, Monitor(lambda event: _heard(event, watch)))
             problems = list(whole.problems)
     searches = []
     for problem, library in zip(problems, libraries, strict=True):
@@ -229,14 +239,14 @@ def _identify(
         chosen, model = proposed[0]
     with stage("bootstrap"):
         rng = np.random.default_rng(study.random.seed)
-        searches = [_drawn_anew(study, s, c, rng, hands) for s, c in zip(searches, chosen, strict=True)]
-    draft(Identification(study, log.records, signals, tuple(searches), chosen, model, None, seconds, memory))
+        searches = [_drawn_anew(study, s, c, rng, workers) for s, c in zip(searches, chosen, strict=True)]
+    draft(Identification(study, sample.records, signals, tuple(searches), chosen, model, None, seconds, memory))
     refinement = None
     if study.likelihood.enabled:
         with stage("likelihood"):
             starts = [m.relations for _, m in proposed]
             bare = [plain(s, c, signals.targets) for s, c in zip(searches, chosen, strict=True)]
-            refinement = refine(records, signals, problems, starts, bare, study.likelihood, watch, hands)
+            refinement = refine(records, signals, problems, starts, bare, study.likelihood, watch, workers)
             model, refinement = adopt(model, refinement, signals)
             chosen = tuple(
                 as_adopted(s, c, r, signals.targets) for s, c, r in zip(searches, chosen, model.relations, strict=True)
@@ -249,15 +259,20 @@ def _identify(
             told["outliers"] = dict[str, Json](outliers)
         if delays:
             told["delays"] = {n: {"delay": d.seconds, "std_error": d.std_error} for n, d in delays.items()}
-        if not log.complete and whole is not None:
-            told["streamed"] = {"rows": whole.rows, "portions": whole.portions, "sampled": len(log.portions)}
+        if whole is not None:
+            told["streamed"] = {"rows": whole.rows, "portions": whole.chunks, "sampled": len(sample.chunks)}
         model = replace(model, scores=told, domain=domain(signals, model, whole))
         model = replace(model, provenance=provenance(study, signals, whole))
-    return Identification(study, log.records, signals, tuple(searches), chosen, model, refinement, seconds, memory)
+    return Identification(study, sample.records, signals, tuple(searches), chosen, model, refinement, seconds, memory)
 
 
-def _given(study: Study, data: Any) -> Log:
-    return Log(data if isinstance(data, Records) else records_from(data, study.layout()))
+def _heard(event: Event, watch: Watch) -> None:
+    if isinstance(event, Progress):
+        watch(f"{event.stage}: {event.done} of {event.total} {event.part}s, {event.seconds_left or 0.0:.0f} s left")
+
+
+def _given(study: Study, data: Any) -> Sample:
+    return Sample(data if isinstance(data, Records) else records_from(data, study.layout()))
 
 
 def _kept_in(folder: Path | None, study: Study) -> Store | None:
@@ -274,12 +289,12 @@ def _kept_in(folder: Path | None, study: Study) -> Store | None:
         study.signals,
         study.regression.rows,
     )
-    return Store(folder, hashlib.sha256(msgspec.json.encode(options)).hexdigest())
+    return Store(folder, fingerprint(options))
 
 
 def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals:
     options = study.signals
-    return estimate_signals(records, study.measured(), inputs, options.differentiator, options.margin, options.thin)
+    return estimate_signals(records, study.measured(), inputs, options.differentiator, options.margin, options.decimate)
 
 
 def _swept(study: Study, problem: Problem) -> Sweep:
@@ -293,10 +308,12 @@ def _nested(study: Study, problem: Problem) -> tuple[Support, ...]:
     return nested_libraries(problem.rests, problem.own) if study.regression.nested else whole
 
 
-def _drawn_anew(study: Study, search: Search, chosen: Candidate, rng: np.random.Generator, hands: Workers) -> Search:
+def _drawn_anew(study: Study, search: Search, chosen: Candidate, rng: np.random.Generator, workers: Workers) -> Search:
     """Return the search with the inclusion of every term."""
     nested = _nested(study, search.problem)
-    return replace(search, inclusion=inclusion(search.problem, chosen, nested, study.regression.proposers, rng, hands))
+    return replace(
+        search, inclusion=inclusion(search.problem, chosen, nested, study.regression.proposers, rng, workers)
+    )
 
 
 def _delays(study: Study, records: Records, libraries: Sequence[Library], wanted: Sequence[str]) -> dict[str, Delay]:
@@ -306,7 +323,8 @@ def _delays(study: Study, records: Records, libraries: Sequence[Library], wanted
     lead = (LARGEST + 1.0) * period + max(abs(i.delay) for i in inputs)
 
     def cost(delays: Mapping[str, float]) -> float:
-        signals = _signals(study, delayed(records, with_delays(inputs, delays), lead), inputs)
+        acted = delayed(records.stretches, with_delays(inputs, delays), lead)
+        signals = _signals(study, Records.of(s.record for s in acted), inputs)
         total = 0.0
         for c, library in zip(study.measured(), libraries, strict=True):
             problem = pose(signals, c.target, c.order, library, study.regression.rows)
