@@ -49,7 +49,7 @@ def split(frame: pd.DataFrame, study: Study) -> tuple[Records, Records]:
 
 def signals_of(study: Study, records: Records) -> Signals:
     return estimate_signals(
-        records, study.measured(), study.driven(), study.signals.differentiator, margin=0.0, thin=False
+        records, study.measured(), study.driven(), study.signals.differentiator, margin=0.0, decimate=False
     )
 
 

@@ -14,8 +14,9 @@ from odescope.export.model_file import read_model
 from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
 from odescope.model.simulation import Trajectory, simulate
-from odescope.recordings.readers import Layout, column_names, read_records
-from odescope.recordings.record import Record
+from odescope.recordings.layout import Layout
+from odescope.recordings.readers import column_names, read_records
+from odescope.recordings.record import Record, Records
 from odescope.signals.delays import delayed
 
 TIME_NAMES = ("t", "time", "Time", "T", "TIME")
@@ -50,7 +51,8 @@ def free_runs(
         held=frozenset(i.name for i in model.inputs if i.hold == "zero"),
         recording=recording,
     )
-    records = delayed(read_records([data_path], layout), model.inputs)
+    stretches = delayed(read_records([data_path], layout).stretches, model.inputs)
+    records = Records.of(s.record for s in stretches)
     out, notes = io.StringIO(), []
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow((*(() if recording is None else (recording,)), time or "t", *model.states))

@@ -14,7 +14,7 @@ from odescope.model.explicit import denominator_ranges
 from odescope.model.model import Json, Model
 from odescope.model.simulation import simulate
 from odescope.pipeline.joint_models import Search, samples_of
-from odescope.pipeline.streaming import Whole
+from odescope.pipeline.reduce import Whole
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study

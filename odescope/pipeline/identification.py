@@ -15,9 +15,10 @@ from odescope.likelihood.account import likelihood_notes
 from odescope.likelihood.refine import Refinement
 from odescope.model.model import Json, Model
 from odescope.model.notebook import model_html
-from odescope.parallel.workers import workers
+from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.evaluation import domain, provenance, scores
 from odescope.pipeline.joint_models import Search
+from odescope.pipeline.reduce import Whole
 from odescope.pipeline.stages import (
     Chosen,
     Filtered,
@@ -30,7 +31,6 @@ from odescope.pipeline.stages import (
     refine_model,
     search_all,
 )
-from odescope.pipeline.streaming import Whole
 from odescope.recordings.record import Records
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
@@ -89,8 +89,8 @@ class Identification:
         if streamed := self.model.scores.get("streamed"):
             told: Any = streamed
             notes[
-                f"{told['rows']:,} rows were read in {told['portions']} portions: all of them count in the regression;"
-                f" cutoffs, ranking, likelihood and report rest on {told['sampled']} of the portions"
+                f"{told['rows']:,} rows were read in {told['portions']} chunks: all of them count in the regression;"
+                f" cutoffs, ranking, likelihood and report rest on {told['sampled']} of the chunks"
             ] = None
         delays: Any = self.model.scores.get("delays", {})
         notes |= {
@@ -155,8 +155,8 @@ def identify(
     """
     monitor = Monitor(watch or unheard, stop or never)
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
-    with threadpool_limits(1, "blas"), workers(cluster) as hands:
-        result = _identified(Work(study, monitor, hands), data, store)
+    with threadpool_limits(1, "blas"), open_workers(cluster) as workers:
+        result = _identified(Work(study, monitor, workers), data, store)
     monitor.tell(EquationsReady(result))
     for note in result.notes:
         monitor.tell(Note(note))
@@ -174,7 +174,7 @@ def _identified(work: Work, data: Records | Table | Sequence[Table] | None, stor
     searches = draw_anew(work, searches, chosen)
 
     def result(chosen: Chosen, model: Model, refinement: Refinement | None) -> Identification:
-        records, signals = filtered.log.records, filtered.signals
+        records, signals = filtered.sample.records, filtered.signals
         return Identification(
             work.study, records, signals, searches, chosen, model, refinement, work.seconds, work.memory
         )
@@ -196,7 +196,7 @@ def _judged(
     whole: Whole | None,
 ) -> Model:
     """Return the model with its scores, its domain and what it was made from."""
-    signals, log = filtered.signals, filtered.log
+    signals, sample = filtered.signals, filtered.sample
     told = scores(model, signals, searches, chosen, refinement, study.random.seed)
     if filtered.left_out:
         told["left_out"] = filtered.left_out
@@ -204,7 +204,7 @@ def _judged(
         told["outliers"] = dict[str, Json](filtered.outliers)
     if filtered.delays:
         told["delays"] = {n: {"delay": d.seconds, "std_error": d.std_error} for n, d in filtered.delays.items()}
-    if not log.complete and whole is not None:
-        told["streamed"] = {"rows": whole.rows, "portions": whole.portions, "sampled": len(log.portions)}
+    if whole is not None:
+        told["streamed"] = {"rows": whole.rows, "portions": whole.chunks, "sampled": len(sample.chunks)}
     found_in = domain(signals, model, whole)
     return replace(model, scores=told, domain=found_in, provenance=provenance(study, signals, whole))

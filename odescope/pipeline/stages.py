@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from importlib.metadata import version
 from itertools import compress, islice
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from odescope.arrays import Table
 from odescope.errors import InputError, NoModelError
-from odescope.events import Monitor, Note, StageBegan
+from odescope.events import Monitor, StageBegan
 from odescope.library.candidates import Library
 from odescope.likelihood.refine import Refinement, refine
 from odescope.model.model import Model
 from odescope.parallel.memory import peak_bytes
 from odescope.parallel.workers import Workers
+from odescope.pipeline.fingerprint import fingerprint
 from odescope.pipeline.joint_models import Search, adopt, as_adopted, plain, proposals
-from odescope.pipeline.keys import store_of
-from odescope.pipeline.streaming import Log, Plan, Whole, open_log, reduce_all
+from odescope.pipeline.reduce import Plan, Whole, reduce_all
+from odescope.pipeline.sample import Sample, open_recordings
+from odescope.pipeline.store import Store
 from odescope.recordings.checks import check_channels
 from odescope.recordings.coordinate import Input
 from odescope.recordings.readers import records_from
@@ -34,15 +38,11 @@ from odescope.selection.ranking import Candidate, rank
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
 from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
 from odescope.signals.estimate import Signals, estimate_signals
-from odescope.signals.outliers import Clipping, clip_outliers
+from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, settle_clipping
 from odescope.study.options import Study
+from odescope.study.pieces import versions
 
 SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out, unless all are
-
-NOT_KEPT = (
-    "nothing of this run is kept for another: its differentiator or rows are of one's own and offered by no installed"
-    " package, so that a later run could not tell whether they are the same"
-)
 
 Chosen = tuple[Candidate, ...]  # one candidate a target
 
@@ -56,7 +56,7 @@ class Work:
 
     study: Study
     monitor: Monitor
-    hands: Workers
+    workers: Workers
     seconds: dict[str, float] = field(default_factory=dict)
     memory: dict[str, int | None] = field(default_factory=dict)
 
@@ -77,14 +77,14 @@ class Work:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """The log, as far as it stands in memory, and the library of each target."""
+    """The recordings, as far as they stand in memory, and the library of each target."""
 
-    log: Log
+    sample: Sample
     libraries: tuple[Library, ...]
 
 
 def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: Path | None) -> Prepared:
-    """Return the log, checked, and the libraries.
+    """Return the recordings, checked, and the libraries.
 
     Args:
         work: whose study names the columns.
@@ -97,33 +97,42 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
     study = work.study
     with work.stage("records"):
         if data is None:
-            log = open_log(study.data, study.layout(), store_of(store, study))
-            if store is not None and log.store is None and not log.complete:
-                work.monitor.tell(Note(NOT_KEPT))
+            sample = open_recordings(study.data, study.layout(), None if store is None else kept_in(store, study))
         else:
-            log = Log(data if isinstance(data, Records) else records_from(data, study.layout()))
-        check_channels(log.records, study.measured(), study.driven())
+            sample = Sample(data if isinstance(data, Records) else records_from(data, study.layout()))
+        check_channels(sample.records, study.measured(), study.driven())
     with work.stage("library"):
         libraries = tuple(study.candidates(c.target) for c in study.measured())
         for c, library in zip(study.measured(), libraries, strict=True):
-            if log.records.samples < len(library):
+            if sample.records.samples < len(library):
                 raise InputError(
-                    f"{log.records.samples} samples cannot decide between {len(library)} candidate terms for"
+                    f"{sample.records.samples} samples cannot decide between {len(library)} candidate terms for"
                     f" {c.target}: record longer, or shrink the library ([library] degree, basis or rules)"
                 )
-    return Prepared(log, libraries)
+    return Prepared(sample, libraries)
+
+
+def kept_in(folder: Path, study: Study) -> Store:
+    """Return where a study keeps its factors: they depend on the options up to the rows of the regression.
+
+    Raises:
+        InputError: a piece of one's own cannot be compared with that of another run.
+    """
+    data = msgspec.structs.replace(study.data, files=())
+    options = (study.coordinates, study.inputs, study.library, study.signals, study.regression.rows)
+    return Store(folder, fingerprint((version("odescope"), versions(study), data, options)))
 
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
     """The signals, and what was done to the records on the way to them.
 
-    `log` holds the records as they were recorded, `records` those less outliers and delays; recordings shorter than
+    `sample` holds the records as they were recorded, `records` those less outliers and delays; recordings shorter than
     `shortest` seconds are gone from both, and `left_out` counts them. `lead` is dropped at the ends for the sake of
     delays, in seconds.
     """
 
-    log: Log
+    sample: Sample
     records: Records
     signals: Signals
     inputs: tuple[Input, ...]
@@ -136,16 +145,16 @@ class Filtered:
 
 
 def estimate(work: Work, prepared: Prepared) -> Filtered:
-    """Return the signals of the log: outliers clipped, delays estimated, too short recordings left out.
+    """Return the signals of the recordings: outliers clipped, delays estimated, too short recordings left out.
 
     Raises:
         NoModelError: a coordinate holds nothing above its noise.
     """
-    study, log = work.study, prepared.log
-    records, outliers, clipping = log.records, dict[str, int](), None
+    study, sample = work.study, prepared.sample
+    records, outliers, clipping = sample.records, dict[str, int](), None
     if study.signals.outliers == "clip":
         with work.stage("signals"):
-            records, outliers, clipping = clip_outliers(records, study.measured(), study.signals.differentiator)
+            records, outliers, clipping = _clipped(study, records)
     inputs, delays = tuple(study.driven()), dict[str, Delay]()
     wanted = [name for name, i in study.inputs.items() if i.delay == "estimate"]
     if wanted:
@@ -154,22 +163,37 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
         inputs = tuple(with_delays(inputs, {name: d.seconds for name, d in delays.items()}))
     lead = max((abs(i.delay) for i in inputs), default=0.0) or None
     with work.stage("signals"):
-        records = delayed(records, inputs, lead)
+        records = _acted(records, inputs, lead)
         signals = _signals(study, records, inputs)
         shortest = SHORTEST / min(c.cutoff for c in signals.channels)
         long = [run.duration >= shortest for run in records]
         left_out = long.count(False) if any(long) else 0
         if left_out:  # a piece of an oscillation has no derivative worth fitting
-            log, records = log.without([not kept for kept in long]), Records(tuple(compress(records, long)))
+            sample = sample.without([not kept for kept in long])
+            records = Records(tuple(compress(records, long)))
             signals = _signals(study, records, inputs)
     return Filtered(
-        log, records, signals, inputs, lead, delays, clipping, outliers, shortest if any(long) else 0.0, left_out
+        sample, records, signals, inputs, lead, delays, clipping, outliers, shortest if any(long) else 0.0, left_out
     )
+
+
+def _clipped(study: Study, records: Records) -> tuple[Records, dict[str, int], Clipping]:
+    """Return the records without outliers, how many there were, and what they were told by."""
+    coordinates, differentiator = study.measured(), study.signals.differentiator
+    clipping = settle_clipping(records, coordinates, differentiator)
+    clipped = clip_outliers(records.stretches, coordinates, differentiator, clipping)
+    counts = count_clipped(records.stretches, clipped, coordinates)
+    return Records.of(s.record for s in clipped), counts, clipping
+
+
+def _acted(records: Records, inputs: Sequence[Input], lead: float | None) -> Records:
+    """Return the records with the inputs as late as they act."""
+    return Records.of(s.record for s in delayed(records.stretches, inputs, lead))
 
 
 def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals:
     options = study.signals
-    return estimate_signals(records, study.measured(), inputs, options.differentiator, options.margin, options.thin)
+    return estimate_signals(records, study.measured(), inputs, options.differentiator, options.margin, options.decimate)
 
 
 def _delays(work: Work, records: Records, libraries: Sequence[Library], wanted: Sequence[str]) -> dict[str, Delay]:
@@ -180,7 +204,7 @@ def _delays(work: Work, records: Records, libraries: Sequence[Library], wanted: 
 
     def cost(delays: Mapping[str, float]) -> float:
         work.monitor.check()
-        signals = _signals(study, delayed(records, with_delays(inputs, delays), lead), inputs)
+        signals = _signals(study, _acted(records, with_delays(inputs, delays), lead), inputs)
         total = 0.0
         for c, library in zip(study.measured(), libraries, strict=True):
             problem = pose(signals, c.target, c.order, library, study.regression.rows)
@@ -194,23 +218,23 @@ def _delays(work: Work, records: Records, libraries: Sequence[Library], wanted: 
 
 
 def pose_all(work: Work, prepared: Prepared, filtered: Filtered) -> tuple[tuple[Problem, ...], Whole | None]:
-    """Return the regression problem of each target, and what is kept of a log that is reduced portion by portion.
+    """Return the regression problem of each target, and what is kept of recordings that do not fit in memory.
 
     Args:
         work: whose study says how rows are made.
         prepared: the libraries.
-        filtered: the signals of the log, or of a sample of it.
+        filtered: the signals of the recordings, or of a sample of them.
 
     Raises:
-        InputError: a candidate is not finite, or a portion cannot be read.
+        InputError: a candidate is not finite, or a chunk cannot be read.
     """
-    study, log, hands = work.study, filtered.log, work.hands
+    study, sample = work.study, filtered.sample
     with work.stage("regression"):
         problems = tuple(
-            pose(filtered.signals, c.target, c.order, library, study.regression.rows, log.folds)
+            pose(filtered.signals, c.target, c.order, library, study.regression.rows, sample.folds)
             for c, library in zip(study.measured(), prepared.libraries, strict=True)
         )
-    if log.complete and not (log.portions and hands.remote):
+    if sample.complete:
         return problems, None
     with work.stage("recordings"):
         plan = Plan(
@@ -218,7 +242,7 @@ def pose_all(work: Work, prepared: Prepared, filtered: Filtered) -> tuple[tuple[
             filtered.clipping, filtered.shortest, replace(filtered.signals, columns=(), start=()),
             tuple(p.library for p in problems),
         )  # fmt: skip
-        whole = reduce_all(log, plan, problems, hands, _spoken(work.monitor))
+        whole = reduce_all(sample, plan, problems, work.workers, work.monitor)
     return whole.problems, whole
 
 
@@ -309,8 +333,8 @@ def draw_anew(work: Work, searches: Sequence[Search], chosen: Chosen) -> tuple[S
             work.monitor.check()
             nested = _nested(study, search.problem)
             # Nobody on another machine could be asked whether to stop.
-            proposers = study.regression.proposers if work.hands.remote else _interruptible(work)
-            shares = inclusion(search.problem, candidate, nested, proposers, rng, work.hands)
+            proposers = study.regression.proposers if work.workers.remote else _interruptible(work)
+            shares = inclusion(search.problem, candidate, nested, proposers, rng, work.workers)
             drawn.append(replace(search, inclusion=shares))
     return tuple(drawn)
 
@@ -340,18 +364,8 @@ def refine_model(
             work.study.signals.differentiator,
             options,
             work.monitor,
-            work.hands,
+            work.workers,
         )
         model, refinement = adopt(model, refinement, signals)
         chosen = tuple(as_adopted(s, c, r) for s, c, r in zip(searches, chosen, model.relations, strict=True))
     return chosen, model, refinement
-
-
-def _spoken(monitor: Monitor) -> Callable[[str], None]:
-    """Return what takes the sentences of a stage that does not tell events yet."""
-
-    def watch(text: str) -> None:
-        monitor.check()
-        monitor.tell(StageBegan(text))
-
-    return watch

@@ -16,7 +16,7 @@ from odescope.library.parse import Definition, Scope
 from odescope.library.rules import AnyRule
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.recordings.coordinate import Coordinate, Input
-from odescope.recordings.readers import Layout
+from odescope.recordings.layout import Layout
 from odescope.regression.proposers import EnergyThreshold
 from odescope.regression.rows import NoiseWeighted
 from odescope.selection.ranking import Ranking
@@ -33,9 +33,9 @@ else:
 
 
 class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the recordings are and how they are laid out; see `odescope.recordings.readers.Layout`.
+    """Where the recordings are and how they are laid out; see `odescope.recordings.layout.Layout`.
 
-    `memory` is what an identification may take, in MB: of a longer log the portions are read one by one.
+    `memory` is what an identification may take, in MB: of a longer log the chunks are read one by one.
     """
 
     files: tuple[str, ...] = ()
@@ -108,7 +108,7 @@ class Filtering(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     differentiator: AnyDifferentiator = Spectral()
     margin: Annotated[float, msgspec.Meta(ge=0.0)] = 0.5
-    thin: bool = True
+    decimate: bool = True
     outliers: Literal["keep", "clip"] = "keep"
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from msgspec import structs
 
 from odescope.errors import InputError
 from odescope.pipeline.identification import identify
-from odescope.pipeline.keys import store_of
+from odescope.pipeline.stages import kept_in
 from odescope.regression.proposers import BackwardElimination
 from odescope.regression.rows import NoiseWeighted
 from odescope.report.assemble import summary
@@ -193,10 +193,8 @@ def test_an_object_of_a_script_goes_through_report_store_and_study_file(place, t
     assert back.regression == Regression()
     assert back.signals == Filtering(margin=study.signals.margin)
     assert back.library == study.library
-    kept = store_of(tmp_path, study)
-    assert (kept is None) == (place != "proposers")  # proposers do not touch what is kept
-    if kept:
-        assert kept == store_of(tmp_path, BARE)
+    # Proposers do not touch what is kept.
+    assert (kept_in(tmp_path, study) == kept_in(tmp_path, BARE)) == (place == "proposers")
 
 
 def test_of_several_proposers_those_with_a_name_are_written(package):
@@ -225,13 +223,13 @@ def test_what_is_kept_goes_by_the_version_of_the_package(package, tmp_path):
     def named(share):
         return Study(coordinates={"x": Measured()}, signals=Filtering(differentiator=package.Halved(share)))
 
-    one = store_of(tmp_path, named(0.5))
-    assert one == store_of(tmp_path, named(0.5))
-    assert one != store_of(tmp_path, named(0.6))
+    one = kept_in(tmp_path, named(0.5))
+    assert one == kept_in(tmp_path, named(0.5))
+    assert one != kept_in(tmp_path, named(0.6))
     about = Path(package.__file__).parents[1] / "vibrations-2.5.dist-info" / "METADATA"
     old = about.read_text()
     about.write_text(old.replace("2.5", "2.6"))
     try:
-        assert one != store_of(tmp_path, named(0.5))
+        assert one != kept_in(tmp_path, named(0.5))
     finally:
         about.write_text(old)

@@ -192,7 +192,7 @@ STUDIES = {
             functions={"f(v)": "v/(1.0 + v)"},
             coupled=True,
         ),
-        signals=Filtering(differentiator=Spectral(FixedCutoff(frequency=1 / 3)), margin=0.0, thin=False),
+        signals=Filtering(differentiator=Spectral(FixedCutoff(frequency=1 / 3)), margin=0.0, decimate=False),
         regression=Regression(
             rows=PlainRows(), proposers=(CoefficientThreshold(low=1e-300), BackwardElimination()), nested=False
         ),
