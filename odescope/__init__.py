@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 __version__ = "0.1.0"
 
-# Heavy modules load when a name of theirs is first used, so that importing odescope stays quick.
+# Heavy modules load when a name of theirs is first used, so that importing odescope stays quick. Type checkers read
+# __init__.pyi instead, which is drawn from this table: ./run python .ci/stub.py.
 _HOMES = {
     "errors": ("InputError", "NoModelError", "OdescopeError", "Stopped", "WorkersLostError"),
     "recordings.record": ("Record", "Records"),
@@ -51,9 +52,6 @@ _HOMES = {
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = ["__version__", *sorted(_HOME)]
-
-if TYPE_CHECKING:
-    from odescope.pipeline.identification import identify as identify
 
 
 def __getattr__(name: str) -> Any:

@@ -90,8 +90,69 @@ def test_links_lead_somewhere() -> None:
     for page in (ROOT / "README.md", *ROOT.glob("docs/*.md")):
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
-        for command in re.findall(r"python (bench/\w+\.py)", page.read_text(encoding="utf-8")):
+        for command in re.findall(r"python ((?:bench|docs)/\w+\.py)", page.read_text(encoding="utf-8")):
             assert (ROOT / command).exists()
+
+
+PAGES = [p for p in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md"))) if p.exists()]
+PATH = re.compile(
+    r"(?<![\w/.])(?:(?:odescope|tests|bench|docs|\.ci|\.github)/[\w./-]*|\.?/?[\w.-]+\.(?:py|md|toml|cff|yaml))"
+)
+MADE_BY_COMMANDS = {"model.json", "study.toml", "model.py", "study.md"}  # what pages say that odescope writes
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_paths_that_a_page_names_exist(page: Path) -> None:
+    """Code spans that look like a path of the repository; a module may be named from odescope/ on, as `signals/`."""
+    missing = []
+    for span in re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8")):
+        for named in PATH.findall(span):
+            if named in MADE_BY_COMMANDS or "NAME" in named:
+                continue
+            if not any((folder / named).exists() for folder in (ROOT, ROOT / "odescope", page.parent)):
+                missing.append(named)
+    assert not missing
+
+
+def test_every_row_of_the_paper_names_a_place_with_its_symbols_and_a_test() -> None:
+    """A symbol in code spans is defined in the module before it; a test's file holds tests."""
+    rows = [
+        r.split("|")[1:-1] for r in (ROOT / "docs/paper.md").read_text(encoding="utf-8").splitlines() if r[:1] == "|"
+    ]
+    places = 0
+    for _, what, where, tests in rows[2:]:
+        sources, spans = list[str](), re.findall(r"`([^`]+)`", where)
+        for span in spans:
+            if "/" in span:
+                sources.append((ROOT / span).read_text(encoding="utf-8"))
+            elif " " not in span:
+                places += 1
+                owner, _, member = span.rpartition(".")
+                assert any(
+                    re.search(rf"^(def|class) {owner or member}\b", s, re.MULTILINE)
+                    and re.search(rf"^( *)(def|class) {member}\b", s, re.MULTILINE)
+                    for s in sources
+                ), f"{span} ({what.strip()})"
+        assert spans
+        for path in re.findall(r"`([^`]+)`", tests):
+            assert path.startswith("tests/")
+            assert re.search(r"^def test_", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE), path
+    assert places > 20
+
+
+def test_references_to_the_method_name_its_headings() -> None:
+    """Comments say "docs/method.md, Signals": the heading is there, and the method names no folder that is not."""
+    method = (ROOT / "docs/method.md").read_text(encoding="utf-8")
+    headings = set(re.findall(r"^#+ (.+)$", method, re.MULTILINE))
+    lost = []
+    for path in sorted((ROOT / "odescope").rglob("*.py")):
+        text = re.sub(r"\s+(?:# )?", " ", path.read_text(encoding="utf-8"))
+        for reference in re.findall(r'docs/method\.md, "?([A-Z][^.)":;]*)', text):
+            if not any(reference == h or reference.startswith((f"{h} ", f"{h},")) for h in headings):
+                lost.append(f"{path.relative_to(ROOT)}: {reference}")
+    assert not lost
+    for module in re.findall(r"`([\w/]+(?:/|\.py))`", method):
+        assert (ROOT / "odescope" / module).exists(), module
 
 
 def test_lock_names_only_the_public_index() -> None:

@@ -1,11 +1,17 @@
+import ast
 import inspect
+import re
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 
 import odescope
+
+ROOT = Path(__file__).parent.parent
 
 
 def python(code):
@@ -72,3 +78,50 @@ def test_no_submodule_hides_a_public_name(name):
 
 def test_the_version_is_that_of_the_distribution():
     assert odescope.__version__ == version("odescope")
+
+
+def test_the_stub_says_what_the_table_says():
+    """Otherwise: ./run python .ci/stub.py."""
+    tree = ast.parse((ROOT / "odescope/__init__.pyi").read_text(encoding="utf-8"))
+    imports = [statement for statement in tree.body if isinstance(statement, ast.ImportFrom)]
+    drawn = {alias.asname: (i.module, alias.name) for i in imports for alias in i.names}
+    assert drawn == {name: (f"odescope.{module}", name) for name, module in odescope._HOME.items()}
+
+
+def test_mypy_checks_the_code_of_a_user(tmp_path):
+    """Run beside the package, whose cache the gate's own run of mypy shares."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import odescope\n"
+        "study = odescope.Study(data=odescope.Data(time='t'), coordinates={'x': odescope.Measured(order=2)})\n"
+        "text: str = odescope.to_text(odescope.identify(study, {}).model)\n"
+        "odescope.identify('study.toml')\n"
+        "count: int = text\n"
+        "odescope.identfy(study)\n"
+    )
+    command = [sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml"), str(script)]
+    told = subprocess.run(command, capture_output=True, text=True, cwd=ROOT).stdout
+    wrong = {int(line): code for line, code in re.findall(r"script\.py:(\d+): error: .*\[(.*)\]", told)}
+    assert wrong == {4: "arg-type", 5: "assignment", 6: "attr-defined"}, told
+
+
+def test_runtime_dependencies_are_imported_somewhere():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = {re.match(r"[a-z0-9-]+", d)[0].replace("-", "_") for d in project["dependencies"]}
+    code = "\n".join(path.read_text(encoding="utf-8") for path in ROOT.glob("odescope/**/*.py"))
+    assert {name for name in wanted if not re.search(rf"^\s*(import|from) {name}\b", code, re.MULTILINE)} == set()
+
+
+def test_the_citation_names_this_version_and_licence():
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert f"\nversion: {odescope.__version__}\n" in citation
+    assert f"\nlicense: {project['license']}\n" in citation
+
+
+def test_hooks_run_what_the_gate_runs():
+    """The same commands, in the versions of the lock."""
+    gate = re.findall(r"^\./run (.+)$", (ROOT / ".ci/run").read_text(encoding="utf-8"), re.MULTILINE)
+    hooks = re.findall(r"entry: bash run (.+)$", (ROOT / ".pre-commit-config.yaml").read_text("utf-8"), re.MULTILINE)
+    assert sorted(hooks) == sorted(gate)
+    assert len(gate) == 5

@@ -16,14 +16,14 @@ from odescope.errors import Stopped
 from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageBegan
 from odescope.model.model import Model
 from odescope.pipeline.identification import DraftReady, Identification, identify
-from odescope.report.assemble import measured, read_report, summary
-from odescope.report.data import Measured, Report, TableRow
+from odescope.report.assemble import observed, read_report, summary
+from odescope.report.data import Observed, Report, TableRow
+from odescope.report.figures.paint import Painters, painters
+from odescope.report.figures.pictures import early_pictures, pictures
 from odescope.report.page import report_files
-from odescope.report.paint import Painters, painters
-from odescope.report.pictures import early_pictures, pictures
 from odescope.report.searches import searched
 from odescope.study.options import Study
-from odescope.study.toml import beside_data, moved, study_toml
+from odescope.study.toml import moved, study_toml
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,7 @@ def run_study(
             placed = _placed(study, folder)
             result = identify(placed, watch=tell, stop=monitor.stop, cluster=cluster, store=out / FACTORS)
             monitor.tell(StageBegan("report"))
-            printed, table = study_toml(beside_data(study, folder)), reference.table(result.model)
-            report = summary(result, title, printed, dict(reference.signals()), table, early.known)
+            report = summary(result, title, dict(reference.signals()), reference.table(result.model), early.known)
             files = report_files(report, painter.paint(pictures(report)))
             monitor.check()
             write_files(out, result_files(result, resolved, files))
@@ -120,10 +119,10 @@ class _Early:
 
     reference: Reference
     painter: Painters
-    known: Measured | None = None
+    known: Observed | None = None
 
     def draw(self, draft: Identification) -> None:
-        self.known = measured(draft, dict(self.reference.signals()))
+        self.known = observed(draft, dict(self.reference.signals()))
         self.painter.begin(early_pictures(self.known, searched(draft)))
 
 

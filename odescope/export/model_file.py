@@ -1,8 +1,9 @@
-"""model.json: writing it, and reading it with every key checked (DESIGN 3.3)."""
+"""model.json: writing it, and reading it with every key checked."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,24 +13,10 @@ from odescope.errors import InputError
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.model.explicit import explicit
-from odescope.model.model import Json, Model
+from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
+from odescope.model.scores import Scores
 from odescope.recordings.coordinate import Coordinate, Input
-
-
-class _Coordinate(msgspec.Struct, forbid_unknown_fields=True):
-    name: str
-    order: int
-    angle: bool
-    cyclic: bool
-    unit: str | None
-
-
-class _Input(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    name: str
-    hold: Literal["linear", "zero"]
-    unit: str | None
-    delay: float | None = None  # written only where there is one
 
 
 class _Term(msgspec.Struct, forbid_unknown_fields=True):
@@ -46,45 +33,48 @@ class _Relation(msgspec.Struct, forbid_unknown_fields=True):
 class _File(msgspec.Struct, forbid_unknown_fields=True):
     format: Literal["odescope/model"]
     version: Literal[1]
-    coordinates: list[_Coordinate]
-    inputs: list[_Input]
+    coordinates: tuple[Coordinate, ...]
+    inputs: tuple[Input, ...]
     states: list[str]
     targets: list[str]
     relations: list[_Relation]
     explicit: dict[str, str]
-    scores: dict[str, Any]
+    scores: Scores
     domain: dict[str, tuple[float, float]]
     provenance: dict[str, Any]
 
 
+class _Keys(msgspec.Struct):
+    """The part of a file in which a key may be missing without msgspec's notice."""
+
+    coordinates: list[dict[str, msgspec.Raw]]
+    inputs: list[dict[str, msgspec.Raw]]
+
+
 def to_json(model: Model) -> str:
-    """Return the text of model.json; floats round-trip."""
-    file = _File(
-        format="odescope/model",
-        version=1,
-        coordinates=[_Coordinate(c.name, c.order, c.angle, c.cyclic, c.unit) for c in model.coordinates],
-        inputs=[_Input(i.name, i.hold, i.unit, i.delay or None) for i in model.inputs],
-        states=list(model.states),
-        targets=list(model.targets),
-        relations=[
+    """Return the text of model.json; floats round-trip, and null stands for a number that is not finite."""
+    file: dict[str, object] = {
+        "format": "odescope/model",
+        "version": 1,
+        "coordinates": model.coordinates,
+        "inputs": [_prompt(msgspec.structs.asdict(i)) for i in model.inputs],
+        "states": model.states,
+        "targets": model.targets,
+        "relations": [
             _Relation([_Term(t.factor, t.term.text, t.coefficient, t.std_error) for t in r.terms])
             for r in model.relations
         ],
-        explicit={q.target: q.text for q in explicit(model)},
-        scores=_finite(dict(model.scores)),
-        domain={name: (float(low), float(high)) for name, (low, high) in model.domain.items()},
-        provenance=_finite(dict(model.provenance)),
-    )
+        "explicit": {q.target: q.text for q in explicit(model)},
+        "scores": model.scores or Scores(),
+        "domain": {name: (float(low), float(high)) for name, (low, high) in model.domain.items()},
+        "provenance": dict(model.provenance),
+    }
     return msgspec.json.format(msgspec.json.encode(file), indent=2).decode() + "\n"
 
 
-def _finite(value: Any) -> Any:
-    # JSON has no infinity; null says that there is no such number.
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {str(k): _finite(v) for k, v in value.items()}
-    return [_finite(v) for v in value] if isinstance(value, list | tuple) else value
+def _prompt(plain: dict[str, object]) -> dict[str, object]:
+    """Return an input as plain data, its delay only where there is one: the key is optional."""
+    return {key: value for key, value in plain.items() if key != "delay" or value}
 
 
 def read_model(path: Path) -> Model:
@@ -111,10 +101,12 @@ def from_json(data: bytes | str) -> Model:
     """
     try:
         file = msgspec.json.decode(data, type=_File)
+        keys = msgspec.json.decode(data, type=_Keys)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(_explained(str(error))) from error
-    coordinates = tuple(Coordinate(c.name, c.order, c.angle, c.cyclic, c.unit) for c in file.coordinates)
-    inputs = tuple(Input(i.name, i.hold, i.unit, i.delay or 0.0) for i in file.inputs)
+    _check_complete("coordinates", keys.coordinates, Coordinate.__struct_fields__)
+    _check_complete("inputs", keys.inputs, ("name", "hold", "unit"))
+    coordinates, inputs = file.coordinates, file.inputs
     if not coordinates:
         raise InputError("it has no coordinate")
     names = [n for c in coordinates for n in (*c.states, c.target)] + [i.name for i in inputs]
@@ -122,12 +114,20 @@ def from_json(data: bytes | str) -> Model:
         raise InputError(f"the name {max(names, key=names.count)!r} is used twice")
     scope = Scope.of([n for c in coordinates for n in c.states] + [i.name for i in inputs])
     relations = tuple(Relation(tuple(_read_term(t, scope) for t in r.terms)) for r in file.relations)
-    scores: dict[str, Json] = file.scores
+    scores = None if file.scores == Scores() else file.scores
     model = Model(coordinates, inputs, relations, scores, file.domain, file.provenance)
     for what, came, expected in (("states", file.states, model.states), ("targets", file.targets, model.targets)):
         if tuple(came) != expected:
             raise InputError(f"its {what} are {', '.join(came)}, but its coordinates make them {', '.join(expected)}")
     return model
+
+
+def _check_complete(where: str, found: Sequence[Mapping[str, msgspec.Raw]], wanted: Sequence[str]) -> None:
+    """Refuse a coordinate or an input without a key that has a default in memory: a file leaves nothing to guess."""
+    for k, keys in enumerate(found):
+        for name in wanted:
+            if name not in keys:
+                raise InputError(f"an object is missing required field `{name}` - at `{where}[{k}]`")
 
 
 def _explained(message: str) -> str:

@@ -1,1 +1,1 @@
-"""Trajectory likelihood of a model given records, and the structure search on it (METHOD section 9)."""
+"""Trajectory likelihood of a model given records, and the structure search on it."""

@@ -1,124 +1,126 @@
-"""What the likelihood stage has to say, as plain data and as sentences."""
+"""What the likelihood stage has to say of its model: scores, doubts, and what the unexplained part goes with."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.expression import Term
-from odescope.likelihood.evidence import between, in_blocks
+from odescope.likelihood.evidence import Evidence, between, in_blocks
 from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import MOST_TERMS, THIN
-from odescope.model.model import Json
+from odescope.model.notes import delay_hint, dry_friction_hint
+from odescope.model.scores import Correlation, Doubts, Interval, Likelihood, Limit, Number, Step
 
 CORRELATED = 0.5  # least correlation of two estimates that is listed
 CLEAR = 0.1  # least correlation of what is missing with its cause that is worth a word
 SURE = 12.0  # least squared ratio of that correlation to its spread between blocks of the record
 
 
-def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> dict[str, Json]:
-    """Return how the stage went: noise, trail of the search, intervals, correlations, limits of detection.
-
-    `limits` are the coefficients from which on an absent term would probably have been found at this noise; null where
-    these data cannot tell it from the terms that are there.
-    """
-    outcome, process, searcher = refinement.outcome, refinement.process, refinement.searcher
+def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> Likelihood:
+    """Return how the stage went: noise, trail of the search, and what the evidence says where errors are stated."""
+    outcome, process = refinement.outcome, refinement.process
     lacking = process if refinement.follows else refinement.rejected
-    trail: list[Json] = [
-        {
-            "gap": m.width if process is None and np.isfinite(m.width) else None,
-            "action": m.action,
-            "target": targets[m.part.relation],
-            "term": m.part.product.text,
-            "statistic": m.statistic,
-            "price": m.penalty,
-        }
-        for m in (outcome.trail if process is None else process.trail)
-    ]
-    scores: dict[str, Json] = {
-        "follows": refinement.follows,
-        "residual_variance": outcome.scale,
-        "gap": outcome.width if np.isfinite(outcome.width) else None,
-        "finished": refinement.finished,
-        "starts": refinement.starts,
-        "process_noise": None,
-        "trail": trail,
-        "hints": [] if lacking is None else list[Json](missing_physics(lacking, targets)),
-    }
-    if process is not None:
-        scores["process_noise"] = dict(zip(targets, process.unexplained.tolist(), strict=True))
-        scores["held_out_free_run"] = process.held_out
+    scores = Likelihood(
+        follows=refinement.follows,
+        residual_variance=float(outcome.scale),
+        gap=_finite(outcome.width),
+        finished=refinement.finished,
+        starts=refinement.starts,
+        process_noise=None
+        if process is None
+        else dict[str, Number](zip(targets, process.unexplained.tolist(), strict=True)),
+        trail=_trail(refinement, targets),
+        hints=() if lacking is None else tuple(missing_physics(lacking, targets)),
+        held_out_free_run=None if process is None else float(process.held_out),
+    )
     if refinement.evidence is None or not refinement.follows:
         return scores
-    present = [searcher.parts[k] for k in refinement.fit.present]
-    scores["intervals"] = [
-        {"target": target, "term": t.text, "interval": list[Json](t.interval)}
+    return msgspec.structs.replace(
+        scores,
+        intervals=_intervals(refinement, targets),
+        correlations=_correlations(refinement, refinement.evidence, targets),
+        limits=_limits(refinement, refinement.evidence, targets),
+    )
+
+
+def _trail(refinement: Refinement, targets: Sequence[str]) -> tuple[Step, ...]:
+    process = refinement.process
+    return tuple(
+        Step(
+            gap=_finite(m.width) if process is None else None,
+            action=m.action,
+            target=targets[m.part.relation],
+            term=m.part.product.text,
+            statistic=float(m.statistic),
+            price=float(m.penalty),
+        )
+        for m in (refinement.outcome.trail if process is None else process.trail)
+    )
+
+
+def _intervals(refinement: Refinement, targets: Sequence[str]) -> tuple[Interval, ...]:
+    return tuple(
+        Interval(target=target, term=t.text, interval=t.interval)
         for target, relation in zip(targets, refinement.relations, strict=True)
         for t in relation.terms
         if t.interval is not None
-    ]
-    correlation = refinement.evidence.correlation
-    scores["correlations"] = [
-        {
-            "first": f"{present[i].product.text} in {targets[present[i].relation]}",
-            "second": f"{present[j].product.text} in {targets[present[j].relation]}",
-            "correlation": float(correlation[i, j]),
-        }
-        for i, j in zip(*np.nonzero(np.abs(np.tril(correlation, -1)) > CORRELATED), strict=True)
-    ]
-    limits = refinement.evidence.limits
-    absent = sorted(np.flatnonzero(limits), key=lambda k: float(searcher.penalty[k]))  # the simplest first
-    scores["limits"] = [
-        {
-            "target": targets[searcher.parts[k].relation],
-            "term": searcher.parts[k].product.text,
-            "limit": float(limits[k]) if np.isfinite(limits[k]) else None,
-        }
+    )
+
+
+def _correlations(refinement: Refinement, evidence: Evidence, targets: Sequence[str]) -> tuple[Correlation, ...]:
+    names = [f"{term} in {target}" for term, target in _present(refinement, targets)]
+    return tuple(
+        Correlation(first=names[i], second=names[j], correlation=float(evidence.correlation[i, j]))
+        for i, j in zip(*np.nonzero(np.abs(np.tril(evidence.correlation, -1)) > CORRELATED), strict=True)
+    )
+
+
+def _limits(refinement: Refinement, evidence: Evidence, targets: Sequence[str]) -> tuple[Limit, ...]:
+    """Return the limit of every absent term, the simplest first."""
+    parts, penalty = refinement.searcher.parts, refinement.searcher.penalty
+    absent = sorted(np.flatnonzero(evidence.limits), key=lambda k: float(penalty[k]))
+    return tuple(
+        Limit(
+            target=targets[parts[k].relation],
+            term=parts[k].product.text,
+            limit=_finite(evidence.limits[k]),
+        )
         for k in absent
-    ]
-    return scores
+    )
 
 
-def likelihood_notes(refinement: Refinement, targets: Sequence[str]) -> list[str]:
-    """Return what the user should know of the stage: what the model does not explain, and where evidence is thin."""
-    outcome, process = refinement.outcome, refinement.process
-    notes = []
-    if refinement.late:
-        notes.append("the search was ended by the clock, [likelihood] seconds: another run may end elsewhere")
-    elif not refinement.finished:
-        notes.append(
-            "the search ended with its budget: allow it more, [likelihood] budget, for what it may have missed"
-        )
-    if len(refinement.fit.present) > MOST_TERMS * len(targets):
-        notes.append(
-            "the search stopped at its largest number of terms: the library lacks what would explain the record in few"
-        )
-    if not refinement.follows:
-        notes.append(
-            f"no standard errors: even in short segments the best model misses the record by {outcome.scale**0.5:.2g}"
-            " times its noise, so coefficients are the regression's; look for missing physics, such as dry friction,"
-            " a delay, or an input that was not recorded"
-        )
-        return notes
-    if process is not None:
-        sizes = ", ".join(f"{q:.2g} of {t}" for q, t in zip(process.unexplained, targets, strict=True))
-        notes.append(
-            f"the model leaves {sizes} unexplained (root mean square of averages over {process.window:.2g} s);"
-            " standard errors allow for it"
-        )
-    if refinement.evidence is not None:
-        weak = refinement.evidence.wald < THIN * refinement.searcher.penalty[refinement.fit.present]
+def doubts(refinement: Refinement, targets: Sequence[str]) -> Doubts:
+    """Return what the stage knows against its model: where evidence is thin, and what a search may have missed."""
+    process, evidence, present = refinement.process, refinement.evidence, refinement.fit.present
+    thin = list[tuple[str, str, float]]()
+    if refinement.follows and evidence is not None:
+        weak = evidence.wald < THIN * refinement.searcher.penalty[present]
         thin = [
-            f"{refinement.searcher.parts[k].product.text} in {targets[refinement.searcher.parts[k].relation]}"
-            f" ({np.sqrt(w):.1f} standard errors)"
-            for k, w in zip(refinement.fit.present[weak], refinement.evidence.wald[weak], strict=True)
+            (*name, float(np.sqrt(wald)))
+            for name, wald, is_weak in zip(_present(refinement, targets), evidence.wald, weak, strict=True)
+            if is_weak
         ]
-        if thin:
-            notes.append(f"thin evidence, more data would decide: {', '.join(thin)}")
-    return notes
+    return Doubts(
+        late=refinement.late,
+        crowded=len(present) > MOST_TERMS * len(targets),
+        window=None if process is None else process.window,
+        thin=tuple(thin),
+    )
+
+
+def _present(refinement: Refinement, targets: Sequence[str]) -> list[tuple[str, str]]:
+    """Return every coefficient that was fitted, by its term and its target."""
+    parts = [refinement.searcher.parts[k] for k in refinement.fit.present]
+    return [(part.product.text, targets[part.relation]) for part in parts]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
@@ -145,16 +147,10 @@ def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
         target, shares = targets[-1 - following[i]], _goes_with(lacking[:, i], causes, begin)
         for j, share in zip(moving, shares, strict=False):
             if share is not None and share < 0.0:  # friction is against the motion
-                sentences.append(
-                    f"what is unexplained of {target} goes with the sign of {names[j]} (correlation {share:.2g}), as"
-                    f" dry friction does: try sign({names[j]}) in the library's basis"
-                )
+                sentences.append(dry_friction_hint(target, names[j], share))
         for name, share in zip(names[len(following) :], shares[len(moving) :], strict=True):
             if share is not None:
-                sentences.append(
-                    f"what is unexplained of {target} goes with the rate of {name} (correlation {share:.2g}), as with"
-                    " a delay between what was recorded and what acted"
-                )
+                sentences.append(delay_hint(target, name, share))
     return sentences
 
 

@@ -9,7 +9,7 @@ from odescope.events import Monitor
 from odescope.likelihood.program import Program
 from odescope.likelihood.segments import Segments
 
-OPERATIONS = 6e8  # of the kernel in a unit of budget: about a second of two cores of 2024
+OPERATIONS = 1e9  # of the kernel in a unit of budget: about a second of two cores of 2024
 INSTRUCTION = 4.0  # operations that an instruction of the tape stands for: some are sines
 
 
@@ -30,7 +30,17 @@ class Budget:
     spent: float = 0.0
 
     def spend(self, segments: Segments, program: Program, free: int, substeps: int) -> None:
-        """Count one evaluation of segments with `free` parameters; end the run if it is to stop."""
+        """Count one evaluation; end the run if it is to stop.
+
+        Args:
+            segments: that are integrated.
+            program: of the parts on the tape.
+            free: number of parameters.
+            substeps: of RK4 a sample.
+
+        Raises:
+            Stopped: the run is to end.
+        """
         self.monitor.check()
         n, targets = len(program.following), program.targets
         width = n + free

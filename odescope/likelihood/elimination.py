@@ -13,10 +13,15 @@ import numpy as np
 def eliminate(sums, x0, joined, defect_std, damping):
     """Eliminate the initial states: block-tridiagonal Cholesky with the parameters as border.
 
-    One function, since forward elimination uses each block while it is in cache. The end of segment j is tied to the
-    start of j + 1 where joined[j]; the defect between them is weighted by 1 / defect_std^2 a state. `sums` as in the
-    kernel. `damping` multiplies the diagonal (Levenberg-Marquardt), 0 for the plain matrix. Returns the defects' cost,
-    the reduced matrix (p, p) and gradient (p,), what back-substitution needs, log det of the states' block, success.
+    One function, because forward elimination uses each block while it is in cache. Returns the defects' cost, the
+    reduced matrix (p, p) and gradient (p,), what back-substitution needs, log det of the states' block, and success.
+
+    Args:
+        sums: of the kernel.
+        x0: (J, n) initial states.
+        joined: (J,) whether the end of a segment is tied to the start of the next.
+        defect_std: (n,) the defect between them is weighted by 1 / defect_std^2 a state.
+        damping: added to 1 it multiplies the diagonal (Levenberg-Marquardt).
     """
     segments, n = x0.shape
     width = sums.gradient.shape[1]
@@ -109,7 +114,15 @@ def eliminate(sums, x0, joined, defect_std, damping):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def substitute(factor, border, carry, joined, change):
-    """Return the change (J, n) of the initial states that goes with the change (p,) of the parameters."""
+    """Return the change (J, n) of the initial states that goes with a change of the parameters.
+
+    Args:
+        factor: (J, n, n) of `eliminate`.
+        border: (J, n, p + 1) of `eliminate`.
+        carry: (J, n, n) of `eliminate`.
+        joined: (J,) as for `eliminate`.
+        change: (p,) of the parameters.
+    """
     segments, n = factor.shape[0], factor.shape[1]
     p = change.shape[0]
     result = np.zeros((segments, n))
@@ -136,6 +149,11 @@ def state_covariances(factor, carry, joined):
 
     The states' block is L L^T with `factor` on the diagonal of L and `carry` below it; only the blocks of the inverse
     that the pattern of L has are computed, last to first. next[j] is the covariance of x0[j + 1] (rows) with x0[j].
+
+    Args:
+        factor: (J, n, n) of `eliminate`.
+        carry: (J, n, n) of `eliminate`.
+        joined: (J,) as for `eliminate`.
     """
     segments, n = factor.shape[0], factor.shape[1]
     own, following = np.zeros((segments, n, n)), np.zeros((segments, n, n))

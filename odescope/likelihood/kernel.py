@@ -63,7 +63,7 @@ class Scratch(NamedTuple):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _slopes(code, places, param, weight, p, lanes, x, s, u, scratch, dx, ds):
-    """Compute x' and S' of all lanes.
+    """Compute x' and S' of all lanes: one function, because what it computes on the way stays in cache.
 
     Shapes: x, dx (n, L); s, ds (n, n + p, L); u (inputs, L); param, weight one entry a part.
     """
@@ -198,7 +198,7 @@ def _invert(a, inv, targets, lanes):
 def integrate(code, places, param, weight, p, data, x0, begin, end, out):
     """Integrate segments begin to end - 1 and accumulate cost, gradient and Gauss-Newton matrix of each.
 
-    One loop nest, since state, sensitivities and their sums stay in cache only while a block of lanes is worked on.
+    One loop nest, because state, sensitivities and their sums stay in cache only while a block of lanes is worked on.
 
     Args:
         code: instructions of the tape, `Code`.

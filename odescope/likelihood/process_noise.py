@@ -73,7 +73,13 @@ class Noisy:
 
 
 def with_noise(searcher: Searcher, measurement: FloatArray, process: FloatArray) -> Searcher:
-    """Return the searcher that weighs by these standard deviations; its `spread` is then that of a defect."""
+    """Return the searcher that weighs by these standard deviations; its `spread` is then that of a defect.
+
+    Args:
+        searcher: data and candidates.
+        measurement: (c,) of an average.
+        process: (n,) of a defect.
+    """
     return searcher.on(replace(searcher.segments, noise=measurement, spread=process))
 
 

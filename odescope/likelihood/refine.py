@@ -115,8 +115,8 @@ def refine(
 
     frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs])
     deadline = None if options.seconds is None else time.time() + options.seconds
-    whole = Budget(options.budget, monitor, deadline)
-    searcher = Searcher(Evaluator(cut(SEGMENT), 1, whole), candidate_parts([p.terms for p in problems]), frame)
+    budget = Budget(options.budget, monitor, deadline)
+    searcher = Searcher(Evaluator(cut(SEGMENT), 1, budget), candidate_parts([p.terms for p in problems]), frame)
     if len(searcher.held) < searcher.relations:
         return None  # a library without the bare target has nothing that could be 1 throughout a search
     begun = [searcher.start(relations) for relations in starts][: options.starts]
@@ -125,19 +125,26 @@ def refine(
     outcomes = _searches(searcher, begun, searcher.start(plain), monitor, workers)
     if not outcomes:
         return None
+    budget.spent += sum(o.spent for o in outcomes)
+    return _judged(cut, searcher, begun, outcomes)
+
+
+def _judged(
+    cut: Callable[[int], Segments], searcher: Searcher, begun: Sequence[Start], outcomes: Sequence[Outcome]
+) -> Refinement:
+    """Return the best end of the searches, or the model with process noise where that describes the record better."""
     best = min(outcomes, key=lambda o: o.rank)
     if _joined(best):
         searcher, best = _finer(searcher, best)
     process, adopted = None, False
     chance = CHANCE * np.sqrt(2.0 / searcher.segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:
-        monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
-        whole.spent += sum(o.spent for o in outcomes)
+        searcher.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
         process, adopted = _with_process_noise(cut, searcher, best, begun)
     evidence: Evidence | None
     if process is not None and adopted:
         found, last, evidence = process.fit, process.searcher, process.evidence
-        errors = np.sqrt(process.evidence.variances)
+        errors = np.sqrt(evidence.variances)
     else:
         found, last, evidence = best.fit, searcher, _evidence(searcher, best)
         errors = np.sqrt(found.variances * best.scale)
@@ -150,9 +157,9 @@ def refine(
         searcher=last,
         evidence=evidence,
         starts=len(outcomes),
-        finished=best.finished and not whole.over,
-        late=best.late or whole.late,
-        spent=whole.spent,
+        finished=best.finished and not searcher.budget.over,
+        late=best.late or searcher.budget.late,
+        spent=searcher.budget.spent,
     )
 
 

@@ -10,6 +10,7 @@ from odescope.errors import InputError
 from odescope.library.expression import Combination
 from odescope.library.tape import Tape, write_tape
 from odescope.model.relation import Relation
+from odescope.model.scores import Scores
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
@@ -19,14 +20,14 @@ Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 class Model:
     """A(x, u) y' = b(x, u), with y' the targets.
 
-    `domain` is the range of each state and input in the data the model comes from; `scores` and `provenance` are plain
-    data for people and reports.
+    `domain` is the range of each state and input in the data the model comes from, `scores` how well it did, where that
+    is known; `provenance` is plain data for people and reports.
     """
 
     coordinates: tuple[Coordinate, ...]
     inputs: tuple[Input, ...]
     relations: tuple[Relation, ...]
-    scores: Mapping[str, Json] = field(default_factory=dict)
+    scores: Scores | None = None
     domain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     provenance: Mapping[str, Json] = field(default_factory=dict)
 

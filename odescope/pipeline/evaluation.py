@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 
+import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
@@ -12,18 +14,26 @@ from odescope.likelihood.account import likelihood_scores
 from odescope.likelihood.refine import Refinement
 from odescope.model.explicit import denominator_ranges
 from odescope.model.model import Json, Model
-from odescope.model.simulation import simulate
+from odescope.model.scores import Denominator, FreeRun, Scores, TargetScore
+from odescope.model.simulation import Trajectory, simulate
 from odescope.pipeline.joint_models import Search, samples_of
 from odescope.pipeline.reduce import Whole
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
 
-VALID_ERROR = 0.3  # the normalised state error that ends the valid time (METHOD section 10)
+VALID_ERROR = 0.3  # the normalised state error that ends the valid time
+FIFTH = 5  # of the longest record: its last part
 
 
 def domain(signals: Signals, model: Model, whole: Whole | None) -> dict[str, tuple[float, float]]:
-    """Return the range of every state and input over all the data."""
+    """Return the range of every state and input over all the data.
+
+    Args:
+        signals: what is in memory.
+        model: whose states and inputs are meant.
+        whole: what was read of a log that does not fit in memory.
+    """
     joined = np.concatenate(samples_of(signals, model), axis=1)
     low, high = joined.min(axis=1), joined.max(axis=1)
     if whole is not None:
@@ -39,44 +49,91 @@ def scores(
     chosen: Sequence[Candidate],
     refinement: Refinement | None,
     seed: int,
-) -> dict[str, Json]:
-    """Return how well each target is predicted, how far a free run holds, and what the likelihood found."""
-    rows = samples_of(signals, model)
-    ranges = denominator_ranges(model, np.concatenate(rows, axis=1), np.random.default_rng(seed))
-    targets: dict[str, Json] = {}
-    for c, s in zip(chosen, searches, strict=True):
-        denominator: dict[str, Json] = {where: list[Json](ends) for where, ends in ranges[c.target].items()}
-        targets[c.target] = {
-            "r2_held_out": c.target_r2,
-            "rmse_held_out": c.target_rmse,
-            "explained_held_out": c.explained,
-            "condition": s.problem.factor.condition(c.support),
-            "denominator": denominator,
-        }
-    longest = max(rows, key=lambda r: r.shape[1])
-    scores: dict[str, Json] = {"targets": targets, "free_run": _free_run(model, signals, longest)}
-    if refinement is not None:
-        scores["likelihood"] = likelihood_scores(refinement, signals.targets)
-    return scores
+) -> Scores:
+    """Return how well each target is predicted, how far a free run holds, and what the likelihood found.
+
+    Args:
+        model: what was found.
+        signals: what it was found in.
+        searches: the search of every target, in their order.
+        chosen: the candidate of every target with the model's terms.
+        refinement: the end of the likelihood stage, where it ran.
+        seed: of the points that sample the box of the data.
+    """
+    every = np.concatenate(samples_of(signals, model), axis=1)
+    ranges = denominator_ranges(model, every, np.random.default_rng(seed))
+    return Scores(
+        targets={
+            c.target: TargetScore(
+                r2_held_out=float(c.target_r2),
+                rmse_held_out=float(c.target_rmse),
+                explained_held_out=float(c.explained),
+                condition=float(s.problem.factor.condition(c.support)),
+                denominator=_denominator(**ranges[c.target]),
+            )
+            for c, s in zip(chosen, searches, strict=True)
+        },
+        free_run=free_run(model, signals),
+        likelihood=None if refinement is None else likelihood_scores(refinement, signals.targets),
+    )
 
 
-def _free_run(model: Model, signals: Signals, variables: FloatArray) -> dict[str, Json]:
-    """Simulate the last fifth of the longest record from its first state; valid until the error passes 0.3."""
-    tail = variables[:, -max(variables.shape[1] // 5, 2) :]
-    states, inputs = tail[: len(model.states)].T, tail[len(model.states) :].T
-    t = np.arange(len(states), dtype=np.float64) * np.float64(signals.period)
-    run = simulate(model, t, np.ascontiguousarray(inputs), np.ascontiguousarray(states[0]))
+def _denominator(data: Sequence[float], box: Sequence[float]) -> Denominator:
+    return Denominator((data[0], data[1]), (box[0], box[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class LastPart:
+    """The last part of the longest record, on which a model is seen at work.
+
+    `record` is the record's number, `first` its first sample that belongs to the part; `t` (N,) seconds from there,
+    states (N, n) and inputs (N, m) in the order of the model's.
+    """
+
+    record: int
+    first: int
+    t: FloatArray
+    states: FloatArray
+    inputs: FloatArray
+
+    @staticmethod
+    def of(signals: Signals, model: Model) -> LastPart:
+        """Return the last part of some signals."""
+        rows = samples_of(signals, model)
+        record = int(np.argmax([r.shape[1] for r in rows]))
+        first = rows[record].shape[1] - max(rows[record].shape[1] // FIFTH, 2)
+        states, inputs = np.split(rows[record][:, first:].T, [len(model.states)], axis=1)
+        t = np.arange(len(states), dtype=np.float64) * np.float64(signals.period)
+        return LastPart(record, first, t, np.ascontiguousarray(states), np.ascontiguousarray(inputs))
+
+    def run(self, model: Model) -> Trajectory:
+        """Simulate a model freely from the first state of the part."""
+        # The inputs of signals are shifted to when they act: no delay is left for the simulation.
+        prompt = tuple(msgspec.structs.replace(i, delay=0.0) for i in model.inputs)
+        return simulate(replace(model, inputs=prompt), self.t, self.inputs, self.states[0])
+
+
+def free_run(model: Model, signals: Signals) -> FreeRun:
+    """Return how a free run over the last part went: valid until its error passes 0.3 of the spread of the states."""
+    part = LastPart.of(signals, model)
+    run = part.run(model)
     spread = np.maximum(np.concatenate(list(signals.columns), axis=1).std(axis=1), 1e-300)
     scale = np.array([spread[signals.row(s)] for s in model.states])
     reached = len(run.t)
-    error = np.sqrt(np.mean(((run.states - states[:reached]) / scale) ** 2, axis=1))
+    error = np.sqrt(np.mean(((run.states - part.states[:reached]) / scale) ** 2, axis=1))
     late = np.flatnonzero(error > VALID_ERROR)
-    valid = float(t[late[0]]) if late.size else float(t[reached - 1])
-    return {"duration": float(t[-1]), "valid_time": valid, "ended": run.ended}
+    valid = float(part.t[late[0]]) if late.size else float(part.t[reached - 1])
+    return FreeRun(duration=float(part.t[-1]), valid_time=valid, ended=run.ended)
 
 
 def provenance(study: Study, signals: Signals, whole: Whole | None) -> dict[str, Json]:
-    """Return what a model was made from."""
+    """Return what a model was made from.
+
+    Args:
+        study: the options.
+        signals: with what was found in every channel.
+        whole: what was read of a log that does not fit in memory.
+    """
     columns: dict[str, Json] = dict(study.layout().columns)
     channels: dict[str, Json] = {c.name: {"noise": c.noise, "cutoff_hz": c.cutoff} for c in signals.channels}
     return {

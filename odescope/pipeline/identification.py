@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
+import msgspec
 from threadpoolctl import threadpool_limits
 
 from odescope.arrays import Table
 from odescope.events import Event, Monitor, Note, never, unheard
-from odescope.likelihood.account import likelihood_notes
+from odescope.likelihood.account import doubts
 from odescope.likelihood.refine import Refinement
-from odescope.model.model import Json, Model
+from odescope.model.model import Model
 from odescope.model.notebook import model_html
+from odescope.model.notes import notes_of
+from odescope.model.scores import DelayScore, Streamed
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.evaluation import domain, provenance, scores
 from odescope.pipeline.joint_models import Search
@@ -36,8 +38,6 @@ from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
 from odescope.study.pieces import tables
-
-TOLD = 6  # notes of one kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,46 +68,9 @@ class Identification:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know: candidates left out as dependent, denominators that may vanish, early ends."""
-        dependent = list(
-            dict.fromkeys(
-                f"left out of the library: {term}, on these data a combination of {', '.join(t.text for t in others)}"
-                for s in self.searches
-                for term, others in s.problem.dependent
-            )
-        )
-        notes: dict[str, None] = dict.fromkeys(dependent[:TOLD])
-        if len(dependent) > TOLD:
-            notes[f"and {len(dependent) - TOLD} more candidates that are combinations of others: see the report"] = None
-        targets: Any = self.model.scores["targets"]
-        notes |= {
-            f"the denominator of {target} vanishes between the states of the data: expect poles when simulating": None
-            for target, score in targets.items()
-            if score["denominator"]["box"][0] * score["denominator"]["box"][1] <= 0.0
-        }
-        if short := self.model.scores.get("left_out"):
-            notes[f"{short} recordings are shorter than a period of the cutoff and were left out"] = None
-        if streamed := self.model.scores.get("streamed"):
-            told: Any = streamed
-            notes[
-                f"{told['rows']:,} rows were read in {told['portions']} chunks: all of them count in the regression;"
-                f" cutoffs, ranking, likelihood and report rest on {told['sampled']} of the chunks"
-            ] = None
-        delays: Any = self.model.scores.get("delays", {})
-        notes |= {
-            f"{name} acts {d['delay']:.4g} s after it was recorded"
-            + ("" if d["std_error"] is None else f" (standard error {d['std_error']:.2g} s)"): None
-            for name, d in delays.items()
-            if d["delay"]
-        }
-        outliers: Any = self.model.scores.get("outliers", {})
-        notes |= {
-            f"{count} samples of {name} were clipped as outliers": None for name, count in outliers.items() if count
-        }
-        if self.refinement is not None:
-            likelihood: Any = self.model.scores["likelihood"]
-            notes |= dict.fromkeys([*likelihood_notes(self.refinement, self.model.targets), *likelihood["hints"]])
-        notes |= dict.fromkeys(u.note for u in tables(self.study)[1])
-        return tuple(notes)
+        dependent = [(t.text, [o.text for o in others]) for s in self.searches for t, others in s.problem.dependent]
+        judged = None if self.refinement is None else doubts(self.refinement, self.model.targets)
+        return (*notes_of(self.model.scores, dependent, judged), *(u.note for u in tables(self.study)[1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,13 +161,12 @@ def _judged(
     """Return the model with its scores, its domain and what it was made from."""
     signals, sample = filtered.signals, filtered.sample
     told = scores(model, signals, searches, chosen, refinement, study.random.seed)
-    if filtered.left_out:
-        told["left_out"] = filtered.left_out
-    if filtered.outliers:
-        told["outliers"] = dict[str, Json](filtered.outliers)
-    if filtered.delays:
-        told["delays"] = {n: {"delay": d.seconds, "std_error": d.std_error} for n, d in filtered.delays.items()}
-    if whole is not None:
-        told["streamed"] = {"rows": whole.rows, "portions": whole.chunks, "sampled": len(sample.chunks)}
+    told = msgspec.structs.replace(
+        told,
+        left_out=filtered.left_out,
+        outliers=filtered.outliers,
+        delays={name: DelayScore(d.seconds, d.std_error) for name, d in filtered.delays.items()},
+        streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
+    )
     found_in = domain(signals, model, whole)
     return replace(model, scores=told, domain=found_in, provenance=provenance(study, signals, whole))

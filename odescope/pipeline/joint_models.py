@@ -50,7 +50,13 @@ def to_relation(problem: Problem, candidate: Candidate) -> Relation:
 def proposals(
     study: Study, signals: Signals, searches: Sequence[Search]
 ) -> Iterator[tuple[tuple[Candidate, ...], Model]]:
-    """Yield the relations of the best families that together determine the targets, and their model, best first."""
+    """Yield the relations of the best families that together determine the targets, and their model, best first.
+
+    Args:
+        study: says what a relation has to explain.
+        signals: where denominators must not vanish.
+        searches: one a target.
+    """
     heads = []
     for s in searches:
         first = {c.family: c for c in reversed(s.ranked.candidates) if c.explained >= study.selection.explain}
@@ -101,6 +107,11 @@ def adopt(model: Model, refinement: Refinement | None, signals: Signals) -> tupl
     """Return the model of the likelihood stage where it follows the record, else that of the regression.
 
     A refinement whose denominators vanish inside the data is dropped: its errors are those of another model.
+
+    Args:
+        model: of the regression.
+        refinement: what the likelihood stage returned.
+        signals: where denominators must not vanish.
     """
     if refinement is None or not refinement.follows:
         return model, refinement
@@ -109,7 +120,13 @@ def adopt(model: Model, refinement: Refinement | None, signals: Signals) -> tupl
 
 
 def as_adopted(search: Search, chosen: Candidate, relation: Relation) -> Candidate:
-    """Return the candidate with the terms of the model's relation; where none has them, the one chosen before."""
+    """Return the candidate with the terms of the model's relation; where none has them, the one chosen before.
+
+    Args:
+        search: for one target.
+        chosen: the candidate of the regression's model.
+        relation: of the model in the end.
+    """
     adopted, terms = {t.product for t in relation.terms}, search.problem.terms
     return next((c for c in search.ranked.candidates if {terms[j] for j in c.support} == adopted), chosen)
 

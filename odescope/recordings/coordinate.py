@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import keyword
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from odescope.arrays import IntArray
@@ -34,8 +35,7 @@ def check_name(name: str, what: str) -> None:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Coordinate:
+class Coordinate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A measured quantity and the order of its equation: a position has order 2, a concentration order 1.
 
     `angle`: in radians, unwrapped, enters the basis as sin and cos; `cyclic`: does not itself enter the equations.
@@ -69,8 +69,7 @@ class Coordinate:
         return self.derivative(self.order)
 
 
-@dataclass(frozen=True, slots=True)
-class Input:
+class Input(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A quantity that drives the system, and how it runs between samples: linearly, or held ("zero" order).
 
     It acts `delay` seconds after it was recorded.
@@ -85,7 +84,7 @@ class Input:
         check_name(self.name, "input")
         if self.hold not in ("linear", "zero"):
             raise InputError(f"input {self.name!r}: hold must be 'linear' or 'zero', got {self.hold!r}")
-        if not np.isfinite(self.delay):
+        if not math.isfinite(self.delay):
             raise InputError(f"input {self.name!r}: delay must be a number of seconds, got {self.delay!r}")
 
 
@@ -95,12 +94,14 @@ def state_names(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
     return tuple(c.derivative(k) for k in range(highest) for c in coordinates if c.order > k)
 
 
+def state_chain(coordinates: Sequence[Coordinate]) -> dict[str, str]:
+    """Return of every state, in the order of `state_names`, the name of its derivative: a state, or a target."""
+    after = {c.derivative(k): c.derivative(k + 1) for c in coordinates for k in range(c.order)}
+    return {state: after[state] for state in state_names(coordinates)}
+
+
 def following_states(coordinates: Sequence[Coordinate]) -> IntArray:
-    """Return for each state the state that is its derivative, or -1 - (number of its target)."""
-    index = {s: k for k, s in enumerate(state_names(coordinates))}
-    following = np.empty(len(index), dtype=np.int64)
-    for k, c in enumerate(coordinates):
-        for level in range(c.order):
-            last = level + 1 == c.order
-            following[index[c.derivative(level)]] = -1 - k if last else index[c.derivative(level + 1)]
-    return following
+    """Return `state_chain` in numbers: for each state that of its derivative, or -1 - (number of its target)."""
+    chain = state_chain(coordinates)
+    number = {state: k for k, state in enumerate(chain)} | {c.target: -1 - k for k, c in enumerate(coordinates)}
+    return np.array([number[name] for name in chain.values()], dtype=np.int64)

@@ -215,7 +215,15 @@ def pieces_a_block(blocks: int) -> int:
 def factored(
     rows: LibraryRows, signals: Signals, blocks: Sequence[Block], parts: int, hands: Workers
 ) -> Iterator[tuple[int, Factor]]:
-    """Yield the factors of so many pieces of every block, with the number of its fold."""
+    """Yield the factors of so many pieces of every block, with the number of its fold.
+
+    Args:
+        rows: what makes rows of signals.
+        signals: columns of every record.
+        blocks: stretches of the records.
+        parts: pieces a block.
+        hands: who factors.
+    """
     for block, found in zip(
         blocks,
         hands.map(lambda b: rows.factors(signals.columns[b.record][:, b.start : b.stop], parts), blocks),

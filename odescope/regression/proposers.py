@@ -21,7 +21,13 @@ class Proposer(Protocol):
     """Finds supports: columns that may explain the column `left`; one of one's own needs this method alone."""
 
     def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
-        """Yield sorted supports chosen from `columns`, without `left`."""
+        """Yield sorted supports chosen from `columns`, without `left`.
+
+        Args:
+            factor: of the library.
+            left: the left-hand side.
+            columns: where to choose from, ascending.
+        """
         ...
 
 

@@ -20,6 +20,11 @@ def least_squares(r: FloatArray, support: IntArray, left: int) -> tuple[FloatArr
 
     Householder QR without pivoting; a column that depends on those before it gets the coefficient 0.
     Columns of r are zero below the diagonal, so only the rows down to the last column used take part.
+
+    Args:
+        r: (m, m) of the factor.
+        support: columns that explain.
+        left: column that is explained.
     """
     s = support.shape[0]
     rows = left + 1
@@ -94,6 +99,12 @@ def normal_fit(r: FloatArray, gram: FloatArray, support: IntArray, left: int) ->
 
     The corrected normal equations are as accurate as a QR while the support is not too ill-conditioned; a pivot that
     says otherwise hands over to the QR.
+
+    Args:
+        r: (m, m) of the factor.
+        gram: r' r.
+        support: columns that explain.
+        left: column that is explained.
     """
     s = support.shape[0]
     a, x = np.empty((s, s)), np.empty(s)
@@ -196,7 +207,10 @@ def _walk_thresholds(
     terms: int,
     first: FloatArray,
 ) -> BoolArray:
-    """Walk a stack of supports with their intervals, highest thresholds first; the intervals are disjoint."""
+    """Walk a stack of supports with their intervals, highest thresholds first; the intervals are disjoint.
+
+    One function, because a recursion over arrays would allocate them anew at every support.
+    """
     m = r.shape[1]
     active: BoolArray = np.zeros((64, m), dtype=np.bool_)
     bounds: FloatArray = np.empty((64, 2))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -14,32 +12,28 @@ from odescope.export.model_file import from_json, to_json
 from odescope.model.model import Model
 from odescope.pipeline.identification import Identification
 from odescope.report.at_work import at_work
-from odescope.report.data import Coefficient, Measured, Report, Reproduce, Stage, TableRow
+from odescope.report.data import Coefficient, Observed, Report, TableRow
 from odescope.report.recorded import Truth, derivatives_chart, recorded, spectra
-from odescope.report.searches import likelihood, searched
+from odescope.report.reproduce import reproduce
+from odescope.report.searches import searched
 from odescope.report.units import coefficient_units, quantity_units
-from odescope.study.toml import study_toml
-
-PACKAGES = ("numpy", "scipy", "numba", "matplotlib")
 
 
 def summary(
     result: Identification,
     title: str = "Identification",
-    study: str | None = None,
     truth: Truth | None = None,
     table: Sequence[TableRow] = (),
-    known: Measured | None = None,
+    known: Observed | None = None,
 ) -> Report:
-    """Return everything that the report shows as plain data, its lines thinned.
+    """Return everything that the report shows as plain data, its lines downsampled.
 
     Args:
         result: what `identify` returned.
         title: heading of the report.
-        study: the resolved study as TOML; by default that of the result.
         truth: for a simulated record of one run, the true states and targets by name, one value a sample.
         table: rows that set coefficients beside those of the truth and of the paper.
-        known: what `measured` returned for the same record, if it was called before.
+        known: what `observed` returned for the same record, if it was called before.
     """
     model = result.model
     units = quantity_units(model)
@@ -52,33 +46,17 @@ def summary(
             tuple(Coefficient(unit=unit) for unit in coefficient_units(relation, units)) for relation in model.relations
         ),
         notes=result.notes,
-        measured=measured(result, truth) if known is None else known,
+        observed=observed(result, truth) if known is None else known,
         searches=searched(result),
-        likelihood=likelihood(result),
         at_work=at_work(result, truth),
         table=tuple(table),
-        reproduce=Reproduce(
-            study=study_toml(result.study) if study is None else study,
-            seed=result.study.random.seed,
-            versions=_versions(),
-            stages=tuple(
-                Stage(name=name, seconds=round(seconds, 4), peak=result.memory.get(name))
-                for name, seconds in result.seconds.items()
-            ),
-        ),
+        reproduce=reproduce(result),
     )
 
 
-def measured(result: Identification, truth: Truth | None = None) -> Measured:
+def observed(result: Identification, truth: Truth | None = None) -> Observed:
     """Return the part of the report that does not depend on the model."""
-    return Measured(recorded=recorded(result), spectra=spectra(result), derivatives=derivatives_chart(result, truth))
-
-
-def _versions() -> tuple[tuple[str, str], ...]:
-    from odescope import __version__
-
-    python = ("Python", f"{platform.python_version()}, {platform.system()} {platform.machine()}")
-    return (("odescope", __version__), python, *((name, version(name)) for name in PACKAGES))
+    return Observed(recorded=recorded(result), spectra=spectra(result), derivatives=derivatives_chart(result, truth))
 
 
 def to_json_text(report: Report) -> str:

@@ -1,8 +1,8 @@
-"""The model at work on the last stretch of the longest recording, and its terms fitted without that stretch."""
+"""The model at work on the last part of the longest recording, and its terms fitted without that part."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,41 +10,60 @@ from odescope.arrays import FloatArray
 from odescope.library.tape import evaluate
 from odescope.model.model import Model
 from odescope.model.relation import Relation
-from odescope.model.simulation import simulate
+from odescope.pipeline.evaluation import LastPart, free_run
 from odescope.pipeline.identification import Identification
-from odescope.report.data import AtWork, Chart, Panel, Role, Score
+from odescope.report.data import AtWork, Chart, Panel, Role, StretchFit
 from odescope.report.recorded import Clock, Trace, Truth, chart, labels, panel
 from odescope.report.searches import columns_of
 from odescope.selection.ranking import left_column
 
-PART = 5  # the stretch is this part of the recording, as it is for the score of the free run
 BEYOND = 1.0  # how far outside the record's own range, in spans of it, a free run is followed
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What the charts show: the models, by label and role, on the last part of the longest recording.
+
+    Shapes: time (N,) on the clock of the recordings, columns (names, N) of the signals.
+    """
+
+    result: Identification
+    models: tuple[tuple[str, Role, Model], ...]
+    part: LastPart
+    time: FloatArray
+    columns: FloatArray
+    clock: Clock
+
+    def estimated(self, name: str) -> FloatArray:
+        """Return a state, target or input as estimated from the record, (N,)."""
+        row: FloatArray = self.columns[self.result.signals.row(name)]
+        return row
 
 
 def at_work(result: Identification, truth: Truth | None = None) -> AtWork:
     """Return predicted against estimated targets (Fig. 6) and the free run against the record (Fig. 7)."""
     signals, clock = result.signals, Clock.of(result.records)
-    longest = clock.longest
-    columns = signals.columns[longest]
-    first = columns.shape[1] - max(columns.shape[1] // PART, 2)
-    time, stretch = clock.kept(result)[longest][first:], columns[:, first:]
-    refitted = without_last(result, longest)
+    part = LastPart.of(signals, result.model)
+    refitted = without_last(result, part.record)
     models: list[tuple[str, Role, Model]] = [("model", "model", result.model)]
     if refitted is not None:
         models.append(("its terms, fitted without this stretch", "refitted", refitted))
-    free: dict[str, object] = dict(result.model.scores["free_run"])  # type: ignore[arg-type]
-    targets, scores = _targets(result, models, time, stretch, truth, clock)
-    valid = float(free["valid_time"])  # type: ignore[arg-type]
+    time = clock.kept(result)[part.record][part.first :]
+    shown = _Shown(result, tuple(models), part, time, signals.columns[part.record][:, part.first :], clock)
+    scores = result.model.scores
+    free = None if scores is None else scores.free_run
+    free = free_run(result.model, signals) if free is None else free  # a draft has no scores
+    targets, fits = _targets(shown, truth)
     return AtWork(
         targets=targets,
-        free_run=_free_run(result, models, time, stretch, float(time[0]) + valid, clock),
+        free_run=_free_run(shown, float(time[0]) + free.valid_time),
         held_out=refitted is not None,
         begin=float(time[0]),
         end=float(time[-1]),
-        scores=scores,
-        valid_time=valid,
-        duration=float(free["duration"]),  # type: ignore[arg-type]
-        ended=str(free["ended"] or ""),
+        fits=fits,
+        valid_time=free.valid_time,
+        duration=free.duration,
+        ended=free.ended or "",
     )
 
 
@@ -79,57 +98,37 @@ def predicted(model: Model, variables: FloatArray) -> FloatArray:
     return found.T
 
 
-def _targets(
-    result: Identification,
-    models: list[tuple[str, Role, Model]],
-    time: FloatArray,
-    stretch: FloatArray,
-    truth: Truth | None,
-    clock: Clock,
-) -> tuple[Chart, tuple[Score, ...]]:
-    signals, label = result.signals, labels(result)
-    variables = stretch[[signals.row(name) for name in result.model.variables]]
-    found = [(text, role, predicted(model, variables)) for text, role, model in models]
+def _targets(shown: _Shown, truth: Truth | None) -> tuple[Chart, tuple[StretchFit, ...]]:
+    label, time = labels(shown.result), shown.time
+    variables = np.array([shown.estimated(name) for name in shown.result.model.variables])
+    found = [(text, role, predicted(model, variables)) for text, role, model in shown.models]
     middle, half = 0.5 * float(time[0] + time[-1]), 0.1 * float(time[-1] - time[0])
-    panels, scores = list[Panel](), list[Score]()
-    for k, target in enumerate(result.model.targets):
-        estimated = stretch[signals.row(target)]
+    panels, fits = list[Panel](), list[StretchFit]()
+    for k, target in enumerate(shown.result.model.targets):
+        estimated = shown.estimated(target)
         traces: list[Trace] = [("estimated", "estimated", [time], [estimated])]
         if truth is not None and target in truth:
-            raw = clock.raw()[0]
+            raw = shown.clock.raw()[0]
             inside = slice(*np.searchsorted(raw, (time[0], time[-1])).tolist())
             traces.append(("truth", "truth", [raw[inside]], [truth[target][inside]]))
         traces += [(text, role, *_within(time, values[k], estimated)) for text, role, values in found]
         panels.append(panel(label[target], traces, (middle - half, middle + half)))
-        fits = [_r2(estimated, values[k]) for _, _, values in found]
-        scores.append(Score(target=target, model=fits[0], refitted=fits[1] if len(fits) > 1 else None))
-    return chart(clock.label, panels), tuple(scores)
+        r2 = [_r2(estimated, values[k]) for _, _, values in found]
+        fits.append(StretchFit(target=target, model=r2[0], refitted=r2[1] if len(r2) > 1 else None))
+    return chart(shown.clock.label, panels), tuple(fits)
 
 
-def _free_run(
-    result: Identification,
-    models: list[tuple[str, Role, Model]],
-    time: FloatArray,
-    stretch: FloatArray,
-    valid: float,
-    clock: Clock,
-) -> Chart:
-    signals, states, label = result.signals, result.model.states, labels(result)
-    variables = stretch[[signals.row(name) for name in result.model.variables]]
-    inputs, initial = variables[len(states) :].T, variables[: len(states), 0]
-    t = np.arange(len(time), dtype=np.float64) * np.float64(signals.period)
-    runs = [
-        (text, role, simulate(model, t, np.ascontiguousarray(inputs), np.ascontiguousarray(initial)))
-        for text, role, model in models
-    ]
+def _free_run(shown: _Shown, valid: float) -> Chart:
+    label, time = labels(shown.result), shown.time
+    runs = [(text, role, shown.part.run(model)) for text, role, model in shown.models]
     panels = []
-    for state in states:
-        record = stretch[signals.row(state)]
+    for state in shown.result.model.states:
+        record = shown.estimated(state)
         traces: list[Trace] = [("record, filtered", "estimated", [time], [record])]
         traces += [(text, role, *_within(time, run.column(state), record)) for text, role, run in runs]
         panels.append(panel(label[state], traces, None))
-    marks = [(valid, "end of valid time")] if valid < float(time[-1]) - 0.5 * signals.period else []
-    return chart(clock.label, panels, marks=marks)
+    marks = [(valid, "end of valid time")] if valid < float(time[-1]) - 0.5 * shown.result.signals.period else []
+    return chart(shown.clock.label, panels, marks=marks)
 
 
 def _within(time: FloatArray, values: FloatArray, record: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:

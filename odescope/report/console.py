@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from odescope.model.notebook import share
+from odescope.model.notes import share
 from odescope.report.assemble import model_of
 from odescope.report.data import Report
 
@@ -29,9 +27,10 @@ def trust_text(report: Report) -> str:
     table = Table(title_justify="left", box=None, pad_edge=False)
     for heading in ("target", "terms", "chosen among", "R² held out"):
         table.add_column(heading, justify="left" if heading == "target" else "right")
-    scores: Any = model_of(report).scores["targets"]
+    scores = model_of(report).scores
     for searched, coefficients in zip(report.searches, report.coefficients, strict=True):
-        held_out = share(scores[searched.target]["r2_held_out"])
+        score = None if scores is None else scores.targets.get(searched.target)
+        held_out = "–" if score is None or score.r2_held_out is None else share(score.r2_held_out)
         table.add_row(searched.target, str(len(coefficients)), str(searched.kept), held_out)
     work = report.at_work
     run = f"free run: {work.valid_time:.4g} of {work.duration:.4g} s with the record"

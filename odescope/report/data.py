@@ -1,6 +1,6 @@
 """The report as plain data: what every renderer draws from, and what report.json holds.
 
-Everything is numbers and text: lines are already thinned, text is as it came and for the renderer to escape. Shapes are
+Everything is numbers and text: lines are downsampled, text is as it came and for the renderer to escape. Shapes are
 checked on reading, since a stored report may have been written by anyone.
 """
 
@@ -20,7 +20,7 @@ class Plain(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class Line(Plain, frozen=True):
-    """A thinned line; null interrupts it."""
+    """A downsampled line; null interrupts it."""
 
     label: str
     role: Role
@@ -62,25 +62,22 @@ class Run(Plain, frozen=True):
     gap: float | None
 
 
-class Channel(Plain, frozen=True):
-    """A measured coordinate: what was found in it, in its own unit and in hertz."""
+class CoordinateRow(Plain, frozen=True):
+    """A measured coordinate in the table of what was recorded: its noise and its signal in its own unit."""
 
     name: str
     column: str
     unit: str
-    order: Count
     noise: float
-    cutoff: float
     signal: float
 
 
-class Driver(Plain, frozen=True):
-    """A recorded input."""
+class InputRow(Plain, frozen=True):
+    """A recorded input in the same table."""
 
     name: str
     column: str
     unit: str
-    hold: str
 
 
 class Recorded(Plain, frozen=True):
@@ -94,12 +91,12 @@ class Recorded(Plain, frozen=True):
     period: float
     kept_period: float
     kept: Count
-    channels: tuple[Channel, ...]
-    drivers: tuple[Driver, ...]
+    coordinates: tuple[CoordinateRow, ...]
+    inputs: tuple[InputRow, ...]
     chart: Chart
 
 
-class Spectrum(Plain, frozen=True):
+class Periodogram(Plain, frozen=True):
     """The periodogram of one channel: power per hertz over hertz, with its levels and cutoffs."""
 
     channel: str
@@ -112,15 +109,15 @@ class Spectrum(Plain, frozen=True):
     paper_cutoff: float
 
 
-class Measured(Plain, frozen=True):
+class Observed(Plain, frozen=True):
     """What is known before there is a model."""
 
     recorded: Recorded
-    spectra: tuple[Spectrum, ...]
+    spectra: tuple[Periodogram, ...]
     derivatives: Chart
 
 
-class Rule(Plain, frozen=True):
+class RuleCount(Plain, frozen=True):
     """What a rule of the library removed."""
 
     rule: str
@@ -178,7 +175,7 @@ class Searched(Plain, frozen=True):
     target: str
     unit: str
     products: Count
-    rules: tuple[Rule, ...]
+    rules: tuple[RuleCount, ...]
     terms: Count
     dependent: tuple[Dependent, ...]
     correlations: Correlations
@@ -204,55 +201,7 @@ class Searched(Plain, frozen=True):
         return tuple(term for term, sign in zip(self.columns, row.signs, strict=True) if sign != ".")
 
 
-class Step(Plain, frozen=True):
-    """One step of the likelihood's search."""
-
-    gap: str
-    action: str
-    target: str
-    term: str
-    statistic: float | None
-    price: float | None
-
-
-class Limit(Plain, frozen=True):
-    """A term that the model lacks, and the size from which on it would have been noticed; None at no size."""
-
-    target: str
-    term: str
-    limit: float | None
-
-
-class Unexplained(Plain, frozen=True):
-    """The root mean square of what the model does not explain of a target."""
-
-    target: str
-    size: float
-
-
-class Pair(Plain, frozen=True):
-    """Two coefficients whose estimates go together."""
-
-    first: str
-    second: str
-    correlation: float
-
-
-class Likelihood(Plain, frozen=True):
-    """How the likelihood of the measured trajectory judged; the last two are there where errors are stated."""
-
-    follows: bool
-    finished: bool
-    starts: Count
-    residual_variance: float | None
-    process_noise: tuple[Unexplained, ...]
-    trail: tuple[Step, ...]
-    hints: tuple[str, ...] = ()
-    limits: tuple[Limit, ...] = ()
-    correlations: tuple[Pair, ...] = ()
-
-
-class Score(Plain, frozen=True):
+class StretchFit(Plain, frozen=True):
     """How the model predicts one target on the stretch shown: R^2 of the model, and of its terms fitted without it."""
 
     target: str
@@ -268,7 +217,7 @@ class AtWork(Plain, frozen=True):
     held_out: bool
     begin: float
     end: float
-    scores: tuple[Score, ...]
+    fits: tuple[StretchFit, ...]
     valid_time: float
     duration: float
     ended: str
@@ -281,7 +230,7 @@ class Coefficient(Plain, frozen=True):
 
 
 class TableRow(Plain, frozen=True):
-    """A row of Table 2."""
+    """A row of Table 2: a coefficient of the numerator or denominator in truth, paper and odescope; None lacks it."""
 
     target: str
     term: str
@@ -299,9 +248,10 @@ class Stage(Plain, frozen=True):
 
 
 class Reproduce(Plain, frozen=True):
-    """What it takes to do it again."""
+    """What it takes to do it again: a study whose files are named from the folder that holds them all."""
 
     study: str
+    files: tuple[str, ...]
     seed: Count
     versions: tuple[tuple[str, str], ...]
     stages: tuple[Stage, ...]
@@ -316,9 +266,8 @@ class Report(Plain, frozen=True):
     model: msgspec.Raw
     coefficients: tuple[tuple[Coefficient, ...], ...]
     notes: tuple[str, ...]
-    measured: Measured
+    observed: Observed
     searches: tuple[Searched, ...]
-    likelihood: Likelihood | None
     at_work: AtWork
     table: tuple[TableRow, ...]
     reproduce: Reproduce

@@ -5,20 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING
 
 from odescope.export.mathml import product_mathml, relation_mathml
 from odescope.library.mathml import math, mathml_name
 from odescope.model.explicit import explicit
-from odescope.model.notebook import trust
+from odescope.model.notes import trust
 from odescope.model.relation import RelationTerm
+from odescope.model.scores import Likelihood, Step
 from odescope.report.assemble import model_of, to_json_text
 from odescope.report.data import Report
+from odescope.report.figures.pictures import Picture, draw_job, pictures
 from odescope.report.numerals import raised as exponent_digits
-from odescope.report.pictures import Picture, draw_job, pictures
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 LISTED = 6  # candidates of a target in the table
 LISTED_LIMITS = 12  # absent terms shown without asking for more
+MOST_LISTED = 60  # limits and correlations
 
 
 def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
@@ -41,16 +46,20 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    environment.filters |= {"number": number, "bytes": in_bytes, "span": in_time}
-    figures: dict[str, list[tuple[Picture, Any]]] = {}
+    environment.filters |= {"number": number, "bytes": in_bytes, "span": in_time, "joints": joints}
+    figures: dict[str, list[tuple[Picture, Markup]]] = {}
     for picture in shown:
         figures.setdefault(picture.section, []).append((picture, Markup(inline(drawn[picture.name]))))
     model = model_of(report)
+    judged = None if model.scores is None else model.scores.likelihood
     return environment.get_template("page.html.jinja").render(
         r=report,
         model=model,
         equations=_equations(report),
-        trust=trust(model),
+        trust=trust(model.scores),
+        likelihood=judged,
+        limits=((judged and judged.limits) or ())[:MOST_LISTED],
+        correlations=((judged and judged.correlations) or ())[:MOST_LISTED],
         figures=figures,
         listed=LISTED,
         listed_limits=LISTED_LIMITS,
@@ -72,10 +81,10 @@ def report_files(report: Report, drawn: Mapping[str, tuple[str, bytes]]) -> dict
 class Equation:
     """One target's equation as the page shows it."""
 
-    target: Any
-    explicit: Any
-    relation: Any
-    rows: tuple[tuple[Any, str, str, str, str], ...]
+    target: Markup
+    explicit: Markup
+    relation: Markup
+    rows: tuple[tuple[Markup, str, str, str, str], ...]
     stated: bool
 
 
@@ -139,6 +148,13 @@ def with_error(value: float, error: float) -> tuple[str, str]:
     size = f"{error:.1e}"
     places = max(1 - int(size.partition("e")[2]), 0)
     return f"{value:.{places}f}".replace("-", "−"), f"{error:.{places}f}"
+
+
+def joints(step: Step, likelihood: Likelihood) -> str:
+    """Return what segments may differ by at their joints in a step of the likelihood's search."""
+    if step.gap is not None:
+        return f"{step.gap:g}"
+    return "apart" if likelihood.process_noise is None else "estimated"
 
 
 def in_bytes(count: int | None) -> str:

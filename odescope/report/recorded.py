@@ -10,8 +10,8 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.pipeline.identification import Identification
 from odescope.recordings.record import Records
-from odescope.report.data import Channel, Chart, Driver, Line, Panel, Recorded, Role, Run, Spectrum
-from odescope.report.thin import drawn
+from odescope.report.data import Chart, CoordinateRow, InputRow, Line, Panel, Periodogram, Recorded, Role, Run
+from odescope.report.downsample import line_of
 from odescope.report.units import quantity_units, shown
 from odescope.signals.cutoff import NoiseCeiling, periodogram
 
@@ -71,15 +71,21 @@ Trace = tuple[str, Role, Sequence[FloatArray], Sequence[FloatArray]]
 
 
 def panel(label: str, traces: Sequence[Trace], close: tuple[float, float] | None) -> Panel:
-    """Return one panel of traces (label, role, abscissas, ordinates), with a close view where one is asked for."""
-    wide = tuple(drawn(*trace, WHOLE if close is None else WIDE) for trace in traces)
+    """Return one panel, with a close view where one is asked for.
+
+    Args:
+        label: of the ordinate.
+        traces: label, role, abscissas and ordinates, one array (N,) a piece.
+        close: begin and end of the close view, in seconds.
+    """
+    wide = tuple(line_of(*trace, WHOLE if close is None else WIDE) for trace in traces)
     if close is None:
         return Panel(label=label, wide=wide)
     near: list[Line] = []
     for text, role, xs, ys in traces:
         inside = [slice(*np.searchsorted(x, close).tolist()) for x in xs]
         cut = [(x[s], y[s]) for x, y, s in zip(xs, ys, inside, strict=True) if s.stop > s.start]
-        near.append(drawn(text, role, [x for x, _ in cut], [y for _, y in cut], CLOSE) if cut else _empty(text, role))
+        near.append(line_of(text, role, [x for x, _ in cut], [y for _, y in cut], CLOSE) if cut else _empty(text, role))
     return Panel(label=label, wide=wide, close=tuple(near))
 
 
@@ -88,7 +94,14 @@ def _empty(label: str, role: Role) -> Line:
 
 
 def chart(time: str, panels: Sequence[Panel], beside: str = CLOSE_UP, marks: Sequence[tuple[float, str]] = ()) -> Chart:
-    """Return a chart of as many panels as there is room for."""
+    """Return a chart of as many panels as there is room for.
+
+    Args:
+        time: label of the axis of time.
+        panels: from the top down.
+        beside: label of the axis of the close view.
+        marks: times worth a line, in seconds, and what they are.
+    """
     return Chart(
         time=time,
         beside=beside,
@@ -121,20 +134,18 @@ def recorded(result: Identification) -> Recorded:
         period=records.runs[0].sample_period,
         kept_period=signals.period,
         kept=signals.samples,
-        channels=tuple(
-            Channel(
+        coordinates=tuple(
+            CoordinateRow(
                 name=c.name,
                 column=study.coordinates[c.name].column or c.name,
                 unit=c.unit or "",
-                order=c.order,
                 noise=found.noise,
-                cutoff=found.cutoff,
                 signal=float(np.std(signals.joined()[signals.row(c.name)])),
             )
             for c, found in zip(signals.coordinates, signals.channels, strict=True)
         ),
-        drivers=tuple(
-            Driver(name=i.name, column=study.inputs[i.name].column or i.name, unit=i.unit or "", hold=i.hold)
+        inputs=tuple(
+            InputRow(name=i.name, column=study.inputs[i.name].column or i.name, unit=i.unit or "")
             for i in signals.inputs
         ),
         chart=signals_chart(result),
@@ -148,13 +159,13 @@ def signals_chart(result: Identification) -> Chart:
     panels = []
     for name in (*(c.name for c in signals.coordinates), *(i.name for i in signals.inputs)):
         samples = [run.column(name) for run in result.records]
-        wide = [drawn("recorded", "recorded", raw, samples, WIDE)]
+        wide = [line_of("recorded", "recorded", raw, samples, WIDE)]
         close = []
         if name in signals.states:
             filtered = [c[signals.row(name)] for c in signals.columns]
-            wide.append(drawn("filtered", "estimated", kept, filtered, WIDE))
+            wide.append(line_of("filtered", "estimated", kept, filtered, WIDE))
             rest = [_at(t, x, k) - f for t, x, k, f in zip(raw, samples, kept, filtered, strict=True)]
-            close.append(drawn("removed", "recorded", kept, rest, CLOSE))
+            close.append(line_of("removed", "recorded", kept, rest, CLOSE))
         panels.append(Panel(label=label[name], wide=tuple(wide), close=tuple(close)))
     return chart(clock.label, panels, "removed by the filter, over time (s)")
 
@@ -180,7 +191,7 @@ def derivatives_chart(result: Identification, truth: Truth | None = None) -> Cha
     return chart(clock.label, panels)
 
 
-def spectra(result: Identification) -> tuple[Spectrum, ...]:
+def spectra(result: Identification) -> tuple[Periodogram, ...]:
     """Return the periodogram of every channel, its noise floor and ceiling, the chosen cutoff and the paper's."""
     found, paper = [], NoiseCeiling()
     period = result.records.runs[0].sample_period
@@ -188,10 +199,10 @@ def spectra(result: Identification) -> tuple[Spectrum, ...]:
         channel = [run.column(c.name) for run in result.records]
         frequency, power = periodogram(channel, period)
         found.append(
-            Spectrum(
+            Periodogram(
                 channel=c.name,
                 unit=coordinate.unit or ("rad" if coordinate.angle else ""),
-                power=drawn(c.name, "recorded", [frequency[1:]], [np.maximum(power[1:], 1e-300)], WHOLE, log=True),
+                power=line_of(c.name, "recorded", [frequency[1:]], [np.maximum(power[1:], 1e-300)], WHOLE, log=True),
                 noise=c.noise,
                 floor=2.0 * c.noise**2 * period,
                 ceiling=paper.level(power),

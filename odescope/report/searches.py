@@ -1,9 +1,6 @@
-"""The library and the candidates of every target, and the steps of the likelihood, as plain data."""
+"""The library and the candidates of every target as plain data."""
 
 from __future__ import annotations
-
-import math
-from typing import Any
 
 import numpy as np
 
@@ -13,15 +10,10 @@ from odescope.pipeline.joint_models import Search
 from odescope.report.data import (
     Correlations,
     Dependent,
-    Likelihood,
-    Limit,
-    Pair,
     Point,
     Row,
-    Rule,
+    RuleCount,
     Searched,
-    Step,
-    Unexplained,
 )
 from odescope.report.units import quantity_units, shown
 from odescope.selection.ranking import Candidate
@@ -31,7 +23,7 @@ MOST_COLUMNS = 60  # terms in the grid: a candidate with others is left out
 MOST_CORRELATED = 80  # terms in the matrix of correlations
 MOST_POINTS = 400
 LEAST_INCLUSION = 0.1  # of a term that is listed
-MOST_LISTED = 60  # dependent terms, limits and the like
+MOST_LISTED = 60  # dependent terms
 
 
 def searched(result: Identification) -> tuple[Searched, ...]:
@@ -52,34 +44,13 @@ def columns_of(search: Search, relation: Relation) -> tuple[int, ...]:
 def _searched(search: Search, chosen: Candidate, relation: Relation, unit: str) -> Searched:
     problem, ranked = search.problem, search.ranked.candidates
     texts = [term.text for term in problem.terms]
-    best, used = list[Candidate](), set[int]()
-    for c in (chosen, *ranked):
-        if len(used | set(c.support)) <= MOST_COLUMNS and len(best) < MOST_ROWS and not any(c is b for b in best):
-            best.append(c)
-            used |= set(c.support)
-    rank = {id(c): k for k, c in enumerate(ranked)}
-    best.sort(key=lambda c: rank[id(c)])
-    columns = sorted(used)
-    adopted = columns_of(search, relation)
-    rows = tuple(
-        Row(
-            rank=1 + rank[id(c)],
-            family=c.family + 1,
-            guess=texts[c.guess],
-            rmse=c.target_rmse,
-            criterion=c.criterion,
-            consensus=len(c.guesses),
-            chosen=c is chosen,
-            signs="".join("." if j not in c.support else "+" if c.xi[j] >= 0 else "-" for j in columns),
-        )
-        for c in best
-    )
+    columns, rows = _grid(search, chosen, texts)
     removed = sum(count for _, count in search.removed)
     return Searched(
         target=problem.target,
         unit=unit,
         products=len(problem.terms) + removed + len(problem.dependent),
-        rules=tuple(Rule(rule=rule, removed=count) for rule, count in search.removed),
+        rules=tuple(RuleCount(rule=rule, removed=count) for rule, count in search.removed),
         terms=len(problem.terms),
         dependent=tuple(
             Dependent(term=term.text, others=tuple(o.text for o in others[:MOST_LISTED]))
@@ -100,7 +71,33 @@ def _searched(search: Search, chosen: Candidate, relation: Relation, unit: str) 
             for j in np.argsort(-search.inclusion, kind="stable")
             if search.inclusion[j] >= LEAST_INCLUSION
         ),
-        adopted=set(adopted) == set(chosen.support),
+        adopted=set(columns_of(search, relation)) == set(chosen.support),
+    )
+
+
+def _grid(search: Search, chosen: Candidate, texts: list[str]) -> tuple[list[int], tuple[Row, ...]]:
+    """Return the columns and rows of the grid: the chosen candidate, and the best that its columns have room for."""
+    ranked = search.ranked.candidates
+    best, used = list[Candidate](), set[int]()
+    for c in (chosen, *ranked):
+        if len(used | set(c.support)) <= MOST_COLUMNS and len(best) < MOST_ROWS and not any(c is b for b in best):
+            best.append(c)
+            used |= set(c.support)
+    rank = {id(c): k for k, c in enumerate(ranked)}
+    best.sort(key=lambda c: rank[id(c)])
+    columns = sorted(used)
+    return columns, tuple(
+        Row(
+            rank=1 + rank[id(c)],
+            family=c.family + 1,
+            guess=texts[c.guess],
+            rmse=c.target_rmse,
+            criterion=c.criterion,
+            consensus=len(c.guesses),
+            chosen=c is chosen,
+            signs="".join("." if j not in c.support else "+" if c.xi[j] >= 0 else "-" for j in columns),
+        )
+        for c in best
     )
 
 
@@ -115,36 +112,3 @@ def _correlations(search: Search) -> Correlations:
         percent=tuple(tuple(row) for row in percent.tolist()),
         left_out=len(cosines) - len(kept),
     )
-
-
-def likelihood(result: Identification) -> Likelihood | None:
-    """Return how the likelihood stage went, None where it did not run or could follow no start."""
-    scores: Any = result.model.scores.get("likelihood")
-    if scores is None:
-        return None
-    apart = "apart" if scores["process_noise"] is None else "estimated"
-    return Likelihood(
-        follows=scores["follows"],
-        finished=scores["finished"],
-        starts=scores["starts"],
-        residual_variance=_finite(scores["residual_variance"]),
-        process_noise=tuple(Unexplained(target=t, size=q) for t, q in (scores["process_noise"] or {}).items()),
-        trail=tuple(
-            Step(
-                gap=apart if m["gap"] is None else f"{m['gap']:g}",
-                action=m["action"],
-                target=m["target"],
-                term=m["term"],
-                statistic=_finite(m["statistic"]),
-                price=_finite(m["price"]),
-            )
-            for m in scores["trail"]
-        ),
-        hints=tuple(scores["hints"]),
-        limits=tuple(Limit(**row) for row in scores.get("limits", ())[:MOST_LISTED]),
-        correlations=tuple(Pair(**row) for row in scores.get("correlations", ())[:MOST_LISTED]),
-    )
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

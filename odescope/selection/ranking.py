@@ -66,6 +66,11 @@ class Ranked:
 def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
     """Return the candidates of one target, best first.
 
+    Args:
+        problem: of the target.
+        found: supports, and who found them.
+        options: what is kept.
+
     Raises:
         NoModelError: nothing is left, or what is left predicts nothing.
     """

@@ -131,6 +131,11 @@ def residuals(problem: Problem, xi: FloatArray, evaluated: FloatArray) -> tuple[
 
     The prediction solves the relation for the target: -(terms without it) / (what multiplies it). Where it cannot, the
     residual is 0.
+
+    Args:
+        problem: of the target.
+        xi: (c, m) coefficients of the relations.
+        evaluated: (m + k, n) values of `Problem.evaluated`.
     """
     m = xi.shape[1]
     multiplier = xi[:, list(problem.own)] @ evaluated[m:]

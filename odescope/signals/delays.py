@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 
 from odescope.errors import InputError
@@ -28,7 +29,7 @@ class Delay:
 
 def with_delays(inputs: Sequence[Input], delays: Mapping[str, float]) -> tuple[Input, ...]:
     """Return the inputs with these delays, by name; the others keep theirs."""
-    return tuple(replace(i, delay=delays.get(i.name, i.delay)) for i in inputs)
+    return tuple(msgspec.structs.replace(i, delay=delays.get(i.name, i.delay)) for i in inputs)
 
 
 def delayed(stretches: Sequence[Stretch], inputs: Sequence[Input], lead: float | None = None) -> tuple[Stretch, ...]:

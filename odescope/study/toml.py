@@ -72,17 +72,3 @@ def moved(study: Study, old: Path, new: Path) -> Study:
         except ValueError:  # another drive, on Windows
             files.append(target.as_posix())
     return msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, files=tuple(files)))
-
-
-def beside_data(study: Study, folder: Path) -> Study:
-    """Return the study with its files named from the folder that holds them all: saved there, it runs as it stands.
-
-    Args:
-        study: its files are relative to `folder`.
-        folder: of the study.
-    """
-    parents = [os.path.dirname(os.path.abspath(folder / file)) for file in study.data.files]
-    try:
-        return moved(study, folder, Path(os.path.commonpath(parents)) if parents else folder)
-    except ValueError:  # several drives, on Windows
-        return moved(study, folder, folder)

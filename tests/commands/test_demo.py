@@ -21,7 +21,7 @@ from odescope.study.toml import read_study, study_toml
 M1, MC, A1, BC, G = 1.0, 0.8, 0.18, 10.0, 9.81
 I1 = 0.7 * M1 * A1**2
 
-# The truth, normalised as Table 2 of the paper is to be read
+# The truth of the paper's Table 2, normalised to a denominator 1 + q cos^2(phi).
 TABLE = {
     "x_ddot": {
         "u": 0.55556,

@@ -118,7 +118,7 @@ def test_a_reference_is_shown_beside_what_was_found(folder):
     reference = Reference(signals=lambda: truth, table=lambda model: seen.append(model) or ())
     run = run_study(STUDY, folder, folder / "out", reference=reference)
     assert seen == [run.result.model]
-    roles = {line.role for panel in run.report.measured.derivatives.panels for line in panel.wide}
+    roles = {line.role for panel in run.report.observed.derivatives.panels for line in panel.wide}
     assert "truth" in roles
 
 

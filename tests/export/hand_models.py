@@ -4,6 +4,7 @@ from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
+from odescope.model.scores import Denominator, FreeRun, Scores, TargetScore
 from odescope.recordings.coordinate import Coordinate, Input
 
 
@@ -38,7 +39,10 @@ def rational():
                 (None, "(x**2 + 1.0)**0.5", 0.125),
             ),
         ),
-        {"targets": {"x_ddot": {"r2": 0.1 + 0.2, "worst": float("inf")}}, "free_run": {"ended": None}},
+        Scores(
+            targets={"x_ddot": TargetScore(0.1 + 0.2, 1e-17, 0.75, float("inf"), Denominator((0.1, 1.0), (-0.1, 1.0)))},
+            free_run=FreeRun(13.0, 1 / 3),
+        ),
         {"x": (-1 / 3, 1e22), "phi": (0.0, 5e-324)},
         {"odescope": "0.1.0", "columns": {"x": "x [m]"}, "note": 'ü "quoted" \\ \n'},
     )

@@ -8,6 +8,7 @@ from hand_models import MODELS
 
 from odescope.errors import InputError
 from odescope.export.model_file import from_json, read_model, to_json
+from odescope.model.scores import Scores, TargetScore
 
 TOP = {
     "format",
@@ -64,7 +65,18 @@ def test_what_the_file_says():
         "std_error": 1e-3,
     }
     assert [t["std_error"] for t in first[2:]] == [2e-300, None, 0.0, None]
-    assert GOOD["scores"]["targets"]["x_ddot"] == {"r2": 0.30000000000000004, "worst": None}  # JSON has no infinity
+    assert GOOD["scores"] == {
+        "targets": {
+            "x_ddot": {
+                "r2_held_out": 0.30000000000000004,
+                "rmse_held_out": 1e-17,
+                "explained_held_out": 0.75,
+                "condition": None,  # JSON has no infinity
+                "denominator": {"data": [0.1, 1.0], "box": [-0.1, 1.0]},
+            }
+        },
+        "free_run": {"duration": 13.0, "valid_time": 1 / 3, "ended": None},
+    }
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -75,6 +87,7 @@ def test_a_model_reads_back_as_it_was_to_the_last_digit(name):
     assert again.relations == model.relations
     assert (again.coordinates, again.inputs) == (model.coordinates, model.inputs)
     assert (again.domain, again.provenance) == (model.domain, model.provenance)
+    assert (again.scores is None) == (model.scores is None)
     assert to_json(again) == text
     assert math.isfinite(json.loads(text, parse_constant=lambda _: math.nan)["relations"][0]["terms"][0]["coefficient"])
 
@@ -164,6 +177,10 @@ def term(**values):
         (changed(inputs=[{"name": "u", "hold": "foh", "unit": None}]), "inputs[0].hold"),
         (changed(domain={"x": [1.0]}), "length 2"),
         (changed(scores=[]), "`scores`"),
+        (changed(scores={"targets": {"x_ddot": {"r2_held_out": "good"}}}), "`scores.targets[...].r2_held_out`"),
+        (changed(scores={"free_run": {"ended": None}}), "`duration` - at `scores.free_run`"),
+        (changed(scores={"likelihood": True}), "`scores.likelihood`"),
+        (changed(scores={"left_out": 1.5}), "`scores.left_out`"),
     ],
 )
 def test_what_is_wrong_is_named(content, part):
@@ -178,6 +195,21 @@ def test_a_coordinate_that_cannot_be(field, value, part):
     file = copy.deepcopy(GOOD)
     file["coordinates"][0][field] = value
     assert part in refused(file)
+
+
+@pytest.mark.parametrize("scores", [{}, {"r2": 0.9, "worst": {"x": None}}])
+def test_scores_that_say_nothing_known_are_none(scores):
+    model = from_json(json.dumps(changed(scores=scores)))
+    assert model.scores is None
+    assert json.loads(to_json(model))["scores"] == {}
+    assert "<li>" not in model._repr_html_()
+
+
+def test_scores_of_someone_else_are_read_as_far_as_they_are_known():
+    told = {"author": "by hand", "targets": {"x_ddot": {"r2_held_out": 0.875, "grade": "A"}}, "left_out": 2}
+    model = from_json(json.dumps(changed(scores=told)))
+    assert model.scores == Scores(targets={"x_ddot": TargetScore(r2_held_out=0.875)}, left_out=2)
+    assert "87.50 % of the variance of x_ddot" in model._repr_html_()
 
 
 def test_explicit_is_for_people_and_never_read():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_systems import System
 
-from odescope import Study, identify
+from odescope import Study, from_json, identify, to_json
 from odescope.likelihood.account import likelihood_scores, missing_physics
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.held_out import free_run_error
@@ -131,7 +131,7 @@ def test_a_record_that_is_followed_has_no_process_noise_and_nothing_unexplained(
     assert result.refinement.follows
     assert not said(result, "unexplained")
     assert set(terms(result)) == {"th_ddot", "sin(th)", "th_dot", "u"}
-    assert likelihood_scores(result.refinement, result.model.targets)["process_noise"] is None
+    assert likelihood_scores(result.refinement, result.model.targets).process_noise is None
 
 
 PENDULUM = System(
@@ -187,8 +187,10 @@ RUNS = {
 @pytest.mark.parametrize("name", RUNS)
 def test_scores_are_json_and_agree_with_the_model(name):
     result = identified(0, **RUNS[name])
-    scores = likelihood_scores(result.refinement, result.model.targets)
-    assert json.loads(json.dumps(scores, allow_nan=False)) == scores
+    assert likelihood_scores(result.refinement, result.model.targets) == result.model.scores.likelihood
+    written = json.loads(to_json(result.model))
+    assert from_json(json.dumps(written)).scores == result.model.scores
+    scores = written["scores"]["likelihood"]
     found = terms(result)
     intervals = {s["term"]: s["interval"] for s in scores["intervals"]}
     assert intervals.keys() == found.keys() - {"th_ddot"}

@@ -103,7 +103,7 @@ def test_a_log_in_chunks_is_read_by_the_workers(machines, tmp_path):
     study = Study(data=data, coordinates={"x": Measured(order=2)}, inputs={"u": Driven()})
     machines.staff(2)
     here, there = identify(study), identify(study, cluster=machines.address, store=tmp_path / "factors")
-    assert there.model.scores["streamed"]["portions"] == len(list((tmp_path / "factors").rglob("*.npz"))) > 5
+    assert there.model.scores.streamed.portions == len(list((tmp_path / "factors").rglob("*.npz"))) > 5
     assert_same(there, here)
 
 

@@ -46,7 +46,9 @@ def test_the_draft_is_the_result_of_the_regression(told):
     draft = events[place(events, DraftReady)].result
     assert draft.refinement is None
     assert draft.searches is result.searches
-    assert draft.model.scores == {}
+    assert draft.model.scores is None
+    assert draft.notes
+    assert "<math" in draft._repr_html_()
     assert [t.text for t in draft.model.relations[0].terms] == [t.text for t in result.model.relations[0].terms]
     assert all(t.std_error is None for t in draft.model.relations[0].terms)
 

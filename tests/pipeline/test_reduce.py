@@ -17,6 +17,7 @@ from pyarrow import parquet
 from odescope.errors import InputError
 from odescope.events import Progress
 from odescope.likelihood.search import LikelihoodSearch
+from odescope.model.scores import Streamed
 from odescope.parallel.workers import Threads
 from odescope.pipeline.identification import identify
 from odescope.pipeline.sample import LEAST_ROWS, SAMPLED, rows_in_memory
@@ -128,7 +129,7 @@ def test_the_likelihood_follows_the_sample(folder):
     for t in relation.terms:
         if t.std_error is not None:
             assert abs(t.coefficient - truth[t.text]) < 4.0 * t.std_error
-    assert result.model.scores["streamed"] == {"rows": ROWS, "portions": CHUNKS, "sampled": SAMPLED}
+    assert result.model.scores.streamed == Streamed(rows=ROWS, portions=CHUNKS, sampled=SAMPLED)
 
 
 def test_clipping_and_delays_reach_every_chunk(tmp_path, log):

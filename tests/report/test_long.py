@@ -27,7 +27,7 @@ def test_ten_million_rows_behind_the_same_signals():
     report = summary(replace(result, records=records))
     assert len(to_json_text(report)) < LIGHT
     assert len(to_html(report)) < LIGHT / 2
-    line = report.measured.recorded.chart.panels[0].wide[0]
+    line = report.observed.recorded.chart.panels[0].wide[0]
     assert max(v for v in line.y if v is not None) > 29.0  # the spike is still there
 
 

@@ -9,11 +9,12 @@ from pages import ATTACK, Page, identified
 
 from odescope.errors import InputError
 from odescope.model.relation import RelationTerm
+from odescope.model.scores import FreeRun
 from odescope.report import read_report, summary, to_html, to_json_text
 from odescope.report.assemble import model_of
 from odescope.report.data import Report, TableRow
+from odescope.report.figures.pictures import pictures
 from odescope.report.page import in_time, number, with_error
-from odescope.report.pictures import pictures
 
 TABLE = (TableRow(target="x_dot", term="u", truth=1.0, paper=None, found=0.9999),)
 BLANK = '<svg viewBox="0 0 10 10"></svg>'
@@ -76,15 +77,17 @@ def test_every_text_of_the_report_is_escaped(report, result):
         return poisoned if isinstance(value, str) else value
 
     plain = poison(json.loads(to_json_text(report)))
-    plain["likelihood"] |= {
+    scores = plain["model"]["scores"]
+    scores["free_run"]["ended"] = poisoned
+    scores["targets"][poisoned] = scores["targets"]["x_dot"]
+    scores["likelihood"] |= {
         "hints": [poisoned],
         "limits": [{"target": poisoned, "term": poisoned, "limit": 1.0}],
         "correlations": [{"first": poisoned, "second": poisoned, "correlation": 0.99}],
         "trail": [
-            {"gap": poisoned, "action": poisoned, "target": poisoned, "term": poisoned, "statistic": 3.0}
-            | {"price": 2.0}
+            {"gap": 1.0, "action": poisoned, "target": poisoned, "term": poisoned, "statistic": 3.0} | {"price": 2.0}
         ],
-        "process_noise": [{"target": poisoned, "size": 0.1}],
+        "process_noise": {poisoned: 0.1},
     }
     stored = msgspec.json.decode(json.dumps(plain), type=Report)
     html = to_html(stored)  # figures too
@@ -137,12 +140,12 @@ def test_the_model_is_that_of_the_result_with_errors_and_units(report, page, res
 
 def test_what_to_trust_is_said_in_words(page, result):
     scores = result.model.scores
-    assert f"{100 * scores['targets']['x_dot']['r2_held_out']:.2f} % of the variance of x_dot" in page.text or (
+    assert f"{100 * scores.targets['x_dot'].r2_held_out:.2f} % of the variance of x_dot" in page.text or (
         "more than 99.99 % of the variance of x_dot" in page.text
     )
     assert "No denominator vanishes between the states of the data." in page.text
-    run = {"duration": 8.0, "valid_time": 0.5, "ended": "the states grew without bound"}
-    early = replace(result, model=replace(result.model, scores={**scores, "free_run": run}))
+    run = FreeRun(duration=8.0, valid_time=0.5, ended="the states grew without bound")
+    early = replace(result, model=replace(result.model, scores=msgspec.structs.replace(scores, free_run=run)))
     told = summary(early)
     text = Page(to_html(told, blank(told))).text
     assert "Run freely it stays with the record for 0.5 of 8 s. The free run ended early: the states grew" in text
@@ -209,10 +212,10 @@ def test_held_out_means_held_out(report, result):
 
 
 def test_truth_is_drawn_beside_the_derivatives_and_vanishes_without(report, result):
-    roles = {line.role for panel in report.measured.derivatives.panels for line in panel.wide}
+    roles = {line.role for panel in report.observed.derivatives.panels for line in panel.wide}
     assert roles == {"estimated", "truth"}
     told = summary(result)
-    assert {line.role for p in told.measured.derivatives.panels for line in p.wide} == {"estimated"}
+    assert {line.role for p in told.observed.derivatives.panels for line in p.wide} == {"estimated"}
     text = Page(to_html(told, blank(told))).text
     assert "Against the truth" not in text
     assert "Table 2" not in text
@@ -224,7 +227,7 @@ def test_table_two_is_on_the_page(page):
 
 
 def test_what_the_filter_removed_is_the_noise(report):
-    panel = report.measured.recorded.chart.panels[0]
+    panel = report.observed.recorded.chart.panels[0]
     rest = np.array([v for v in panel.close[0].y if v is not None])
     assert 2e-4 < np.abs(rest).max() < 1e-3  # noise of 1e-4: nothing of the motion, of size 1
 
@@ -238,7 +241,7 @@ def test_what_the_filter_removed_is_the_noise(report):
         (lambda d: d.update(extra=1), "unknown field `extra`"),
         (lambda d: d["searches"][0]["rows"][0].update(signs="+"), "does not fit"),
         (lambda d: d["searches"][0]["correlations"]["percent"].pop(), "not a square table"),
-        (lambda d: d["measured"]["recorded"]["chart"]["panels"][0]["wide"][0]["x"].pop(), "abscissas"),
+        (lambda d: d["observed"]["recorded"]["chart"]["panels"][0]["wide"][0]["x"].pop(), "abscissas"),
         (lambda d: d["model"]["relations"][0]["terms"][0].update(term="__import__('os')"), "is not a report"),
         (lambda d: d["coefficients"].pop(), "its coefficients are not those of its model"),
     ],

@@ -102,8 +102,8 @@ STUDY = {
 def test_a_delay_is_estimated_and_goes_with_the_model(seed):
     data = late_tank(seed, 0.0234)
     result = identify(Study(**STUDY, inputs={"u": Driven(delay="estimate")}), data)
-    found = result.model.scores["delays"]["u"]
-    assert abs(found["delay"] - 0.0234) < max(4.0 * found["std_error"], 2e-4)
+    found = result.model.scores.delays["u"]
+    assert abs(found.delay - 0.0234) < max(4.0 * found.std_error, 2e-4)
     assert {t.term.text for t in result.model.relations[0].terms} == {"1", "x", "u"}
     assert any("acts 0.0" in note for note in result.notes)
     again = from_json(to_json(result.model))

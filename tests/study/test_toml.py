@@ -24,7 +24,7 @@ from odescope.study.options import (
 )
 from odescope.study.toml import moved, parse_study, read_study, study_toml
 
-# A study with nothing left to its default.
+# A study with nothing left to its default: the format that other programs write.
 TEXT = """
 [data]
 files = ["run1.csv", "run2.csv"]

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from odescope.report.data import Searched
-from odescope.report.labels import Labels
-from odescope.report.style import (
+from odescope.report.figures.labels import Labels
+from odescope.report.figures.style import (
     BLUE,
     GREY,
     ORANGE,
@@ -108,7 +108,7 @@ def draw_candidates(searched: Searched) -> Figure:
     return figure
 
 
-def frame(ax: Any) -> None:
+def frame(ax: Axes) -> None:
     """Leave of axes their frame alone; `Labels` stand in for its ticks."""
     ax.set_xticks([])
     ax.set_yticks([])

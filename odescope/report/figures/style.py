@@ -15,10 +15,12 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from odescope.arrays import FloatArray
 from odescope.report.data import Line, Role
 from odescope.report.numerals import raised
 
@@ -67,9 +69,9 @@ _FAMILY = "'DejaVu Sans', Verdana, sans-serif"
 
 
 @contextmanager
-def style(**more: Any) -> Iterator[None]:
-    """Draw in the report's style, whatever the user's own is."""
-    with mpl.rc_context(_STYLE | more):
+def style(salt: str | None = None) -> Iterator[None]:
+    """Draw in the report's style, whatever the user's own is; equal salts make equal ids in an SVG."""
+    with mpl.rc_context(_STYLE | {"svg.hashsalt": salt}):
         yield
 
 
@@ -78,19 +80,27 @@ def page(height: float) -> Figure:
     return Figure(figsize=(WIDTH, height))
 
 
-def axes(figure: Figure, left: float, top: float, width: float, height: float) -> Any:
-    """Return axes placed in inches from the left and the top of a figure: nothing is laid out twice."""
+def axes(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
+    """Return axes placed in inches: nothing is laid out twice.
+
+    Args:
+        figure: that they belong to.
+        left: from the left edge of the figure.
+        top: from its top.
+        width: of the axes.
+        height: of the axes.
+    """
     wide, high = figure.get_size_inches()
     return figure.add_axes((left / wide, 1.0 - (top + height) / high, width / wide, height / high))
 
 
-def draw(ax: Any, lines: Sequence[Line]) -> None:
+def draw(ax: Axes, lines: Sequence[Line]) -> None:
     """Draw lines by their roles."""
     for line in lines:
         ax.plot(numbers(line.x), numbers(line.y), label=plain(line.label), solid_capstyle="round", **LINES[line.role])
 
 
-def numbers(values: Sequence[float | None]) -> Any:
+def numbers(values: Sequence[float | None]) -> FloatArray:
     """Return numbers as an array, NaN where there is none."""
     return np.array(values, dtype=np.float64)
 
@@ -108,13 +118,19 @@ def product(text: str, longest: int = LONGEST) -> str:
     return plain(powers.replace("**", "^").replace("*", "·"), longest)
 
 
-def decades(value: float, _: int) -> str:
+def decades(value: float, _: float | None) -> str:
     """Return the label of a tick on a logarithmic axis of many decades."""
     return f"10{raised(round(float(np.log10(value))))}" if value > 0.0 else ""
 
 
-def legend(figure: Figure, ax: Any, columns: int = 4) -> None:
-    """Put the legend of some axes at the head of a figure."""
+def legend(figure: Figure, ax: Axes, columns: int = 4) -> None:
+    """Put the legend of some axes at the head of a figure.
+
+    Args:
+        figure: where it goes.
+        ax: whose lines it names.
+        columns: at most.
+    """
     handles, labels = ax.get_legend_handles_labels()
     if handles:
         figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.085, 1.0), ncols=columns, handlelength=2.4)
@@ -123,7 +139,7 @@ def legend(figure: Figure, ax: Any, columns: int = 4) -> None:
 def saved(figure: Figure, name: str) -> tuple[str, bytes]:
     """Return a figure as SVG, the same each time, and as PNG."""
     vector, raster = io.StringIO(), io.BytesIO()
-    with style(**{"svg.hashsalt": name}), warnings.catch_warnings():
+    with style(salt=name), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of letters that a font lacks: the reader's own fonts may have them
         FigureCanvasSVG(figure).print_svg(vector, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
         figure.set_dpi(RESOLUTION)

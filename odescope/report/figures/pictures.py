@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from odescope.report.data import Chart, Measured, Report, Searched, Spectrum
+from odescope.report.data import Chart, Observed, Periodogram, Report, Searched
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Kind = Literal["chart", "spectra", "correlation", "candidates", "accuracy"]
+Drawable = Chart | Searched | tuple[Periodogram, ...] | tuple[Searched, ...]
 _TYPES: dict[Kind, Any] = {
     "chart": Chart,
-    "spectra": tuple[Spectrum, ...],
+    "spectra": tuple[Periodogram, ...],
     "correlation": Searched,
     "candidates": Searched,
     "accuracy": tuple[Searched, ...],
@@ -31,7 +32,7 @@ class Picture:
     alternative: str
     caption: str
     kind: Kind
-    data: Any
+    data: Drawable
 
     @property
     def job(self) -> bytes:
@@ -39,9 +40,9 @@ class Picture:
         return msgspec.msgpack.encode((self.name, self.kind, msgspec.msgpack.encode(self.data)))
 
 
-def draw(kind: Kind, data: Any) -> Figure:
+def draw(kind: Kind, data: Drawable) -> Figure:
     """Return the figure of a kind for its data."""
-    from odescope.report import charts, grids
+    from odescope.report.figures import charts, grids
 
     how: dict[Kind, Any] = {
         "chart": charts.draw_chart,
@@ -56,7 +57,7 @@ def draw(kind: Kind, data: Any) -> Figure:
 
 def draw_job(job: bytes) -> tuple[str, bytes]:
     """Return the SVG and the PNG of a picture's job."""
-    from odescope.report.style import saved
+    from odescope.report.figures.style import saved
 
     name, kind, data = msgspec.msgpack.decode(job, type=tuple[str, Kind, bytes])
     return saved(draw(kind, msgspec.msgpack.decode(data, type=_TYPES[kind])), name)
@@ -64,24 +65,24 @@ def draw_job(job: bytes) -> tuple[str, bytes]:
 
 def pictures(report: Report) -> tuple[Picture, ...]:
     """Return the figures of a report in the order of its page; nothing is drawn yet."""
-    return (*early_pictures(report.measured, report.searches), _targets(report), _free_run(report))
+    return (*early_pictures(report.observed, report.searches), _targets(report), _free_run(report))
 
 
-def early_pictures(measured: Measured, searches: tuple[Searched, ...]) -> tuple[Picture, ...]:
+def early_pictures(observed: Observed, searches: tuple[Searched, ...]) -> tuple[Picture, ...]:
     """Return the figures that do not show the model at work."""
     return (
-        _signals(measured),
-        _spectra(measured),
-        _derivatives(measured),
+        _signals(observed),
+        _spectra(observed),
+        _derivatives(observed),
         *(_correlation(k, s) for k, s in enumerate(searches, start=1)),
         *(_candidates(k, s) for k, s in enumerate(searches, start=1)),
         _accuracy(searches),
     )
 
 
-def _signals(measured: Measured) -> Picture:
-    names = ", ".join(c.name for c in measured.recorded.channels)
-    drivers = ", ".join(d.name for d in measured.recorded.drivers)
+def _signals(observed: Observed) -> Picture:
+    names = ", ".join(c.name for c in observed.recorded.coordinates)
+    drivers = ", ".join(d.name for d in observed.recorded.inputs)
     return Picture(
         "signals",
         "data",
@@ -91,13 +92,13 @@ def _signals(measured: Measured) -> Picture:
         "Left: what was recorded (broad, grey) and what the filter kept (narrow, blue). Right, on its own scale:"
         " what the"
         " filter removed. It should be shapeless noise of even breadth; bursts where the motion turns sharply mean that"
-        " the cutoff is too low." + _left_out(measured.recorded.chart),
+        " the cutoff is too low." + _left_out(observed.recorded.chart),
         "chart",
-        measured.recorded.chart,
+        observed.recorded.chart,
     )
 
 
-def _spectra(measured: Measured) -> Picture:
+def _spectra(observed: Observed) -> Picture:
     return Picture(
         "spectra",
         "cutoff",
@@ -109,12 +110,12 @@ def _spectra(measured: Measured) -> Picture:
         " noise floor;"
         " peaks far to its right are motion that was lost, or a disturbance.",
         "spectra",
-        measured.spectra,
+        observed.spectra,
     )
 
 
-def _derivatives(measured: Measured) -> Picture:
-    true = any(line.role == "truth" for panel in measured.derivatives.panels for line in panel.wide)
+def _derivatives(observed: Observed) -> Picture:
+    true = any(line.role == "truth" for panel in observed.derivatives.panels for line in panel.wide)
     return Picture(
         "derivatives",
         "cutoff",
@@ -127,9 +128,9 @@ def _derivatives(measured: Measured) -> Picture:
             else ". They should look like a motion, not like noise: steady ripples at the cutoff frequency are noise"
             " that the filter let through."
         )
-        + _left_out(measured.derivatives),
+        + _left_out(observed.derivatives),
         "chart",
-        measured.derivatives,
+        observed.derivatives,
     )
 
 
@@ -180,7 +181,7 @@ def _accuracy(searches: tuple[Searched, ...]) -> Picture:
 
 def _stretch(report: Report) -> str:
     work = report.at_work
-    where = f"the last fifth of the {'record' if report.measured.recorded.recordings == 1 else 'longest recording'}"
+    where = f"the last fifth of the {'record' if report.observed.recorded.recordings == 1 else 'longest recording'}"
     honest = (
         " The dash-dotted line is held out from this stretch: the same terms, their coefficients regressed on the"
         " other blocks"

@@ -1,4 +1,4 @@
-"""Thinning of long lines by minimum and maximum per pixel, so that no peak is lost."""
+"""Downsampling of long lines to the minimum and maximum of every pixel, so that no peak is lost."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from odescope.report.data import Line, Role
 DIGITS = 5  # of the span of a line: far finer than a pixel
 
 
-def thin(x: FloatArray, y: FloatArray, pixels: int) -> IntArray:
+def min_max(x: FloatArray, y: FloatArray, pixels: int) -> IntArray:
     """Return the indices, ascending, of the points worth drawing on that many pixels.
 
     Of every pixel the lowest and the highest point stay, and both ends of the line: what is drawn covers the same ink.
@@ -33,10 +33,10 @@ def thin(x: FloatArray, y: FloatArray, pixels: int) -> IntArray:
     return np.array(sorted(kept), dtype=np.int64)
 
 
-def drawn(
+def line_of(
     label: str, role: Role, xs: Sequence[FloatArray], ys: Sequence[FloatArray], pixels: int, log: bool = False
 ) -> Line:
-    """Return pieces of a line, one after the other on the axis, as one thinned line interrupted between the pieces.
+    """Return pieces of a line, one after the other on the axis, as one downsampled line, interrupted between them.
 
     Args:
         label: of the legend.
@@ -49,7 +49,7 @@ def drawn(
     x, y = np.concatenate(xs), np.concatenate(ys)
     if not len(x):
         return Line(label=label, role=role, x=(), y=())
-    kept = thin(np.log(x) if log else x, y, pixels)
+    kept = min_max(np.log(x) if log else x, y, pixels)
     piece = np.searchsorted(np.cumsum([len(p) for p in xs]), kept, side="right")
     breaks = np.flatnonzero(np.diff(piece)) + 1
     across = np.insert(x[kept] if log else _rounded(x[kept]), breaks, np.nan)

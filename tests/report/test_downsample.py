@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from odescope.report.thin import DIGITS, drawn, thin
+from odescope.report.downsample import DIGITS, line_of, min_max
 
 VALUES = st.floats(-1e6, 1e6, allow_nan=False)
 
@@ -22,7 +22,7 @@ def lines(draw):
 @given(lines())
 def test_of_every_pixel_the_lowest_and_the_highest_point_stay_and_both_ends(line):
     x, y, pixels = line
-    kept = thin(x, y, pixels)
+    kept = min_max(x, y, pixels)
     assert np.all(np.diff(kept) > 0)
     assert {0, len(x) - 1} <= set(kept.tolist())
     edges = np.linspace(x[0], x[-1], pixels + 1)
@@ -41,7 +41,7 @@ def test_ten_million_samples_with_one_spike():
     y[7_654_321] = 50.0
     x = 0.001 * np.arange(len(y))
     begin = time.process_time()
-    line = drawn("y", "recorded", [x], [y], 960)
+    line = line_of("y", "recorded", [x], [y], 960)
     assert time.process_time() - begin < 5.0
     assert len(line.x) <= 2 * 960 + 2
     assert max(line.y) == pytest.approx(50.0, rel=1e-4)
@@ -51,7 +51,7 @@ def test_ten_million_samples_with_one_spike():
 def test_recordings_are_interrupted_and_numbers_are_short():
     xs = [np.arange(0.0, 1.0, 0.1), np.arange(2.0, 3.0, 0.1)]
     ys = [np.sin(x) / 3 for x in xs]
-    line = drawn("y", "recorded", xs, ys, 100)
+    line = line_of("y", "recorded", xs, ys, 100)
     assert line.x.count(None) == line.y.count(None) == 1
     assert line.x.index(None) == line.y.index(None) == 10
     shown = np.array([v for v in line.y if v is not None])
@@ -60,7 +60,7 @@ def test_recordings_are_interrupted_and_numbers_are_short():
 
 
 def test_a_line_of_nothing_and_a_constant_line():
-    assert drawn("y", "recorded", [np.array([])], [np.array([])], 10).x == ()
-    line = drawn("y", "recorded", [np.arange(5.0)], [np.zeros(5)], 10)
+    assert line_of("y", "recorded", [np.array([])], [np.array([])], 10).x == ()
+    line = line_of("y", "recorded", [np.arange(5.0)], [np.zeros(5)], 10)
     assert line.y == (0.0,) * 5
-    assert drawn("y", "recorded", [np.arange(3.0)], [np.full(3, 1234.5)], 10).y == (1234.5,) * 3
+    assert line_of("y", "recorded", [np.arange(3.0)], [np.full(3, 1234.5)], 10).y == (1234.5,) * 3

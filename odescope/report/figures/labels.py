@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.ft2font import LoadFlags
 from matplotlib.path import Path
@@ -26,35 +28,56 @@ MIDDLE = 0.27  # of the size: how far the middle of a line of text is above its 
 class Labels(Artist):
     """Labels around axes whose cells are counted from zero: above columns, before and behind rows."""
 
-    def __init__(self, ax: Any) -> None:
+    def __init__(self, ax: Axes) -> None:
         super().__init__()
         self._around = ax
         self.set_zorder(5.0)
         self._labels: list[tuple[str, float, str, float]] = []
 
     def above(self, column: int, text: str, size: float, upright: bool = True) -> None:
-        """Write above a column, from below upwards unless upright."""
+        """Write above a column, from below upwards unless upright.
+
+        Args:
+            column: counted from zero.
+            text: on one line.
+            size: of the letters in points.
+            upright: whether it reads from left to right.
+        """
         self._labels.append(("above" if upright else "rising", column, text, size))
 
     def before(self, row: int, text: str, size: float) -> None:
-        """Write before a row; row -1 is above the first."""
+        """Write before a row.
+
+        Args:
+            row: counted from zero; -1 is above the first.
+            text: on one line.
+            size: of the letters in points.
+        """
         self._labels.append(("before", row, text, size))
 
     def behind(self, row: int, text: str, size: float) -> None:
-        """Write behind a row."""
+        """Write behind a row.
+
+        Args:
+            row: as in `before`.
+            text: on one line.
+            size: of the letters in points.
+        """
         self._labels.append(("behind", row, text, size))
 
-    def draw(self, renderer: Any) -> None:
+    def draw(self, renderer: RendererBase) -> None:
         """Draw all labels."""
         outlines = []
         for place, cell, text, size in self._labels:
             if not text:
                 continue
-            scale = renderer.points_to_pixels(size)
+            scale = _pixels(renderer, size)
             x, y, angle = self._foot(renderer, place, cell, text, scale)
             if hasattr(renderer, "writer"):  # of SVG, which counts from the top
                 graphics = renderer.new_gc()
-                renderer.draw_text(graphics, x, renderer.height - y, text, FontProperties(FONT, size=size), angle)
+                renderer.draw_text(
+                    graphics, x, renderer.get_canvas_width_height()[1] - y, text, FontProperties(FONT, size=size), angle
+                )
             else:
                 outlines += _placed(text, x, y, angle, scale)
         if outlines:
@@ -64,10 +87,12 @@ class Labels(Artist):
             renderer.draw_path(graphics, path, IdentityTransform(), (0.0, 0.0, 0.0, 1.0))
             graphics.restore()
 
-    def _foot(self, renderer: Any, place: str, cell: float, text: str, scale: float) -> tuple[float, float, float]:
+    def _foot(
+        self, renderer: RendererBase, place: str, cell: float, text: str, scale: float
+    ) -> tuple[float, float, float]:
         """Return where a label begins, in pixels from below, and its angle."""
         box = self._around.bbox
-        pad = renderer.points_to_pixels(PAD)
+        pad = _pixels(renderer, PAD)
         across, up = self._around.transData.transform((cell, cell))
         length = scale * sum(_letter(c)[1] for c in text)
         if place == "above":
@@ -76,6 +101,11 @@ class Labels(Artist):
             return across + MIDDLE * scale, box.y1 + pad, 90.0
         left = box.x0 - pad - length if place == "before" else box.x1 + pad
         return left, up - MIDDLE * scale, 0.0
+
+
+def _pixels(renderer: RendererBase, points: float) -> float:
+    pixels: Any = renderer.points_to_pixels(points)  # typed as whatever arrays are made of
+    return float(pixels)
 
 
 @cache

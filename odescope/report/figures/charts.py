@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator
 
-from odescope.report.data import Chart, Panel, Spectrum
-from odescope.report.style import (
+from odescope.report.data import Chart, Panel, Periodogram
+from odescope.report.figures.style import (
     BLUE,
     GREY,
     ORANGE,
@@ -83,7 +83,7 @@ def _ticks(ax: Any, label: str, count: int) -> None:
         ax.tick_params(labelbottom=False)
 
 
-def draw_spectra(spectra: Sequence[Spectrum]) -> Figure:
+def draw_spectra(spectra: Sequence[Periodogram]) -> Figure:
     """Return the periodograms with noise floor and ceiling, the chosen cutoff and the paper's."""
     count, height = max(len(spectra), 1), 1.6
     figure = page(HEAD + count * height + (count - 1) * GAP + FOOT + 0.12)
@@ -118,12 +118,12 @@ def draw_spectra(spectra: Sequence[Spectrum]) -> Figure:
     return figure
 
 
-def _density(spectrum: Spectrum) -> str:
+def _density(spectrum: Periodogram) -> str:
     unit = plain(spectrum.unit, 8)
     return f"{spectrum.channel} ({unit}² / Hz)" if unit.isalnum() else spectrum.channel
 
 
-def _limits(ax: Any, x: Any, y: Any, spectrum: Spectrum) -> None:
+def _limits(ax: Any, x: Any, y: Any, spectrum: Periodogram) -> None:
     positive = y[np.isfinite(y) & (y > 1e-290)]
     levels = [v for v in (spectrum.floor, spectrum.ceiling, *positive.tolist()) if v > 0.0]
     if levels:

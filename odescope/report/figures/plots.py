@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from odescope.errors import InputError, nearest
 from odescope.pipeline.identification import Identification
 from odescope.report.at_work import at_work
-from odescope.report.charts import draw_chart, draw_spectra
 from odescope.report.data import Searched
-from odescope.report.grids import draw_accuracy, draw_candidates, draw_correlation
+from odescope.report.figures.charts import draw_chart, draw_spectra
+from odescope.report.figures.grids import draw_accuracy, draw_candidates, draw_correlation
 from odescope.report.recorded import Truth, derivatives_chart, signals_chart, spectra
 from odescope.report.searches import searched
 

@@ -1,0 +1,162 @@
+"""Sentences about a model: how far to trust it, and what its user should know.
+
+They are worded here, below all who say them: a model in a notebook, the likelihood stage, a result and its report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from odescope.model.scores import Doubts, Likelihood, Scores
+
+TOLD = 6  # notes of one kind
+
+
+def trust(scores: Scores | None) -> tuple[str, ...]:
+    """Return sentences on how far to trust a model, from the scores it was identified with; none where it has none."""
+    return () if scores is None else tuple(_trust(scores))
+
+
+def _trust(scores: Scores) -> Iterator[str]:
+    predicted = [(t, s.r2_held_out) for t, s in scores.targets.items() if s.r2_held_out is not None]
+    if predicted:
+        parts = [f"{share(r2)} of the variance of {target}" for target, r2 in predicted]
+        yield f"On held-out data it predicts {_listed(parts)} (R²)."
+    run = scores.free_run
+    if run is not None:
+        whole = run.valid_time >= run.duration
+        yield "Run freely it stays with the record for " + (
+            f"all {run.duration:.4g} s tried." if whole else f"{run.valid_time:.3g} of {run.duration:.4g} s."
+        )
+        if run.ended:
+            yield f"The free run ended early: {run.ended}."
+    if poles := _poles(scores):
+        yield f"Expect poles in {_listed(poles)}."
+    elif any(s.denominator is not None for s in scores.targets.values()):
+        yield "No denominator vanishes between the states of the data."
+    judged = scores.likelihood
+    if judged is None:
+        if scores.targets:
+            yield "Its coefficients come from regression alone, so they have no standard errors."
+    elif judged.follows and not judged.process_noise and judged.residual_variance is not None:
+        ratio = judged.residual_variance
+        yield f"It follows the record to within its noise: residual variance {ratio:.3f} times that of the noise."
+
+
+def notes_of(
+    scores: Scores | None, dependent: Sequence[tuple[str, Sequence[str]]], doubts: Doubts | None
+) -> tuple[str, ...]:
+    """Return what the user of a result should know, each sentence once.
+
+    Args:
+        scores: those of the model; a draft has none.
+        dependent: every candidate that was left out of a library, with those it is a combination of.
+        doubts: those of the likelihood stage, where it ran.
+    """
+    said = [*_left_out(dependent)]
+    if scores is not None:
+        said += [*_of_the_data(scores)]
+        if scores.likelihood is not None and doubts is not None:
+            said += [*_of_the_likelihood(scores.likelihood, doubts), *scores.likelihood.hints]
+    return tuple(dict.fromkeys(said))
+
+
+def _left_out(dependent: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
+    said = list(
+        dict.fromkeys(
+            f"left out of the library: {term}, on these data a combination of {', '.join(others)}"
+            for term, others in dependent
+        )
+    )
+    yield from said[:TOLD]
+    if len(said) > TOLD:
+        yield f"and {len(said) - TOLD} more candidates that are combinations of others: see the report"
+
+
+def _of_the_data(scores: Scores) -> Iterator[str]:
+    for target in _poles(scores):
+        yield f"the denominator of {target} vanishes between the states of the data: expect poles when simulating"
+    if scores.left_out:
+        yield f"{scores.left_out} recordings are shorter than a period of the cutoff and were left out"
+    if (read := scores.streamed) is not None:
+        yield (
+            f"{read.rows:,} rows were read in {read.portions} portions: all of them count in the regression;"
+            f" cutoffs, ranking, likelihood and report rest on {read.sampled} of the portions"
+        )
+    for name, found in scores.delays.items():
+        if found.delay:
+            error = "" if found.std_error is None else f" (standard error {found.std_error:.2g} s)"
+            yield f"{name} acts {found.delay:.4g} s after it was recorded{error}"
+    for name, count in scores.outliers.items():
+        if count:
+            yield f"{count} samples of {name} were clipped as outliers"
+
+
+def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
+    if doubts.late:
+        yield "the search was ended by the clock, [likelihood] seconds: another run may end elsewhere"
+    elif not judged.finished:
+        yield "the search ended with its budget: allow it more, [likelihood] budget, for what it may have missed"
+    if doubts.crowded:
+        yield (
+            "the search stopped at its largest number of terms: the library lacks what would explain the record in few"
+        )
+    if not judged.follows:
+        missed = "far more than" if judged.residual_variance is None else f"{judged.residual_variance**0.5:.2g} times"
+        yield (
+            f"no standard errors: even in short segments the best model misses the record by {missed} its noise, so"
+            " coefficients are the regression's; look for missing physics, such as dry friction, a delay, or an input"
+            " that was not recorded"
+        )
+        return
+    if judged.process_noise is not None:
+        sizes = ", ".join(f"{q:.2g} of {t}" for t, q in judged.process_noise.items() if q is not None)
+        yield (
+            f"the model leaves {sizes} unexplained (root mean square of averages over {doubts.window:.2g} s);"
+            " standard errors allow for it"
+        )
+    if doubts.thin:
+        terms = ", ".join(f"{term} in {target} ({errors:.1f} standard errors)" for term, target, errors in doubts.thin)
+        yield f"thin evidence, more data would decide: {terms}"
+
+
+def dry_friction_hint(target: str, velocity: str, correlation: float) -> str:
+    """Return what to say where what is unexplained of a target goes with the sign of a velocity.
+
+    Args:
+        target: whose equation it is.
+        velocity: a state.
+        correlation: of the two, others taken out.
+    """
+    return (
+        f"what is unexplained of {target} goes with the sign of {velocity} (correlation {correlation:.2g}), as"
+        f" dry friction does: try sign({velocity}) in the library's basis"
+    )
+
+
+def delay_hint(target: str, name: str, correlation: float) -> str:
+    """Return what to say where what is unexplained of a target goes with the rate of an input.
+
+    Args:
+        target: whose equation it is.
+        name: of the input.
+        correlation: of the two, others taken out.
+    """
+    return (
+        f"what is unexplained of {target} goes with the rate of {name} (correlation {correlation:.2g}), as with"
+        " a delay between what was recorded and what acted"
+    )
+
+
+def share(part: float) -> str:
+    """Return a part of 1 as a percentage that is not rounded up to the whole."""
+    return "more than 99.99 %" if 0.9999 < part < 1.0 else f"{100.0 * part:.2f} %"
+
+
+def _poles(scores: Scores) -> list[str]:
+    """Return the targets whose denominator vanishes between the states of the data."""
+    return [t for t, s in scores.targets.items() if s.denominator is not None and s.denominator.vanishes]
+
+
+def _listed(items: Sequence[str]) -> str:
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

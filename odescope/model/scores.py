@@ -1,0 +1,152 @@
+"""Scores: what an identification found out about its model, built once from its stages and typed until a file begins.
+
+A number may be infinite in memory. JSON has no infinity: in a model that was read from a file it is None.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+Number = float | None
+
+
+class Denominator(msgspec.Struct, frozen=True):
+    """Least and greatest value of a target's denominator, at the data and in the box around them."""
+
+    data: tuple[Number, Number]
+    box: tuple[Number, Number]
+
+    @property
+    def vanishes(self) -> bool:
+        """Whether it changes sign or is zero between the states of the data."""
+        low, high = self.box
+        return low is not None and high is not None and low * high <= 0.0
+
+
+class TargetScore(msgspec.Struct, frozen=True):
+    """How well one target is predicted where it was held out, and how sound its relation is.
+
+    `explained_held_out` is the share of the weighted power of the target, `condition` that of the relation's columns.
+    """
+
+    r2_held_out: Number = None
+    rmse_held_out: Number = None
+    explained_held_out: Number = None
+    condition: Number = None
+    denominator: Denominator | None = None
+
+
+class FreeRun(msgspec.Struct, frozen=True):
+    """A simulation of the last part of the longest record, and how long it stayed with it, in seconds."""
+
+    duration: float
+    valid_time: float
+    ended: str | None = None
+
+
+class Step(msgspec.Struct, frozen=True):
+    """One step of the likelihood's search: a term added, dropped or left out of a target's relation.
+
+    `gap` is what segments may differ by at their joints, in standard deviations of the states; None without one.
+    `statistic` and `price` are in units of chi-squared.
+    """
+
+    gap: Number
+    action: str
+    target: str
+    term: str
+    statistic: Number
+    price: Number
+
+
+class Interval(msgspec.Struct, frozen=True):
+    """The 95 % interval of a coefficient."""
+
+    target: str
+    term: str
+    interval: tuple[Number, Number]
+
+
+class Correlation(msgspec.Struct, frozen=True):
+    """Two coefficients whose estimates go together."""
+
+    first: str
+    second: str
+    correlation: Number
+
+
+class Limit(msgspec.Struct, frozen=True):
+    """The coefficient from which on an absent term would probably have been found.
+
+    None where these data cannot tell the term from those that are there.
+    """
+
+    target: str
+    term: str
+    limit: Number
+
+
+class Likelihood(msgspec.Struct, frozen=True, omit_defaults=True):
+    """How the likelihood of the measured trajectory judged the model.
+
+    `process_noise` is the root mean square of what the model leaves unexplained of each target, None where it follows
+    the record to within its noise; `held_out_free_run` is there with process noise only, and `intervals`,
+    `correlations` and `limits` only where standard errors are stated.
+    """
+
+    follows: bool
+    residual_variance: Number
+    gap: Number
+    finished: bool
+    starts: int
+    process_noise: dict[str, Number] | None
+    trail: tuple[Step, ...]
+    hints: tuple[str, ...]
+    held_out_free_run: Number = None
+    intervals: tuple[Interval, ...] | None = None
+    correlations: tuple[Correlation, ...] | None = None
+    limits: tuple[Limit, ...] | None = None
+
+
+class DelayScore(msgspec.Struct, frozen=True):
+    """How late an input was found to act, in seconds."""
+
+    delay: float
+    std_error: Number = None
+
+
+class Streamed(msgspec.Struct, frozen=True):
+    """How much was read of a log that does not fit in memory, and how many portions the ranking saw."""
+
+    rows: int
+    portions: int
+    sampled: int
+
+
+class Scores(msgspec.Struct, frozen=True, omit_defaults=True):
+    """All that was found out about a model; what a stage did not find is absent.
+
+    `left_out` counts recordings too short to use, `outliers` the samples of each coordinate that were clipped.
+    """
+
+    targets: dict[str, TargetScore] = {}
+    free_run: FreeRun | None = None
+    likelihood: Likelihood | None = None
+    left_out: int = 0
+    outliers: dict[str, int] = {}
+    delays: dict[str, DelayScore] = {}
+    streamed: Streamed | None = None
+
+
+class Doubts(msgspec.Struct, frozen=True):
+    """What the likelihood stage knows against its model and model.json does not say.
+
+    `late`: the clock ended the search; `crowded`: it stopped at its largest number of terms; `window`: the seconds over
+    which what is left unexplained is averaged; `thin`: terms whose evidence is thin, each with its target and its size
+    in standard errors.
+    """
+
+    late: bool
+    crowded: bool
+    window: float | None
+    thin: tuple[tuple[str, str, float], ...]
