@@ -5,11 +5,12 @@ They form a block-tridiagonal system with the parameters as border: all three ar
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from odescope.parallel.kernels import kernel
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+
+@kernel()
 def eliminate(sums, x0, joined, defect_std, damping):
     """Eliminate the initial states: block-tridiagonal Cholesky with the parameters as border.
 
@@ -112,7 +113,7 @@ def eliminate(sums, x0, joined, defect_std, damping):
     return cost, reduced, reduced_g, factor, border, carry, log_det, True
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def substitute(factor, border, carry, joined, change):
     """Return the change (J, n) of the initial states that goes with a change of the parameters.
 
@@ -143,7 +144,7 @@ def substitute(factor, border, carry, joined, change):
     return result
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def state_covariances(factor, carry, joined):
     """Return posterior covariances of the initial states: own (J, n, n), with the next segment's (J, n, n).
 

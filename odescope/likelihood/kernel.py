@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.tape import run_tape
+from odescope.parallel.kernels import kernel
 
 LANES = 32  # segments side by side: states, sensitivities and tape of 32 lanes stay in a first- or second-level cache
 
@@ -61,7 +61,7 @@ class Scratch(NamedTuple):
     v: FloatArray
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel("contract")
 def _slopes(code, places, param, weight, p, lanes, x, s, u, scratch, dx, ds):
     """Compute x' and S' of all lanes: one function, because what it computes on the way stays in cache.
 
@@ -156,7 +156,7 @@ def _slopes(code, places, param, weight, p, lanes, x, s, u, scratch, dx, ds):
                         out[lane] -= w[lane] * value[lane]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _invert(a, inv, targets, lanes):
     if targets == 1:
         for lane in range(lanes):
@@ -194,7 +194,7 @@ def _invert(a, inv, targets, lanes):
                 inv[i, j, lane] = m[i, targets + j]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel("contract")
 def integrate(code, places, param, weight, p, data, x0, begin, end, out):
     """Integrate segments begin to end - 1 and accumulate cost, gradient and Gauss-Newton matrix of each.
 

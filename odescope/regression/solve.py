@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.parallel.kernels import kernel
 
 PIVOT_TOLERANCE = 1e-9  # of a unit column: below it the normal equations have lost half the digits of r
 RANK_TOLERANCE = 1e-12  # a unit column with less than this left of it adds nothing that rounding did not
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def least_squares(r: FloatArray, support: IntArray, left: int) -> tuple[FloatArray, float]:
     """Return the coefficients (s,) that best explain column `left` of r by the columns `support`, and |residual|^2.
 
@@ -77,14 +77,14 @@ def least_squares(r: FloatArray, support: IntArray, left: int) -> tuple[FloatArr
     return x, rest
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _grown(array: NDArray[Any]) -> NDArray[Any]:
     larger = np.empty((2 * array.shape[0], array.shape[1]), dtype=array.dtype)
     larger[: array.shape[0]] = array
     return larger
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@kernel("reassoc", "contract")
 def _dot(a: FloatArray, b: FloatArray) -> float:
     # Only a sum that may be taken in any order runs in vector registers.
     total = 0.0
@@ -93,7 +93,7 @@ def _dot(a: FloatArray, b: FloatArray) -> float:
     return total
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def normal_fit(r: FloatArray, gram: FloatArray, support: IntArray, left: int) -> FloatArray:
     """Return the coefficients (s,) of `least_squares`, by Cholesky of the Gram matrix and one refinement on r.
 
@@ -132,7 +132,7 @@ def normal_fit(r: FloatArray, gram: FloatArray, support: IntArray, left: int) ->
     return x + change
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _solve_cholesky(a: FloatArray, x: FloatArray) -> None:
     s = x.shape[0]
     for i in range(s):
@@ -194,7 +194,7 @@ def threshold_supports(
     return found
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _walk_thresholds(
     r: FloatArray,
     gram: FloatArray,
