@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
-import odescope
 from odescope.arrays import FloatArray
 from odescope.commands.files import FACTORS, RESULT_FILES, check_writable, refuse_overwriting, result_files, write_files
 from odescope.errors import Stopped
 from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageBegan
+from odescope.likelihood.kernel import integrate
 from odescope.model.model import Model
+from odescope.parallel.kernels import compiled
 from odescope.pipeline.identification import DraftReady, Identification, identify
 from odescope.report.assemble import observed, read_report, summary
 from odescope.report.data import Observed, Report, TableRow
@@ -86,7 +86,7 @@ def run_study(
     check_writable(out)
     resolved = moved(study, folder, out)
     _refuse_own_sources(study, resolved, folder, out, source)
-    if study.likelihood.enabled and not _compiled():
+    if study.likelihood.enabled and not compiled(integrate):
         monitor.tell(Note("compiling the kernels, once: this takes about a minute"))
     progress = list[Progress]()
     with painters() as painter:
@@ -169,11 +169,3 @@ def _stopped(progress: Sequence[Progress], out: Path) -> str:
     if last is None or not (out / FACTORS).is_dir():
         return said
     return f"{said}; {last.done} of {last.total} {last.part}s are kept: the same command goes on from there"
-
-
-def _compiled() -> bool:
-    """Return whether the kernels of the likelihood are compiled already."""
-    cached = [Path(odescope.__file__).parent / "likelihood" / "__pycache__"]
-    if "NUMBA_CACHE_DIR" in os.environ:
-        cached += Path(os.environ["NUMBA_CACHE_DIR"]).glob("*likelihood*")
-    return any(any(folder.glob("kernel.integrate-*.nbi")) for folder in cached)
