@@ -4,13 +4,13 @@ from odescope.errors import NoModelError as NoModelError
 from odescope.errors import OdescopeError as OdescopeError
 from odescope.errors import Stopped as Stopped
 from odescope.errors import WorkersLostError as WorkersLostError
-from odescope.export.code import to_python as to_python
-from odescope.export.mathml import to_mathml as to_mathml
+from odescope.export.languages.latex import to_latex as to_latex
+from odescope.export.languages.mathml import to_mathml as to_mathml
+from odescope.export.languages.python import to_python as to_python
+from odescope.export.languages.text import to_text as to_text
 from odescope.export.model_file import from_json as from_json
 from odescope.export.model_file import read_model as read_model
 from odescope.export.model_file import to_json as to_json
-from odescope.export.text import to_latex as to_latex
-from odescope.export.text import to_text as to_text
 from odescope.library.candidates import Library as Library
 from odescope.library.expression import Term as Term
 from odescope.library.parse import Definition as Definition

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from odescope.errors import InputError, OdescopeError, Stopped
+from odescope.errors import OdescopeError, Stopped
+from odescope.export.languages import names, writer
 
 if TYPE_CHECKING:
     from odescope.report.data import Report
@@ -201,27 +201,16 @@ def report(
 @app.command(short_help="Write a model as text, LaTeX or Python.")
 def export(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")],
-    to: Annotated[str, typer.Option(metavar="text|latex|mathml|python", help="What to write.")] = "text",
+    to: Annotated[str, typer.Option(metavar="|".join(names()), help="What to write.")] = "text",
     out: Annotated[Path | None, typer.Option(help="File to write.", show_default="standard output")] = None,
 ) -> None:
     """Write a model as text, as LaTeX, as MathML, or as a Python module that imports numpy alone."""
     from odescope.commands.files import refuse_overwriting, write_file
     from odescope.commands.terminal import say
-    from odescope.errors import nearest
-    from odescope.export.code import to_python
-    from odescope.export.mathml import to_mathml
     from odescope.export.model_file import read_model
-    from odescope.export.text import to_latex, to_text
 
-    writers: dict[str, Callable[..., str]] = {
-        "text": to_text,
-        "latex": to_latex,
-        "mathml": to_mathml,
-        "python": to_python,
-    }
-    if to not in writers:
-        raise InputError(f"cannot export to {to!r}; {nearest(to, writers)}")
-    text = writers[to](read_model(model)).rstrip("\n") + "\n"
+    write = writer(to)
+    text = write(read_model(model)).rstrip("\n") + "\n"
     if out is None:
         say(text)
     else:

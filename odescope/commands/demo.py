@@ -18,7 +18,6 @@ from odescope.events import FilesWritten, Monitor, StageBegan
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
-from odescope.model.explicit import explicit
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.model.simulation import simulate
@@ -160,7 +159,7 @@ def true_signals(log: SimulatedLog, joint_friction: float) -> dict[str, FloatArr
     """Return every state and target of a log by name, (N,), without noise."""
     model = cart_pendulum(joint_friction)
     columns = np.ascontiguousarray(np.column_stack([log.states, log.force]).T)
-    quotients = explicit(model)
+    quotients = model.quotients
     values = evaluate(
         write_tape(model.variables, [p for q in quotients for p in (q.numerator, q.denominator)]), columns
     )

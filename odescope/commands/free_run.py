@@ -16,8 +16,7 @@ from odescope.model.model import Model
 from odescope.model.simulation import Trajectory, simulate
 from odescope.recordings.layout import Layout
 from odescope.recordings.readers import column_names, read_records
-from odescope.recordings.record import Record, Records
-from odescope.signals.delays import delayed
+from odescope.recordings.record import Record
 
 TIME_NAMES = ("t", "time", "Time", "T", "TIME")
 
@@ -51,8 +50,7 @@ def free_runs(
         held=frozenset(i.name for i in model.inputs if i.hold == "zero"),
         recording=recording,
     )
-    stretches = delayed(read_records([data_path], layout).stretches, model.inputs)
-    records = Records.of(s.record for s in stretches)
+    records = read_records([data_path], layout)
     out, notes = io.StringIO(), []
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow((*(() if recording is None else (recording,)), time or "t", *model.states))

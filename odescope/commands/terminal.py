@@ -59,7 +59,7 @@ def found(event: Event) -> str:
 
     if not isinstance(event, EquationsReady):
         return ""
-    from odescope.export.text import to_text
+    from odescope.export.languages.text import to_text
 
     return to_text(event.result.model, 6)
 

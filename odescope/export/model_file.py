@@ -12,10 +12,9 @@ import msgspec
 from odescope.errors import InputError
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
-from odescope.model.explicit import explicit
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
-from odescope.model.scores import Scores
+from odescope.model.scores import ModelScores
 from odescope.recordings.coordinate import Coordinate, Input
 
 
@@ -39,7 +38,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     targets: list[str]
     relations: list[_Relation]
     explicit: dict[str, str]
-    scores: Scores
+    scores: ModelScores
     domain: dict[str, tuple[float, float]]
     provenance: dict[str, Any]
 
@@ -64,8 +63,8 @@ def to_json(model: Model) -> str:
             _Relation([_Term(t.factor, t.term.text, t.coefficient, t.std_error) for t in r.terms])
             for r in model.relations
         ],
-        "explicit": {q.target: q.text for q in explicit(model)},
-        "scores": model.scores or Scores(),
+        "explicit": {q.target: q.text for q in model.quotients},
+        "scores": model.scores or ModelScores(),
         "domain": {name: (float(low), float(high)) for name, (low, high) in model.domain.items()},
         "provenance": dict(model.provenance),
     }
@@ -114,7 +113,7 @@ def from_json(data: bytes | str) -> Model:
         raise InputError(f"the name {max(names, key=names.count)!r} is used twice")
     scope = Scope.of([n for c in coordinates for n in c.states] + [i.name for i in inputs])
     relations = tuple(Relation(tuple(_read_term(t, scope) for t in r.terms)) for r in file.relations)
-    scores = None if file.scores == Scores() else file.scores
+    scores = None if file.scores == ModelScores() else file.scores
     model = Model(coordinates, inputs, relations, scores, file.domain, file.provenance)
     for what, came, expected in (("states", file.states, model.states), ("targets", file.targets, model.targets)):
         if tuple(came) != expected:

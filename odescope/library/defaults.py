@@ -25,6 +25,11 @@ def paper_rules(coordinates: Sequence[Coordinate], inputs: Sequence[Input], targ
     """Return the rules that thin the paper's 330 products to the 35 of one target.
 
     What is left is {1, v1, v1^2, v2, v2^2, u, target} x {1, s, c, s c, c^2}.
+
+    Args:
+        coordinates: give the velocities and the angles.
+        inputs: each enters at most linearly.
+        target: the one whose relation is looked for; products with the others are left out.
     """
     velocities = tuple(c.derivative(k) for k in range(1, _highest(coordinates)) for c in coordinates if c.order > k)
     driven = tuple(i.name for i in inputs)
@@ -48,6 +53,12 @@ def default_library(
     With angles: {1, velocities, products of two velocities, inputs, positions that are neither angle nor cyclic,
     targets} x products of sines and cosines to degree 2. Without: monomials of states and inputs to degree 3 (less
     where that would be too many) x {1, targets}.
+
+    Args:
+        coordinates: give states, velocities and angles; an angle or a cyclic coordinate does not itself enter.
+        inputs: enter as states do.
+        targets: those that may multiply a product, each to the first power.
+        scope: the names that the products are made of.
     """
     states = [
         c.derivative(k)
@@ -70,7 +81,13 @@ def default_library(
 
 
 def default_rules(coordinates: Sequence[Coordinate], targets: Sequence[str], basis: Sequence[str]) -> tuple[Rule, ...]:
-    """Return the rules of a basis by hand that brings none of its own: linear in the targets, sin^2 = 1 - cos^2."""
+    """Return the rules of a basis by hand that brings none of its own: linear in the targets, sin^2 = 1 - cos^2.
+
+    Args:
+        coordinates: the angles among them may have sine and cosine in the basis.
+        targets: to appear to the first power at most.
+        basis: the functions, as text.
+    """
     compact = {b.replace(" ", "") for b in basis}
     pairs = [c.name for c in coordinates if {f"sin({c.name})", f"cos({c.name})"} <= compact]
     return (MaximumDegree(tuple(targets), 1), *(Identity(f"sin({a})") for a in pairs))

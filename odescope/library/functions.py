@@ -1,40 +1,76 @@
-"""The functions a term may use: one row a function, from which values, derivatives, LaTeX and code all follow."""
+"""The functions of one argument that a term may use: a row and a compiled branch each, and all else follows.
+
+To add one, write its row in `_ROWS` and its branch in `call`, with the same code. Values, derivatives, LaTeX, MathML,
+code and units read the row; library evaluation, simulation and likelihood run the branch.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-# Instruction codes of the tape (see tape.py). Functions of one argument start at FIRST_FUNCTION.
-CONSTANT, ADD, MULTIPLY, SCALE, INTEGER_POWER, REAL_POWER = range(6)
-FIRST_FUNCTION = 6
+import numpy as np
+
+from odescope.parallel.kernels import kernel
 
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """A function of one argument.
+    """A function of one argument, z.
 
-    `derivative` is the sum of products that differentiates it, each a coefficient and powers of functions of the
-    same argument; the function "" is the argument itself.
+    Attributes:
+        name: in the text of a term; NumPy has it by the same name.
+        code: of its branch in `call`; the instructions of the tape have the codes below it (see tape.py).
+        derivative: with respect to z, in the syntax of terms: an expression of z.
+        latex: command that writes the name.
+        unit_power: of the argument's unit that the value carries; 0 for a function whose values are numbers.
     """
 
     name: str
     code: int
+    derivative: str
     latex: str
-    derivative: tuple[tuple[float, tuple[tuple[str, int], ...]], ...]
+    unit_power: float = 0.0
 
 
-_ROWS: tuple[tuple[str, str, tuple[tuple[float, tuple[tuple[str, int], ...]], ...]], ...] = (
-    ("sin", r"\sin", ((1.0, (("cos", 1),)),)),
-    ("cos", r"\cos", ((-1.0, (("sin", 1),)),)),
-    ("tan", r"\tan", ((1.0, ()), (1.0, (("tan", 2),)))),
-    ("exp", r"\exp", ((1.0, (("exp", 1),)),)),
-    ("log", r"\log", ((1.0, (("", -1),)),)),
-    ("sqrt", r"\sqrt", ((0.5, (("sqrt", -1),)),)),
-    ("abs", r"\operatorname{abs}", ((1.0, (("sign", 1),)),)),
-    ("sign", r"\operatorname{sign}", ()),
-    ("tanh", r"\tanh", ((1.0, ()), (-1.0, (("tanh", 2),)))),
+_ROWS = (
+    Function("sin", 6, "cos(z)", r"\sin"),
+    Function("cos", 7, "-sin(z)", r"\cos"),
+    Function("tan", 8, "1 + tan(z)**2", r"\tan"),
+    Function("exp", 9, "exp(z)", r"\exp"),
+    Function("log", 10, "1/z", r"\log"),
+    Function("sqrt", 11, "0.5/sqrt(z)", r"\sqrt", unit_power=0.5),
+    Function("abs", 12, "sign(z)", r"\operatorname{abs}", unit_power=1.0),
+    Function("sign", 13, "0", r"\operatorname{sign}"),
+    Function("tanh", 14, "1 - tanh(z)**2", r"\tanh"),
 )
 
-FUNCTIONS: dict[str, Function] = {
-    name: Function(name, FIRST_FUNCTION + k, latex, derivative) for k, (name, latex, derivative) in enumerate(_ROWS)
-}
+
+@kernel()
+def call(code: int, z: float) -> float:
+    """Return the value at z of the function with this code; NaN outside its domain.
+
+    Raises:
+        ValueError: no branch has this code.
+    """
+    if code == 6:
+        return np.sin(z)
+    if code == 7:
+        return np.cos(z)
+    if code == 8:
+        return np.tan(z)
+    if code == 9:
+        return np.exp(z)
+    if code == 10:
+        return np.log(z) if z >= 0.0 else np.nan
+    if code == 11:
+        return np.sqrt(z) if z >= 0.0 else np.nan
+    if code == 12:
+        return abs(z)
+    if code == 13:
+        return np.sign(z)
+    if code == 14:
+        return np.tanh(z)
+    raise ValueError("an instruction of a tape has a code without a branch in library/functions.py: write the branch")
+
+
+FUNCTIONS: dict[str, Function] = {row.name: row for row in _ROWS}

@@ -1,4 +1,4 @@
-"""Terms as MathML, by a walk over the expression, beside its LaTeX in `expression`.
+"""Terms as MathML.
 
 Presentation MathML that reads back without guessing: factors are joined by an invisible times, a function and its
 argument by the sign for application, so that a program (or a voice) finds the same value as the eye.
@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterable
 from html import escape
 
-from odescope.library.expression import Combination, Name, Term, is_greek, split_name
+from odescope.library.expression import Power
+from odescope.library.names import is_greek, split_name
+from odescope.library.printer import Language
 
 TIMES = '<mo lspace="0.08em" rspace="0.08em">&#x2062;</mo>'
 APPLY, MINUS = "<mo>&#x2061;</mo>", "<mo>−</mo>"
@@ -35,35 +37,6 @@ def mathml_name(name: str) -> str:
     return body
 
 
-def mathml_term(term: Term) -> str:
-    """Return MathML of a term."""
-    out = []
-    for atom, power in term.factors:
-        up = f"<mn>{power}</mn>" if power >= 0 else f"<mrow>{MINUS}<mn>{-power}</mn></mrow>"
-        if isinstance(atom, Name):
-            body = mathml_name(atom.name)
-            out.append(body if power == 1 else f"<msup><mrow>{body}</mrow>{up}</msup>")
-            continue
-        inner = mathml_combination(atom.argument)
-        if atom.function == "sqrt":
-            body = f"<msqrt>{inner}</msqrt>"
-            out.append(body if power == 1 else f"<msup>{body}{up}</msup>")
-            continue
-        body, bracket = f"<mrow><mo>(</mo>{inner}<mo>)</mo></mrow>", True
-        if atom.function:
-            head = f"<mi>{escape(atom.function)}</mi>"
-            if power > 1:
-                head = f"<msup>{head}{up}</msup>"
-            body, bracket = f"<mrow>{head}{APPLY}{body}</mrow>", False
-        if power == 1 or (power > 1 and atom.function):
-            out.append(body)
-        elif bracket:
-            out.append(f"<msup>{body}{up}</msup>")
-        else:  # cos with the exponent -1 would read as the inverse function
-            out.append(f"<msup><mrow><mo>(</mo>{body}<mo>)</mo></mrow>{up}</msup>")
-    return TIMES.join(out) or _ONE
-
-
 def mathml_number(size: float, digits: int = 6) -> str:
     """Return MathML of a number that is not negative, to `digits` significant digits."""
     text = f"{size:.{digits}g}"
@@ -71,17 +44,11 @@ def mathml_number(size: float, digits: int = 6) -> str:
         return f"<mn>{text}</mn>"
     mantissa, exponent = text.split("e")
     power = int(exponent)
-    up = f"<mn>{power}</mn>" if power >= 0 else f"<mrow>{MINUS}<mn>{-power}</mn></mrow>"
-    return f"<mn>{mantissa}</mn><mo>×</mo><msup><mn>10</mn>{up}</msup>"
+    return f"<mn>{mantissa}</mn><mo>×</mo><msup><mn>10</mn>{_exponent(power)}</msup>"
 
 
-def mathml_combination(combination: Combination, digits: int = 6) -> str:
-    """Return MathML of a combination, coefficients to `digits` significant digits; a long one goes over lines."""
-    return mathml_sum([(c, mathml_term(t)) for c, t in combination.parts], digits)
-
-
-def mathml_sum(parts: Sequence[tuple[float, str]], digits: int = 6) -> str:
-    """Return MathML of a signed sum of coefficient and MathML."""
+def mathml_sum(parts: Iterable[tuple[float, str]], digits: int = 6) -> str:
+    """Return MathML of a signed sum of coefficient and MathML, to `digits` significant digits, over lines if long."""
     rows: list[list[str]] = [[]]
     width = 0
     for coefficient, product in parts:
@@ -100,6 +67,11 @@ def mathml_sum(parts: Sequence[tuple[float, str]], digits: int = 6) -> str:
     return f'<mtable class="lines">{lines}</mtable>'
 
 
+def mathml_fraction(numerator: str, denominator: str) -> str:
+    """Return MathML of a fraction."""
+    return f"<mfrac>{numerator}{denominator}</mfrac>"
+
+
 def math(body: str) -> str:
     """Return MathML elements as one displayed formula."""
     return f'<math xmlns="http://www.w3.org/1998/Math/MathML" display="block"><mrow>{body}</mrow></math>'
@@ -110,3 +82,39 @@ def _letter(stem: str) -> str:
         return stem
     case = "CAPITAL" if stem[0].isupper() else "SMALL"
     return unicodedata.lookup(f"GREEK {case} LETTER {'LAMDA' if stem.lower() == 'lambda' else stem.upper()}")
+
+
+def _exponent(power: Power) -> str:
+    return f"<mn>{power}</mn>" if power >= 0 else f"<mrow>{MINUS}<mn>{-power}</mn></mrow>"
+
+
+def _raised(body: str, power: Power) -> str:
+    return body if power == 1 else f"<msup>{body}{_exponent(power)}</msup>"
+
+
+def _name(name: str, power: Power) -> str:
+    body = mathml_name(name)
+    return body if power == 1 else _raised(f"<mrow>{body}</mrow>", power)
+
+
+def _call(function: str, argument: str, power: Power) -> str:
+    if function == "sqrt":
+        return _raised(f"<msqrt>{argument}</msqrt>", power)
+    head = f"<mi>{escape(function)}</mi>"
+    head = _raised(head, power) if power > 1 else head
+    body = f"<mrow>{head}{APPLY}{_bracketed(argument)}</mrow>"
+    # cos with the exponent -1 would read as the inverse function.
+    return body if power >= 1 else _raised(_bracketed(body), power)
+
+
+def _bracketed(body: str) -> str:
+    return f"<mrow><mo>(</mo>{body}<mo>)</mo></mrow>"
+
+
+MATHML = Language(
+    name=_name,
+    call=_call,
+    group=lambda inside, power: _raised(_bracketed(inside), power),
+    product=lambda factors: TIMES.join(factors) or _ONE,
+    sum=mathml_sum,
+)

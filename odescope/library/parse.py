@@ -68,6 +68,15 @@ def parse_term(text: str, scope: Scope) -> Term:
     return term
 
 
+def parse_combination(text: str, scope: Scope) -> Combination:
+    """Return the linear combination of products that `text` spells, such as `1 + tan(z)**2`.
+
+    Raises:
+        InputError: the text is too long or too deep, is no such combination, or names something unknown.
+    """
+    return _Walk(text, scope, {}).whole()
+
+
 def _refused(text: str, why: str) -> InputError:
     shown = text if len(text) <= 60 else text[:57] + "..."
     return InputError(f"cannot read the term {shown!r}: {why}")

@@ -6,37 +6,50 @@ that of writing its tape. Common subexpressions share a slot.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.library.expression import Atom, Combination, Name, Power, Term
-from odescope.library.functions import ADD, CONSTANT, FUNCTIONS, INTEGER_POWER, MULTIPLY, REAL_POWER, SCALE
+from odescope.library.expression import Combination, Power, Term
+from odescope.library.functions import FUNCTIONS, call
+from odescope.library.printer import Language, print_combination, print_term
+from odescope.parallel.kernels import kernel
 
 LANES = 512  # samples a pass: with 100 slots the work array stays in a second-level cache
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tape:
-    """Instructions; the first slots are the inputs, instruction k writes slot `inputs + k`.
+# Codes of instructions; those of functions follow (see functions.py).
+CONSTANT, ADD, MULTIPLY, SCALE, INTEGER_POWER, REAL_POWER = range(6)
 
-    Shapes: code, left, right (K,) integers, constant (K,); outputs (terms,) slots.
+
+class Instructions(NamedTuple):
+    """What a tape does, step by step, as compiled kernels take it; step k writes the k-th slot after the inputs'.
+
+    Shapes: all (K,). `left` and `right` are slots, but for an integer power `right` is the exponent.
     """
 
-    inputs: int
     code: IntArray
     left: IntArray
     right: IntArray
     constant: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tape:
+    """Instructions, before whose slots come `inputs` slots for the values of names; outputs (terms,) are slots."""
+
+    inputs: int
+    instructions: Instructions
     outputs: IntArray
 
     @property
     def slots(self) -> int:
         """Number of slots: inputs and instructions."""
-        return self.inputs + len(self.code)
+        return self.inputs + len(self.instructions.code)
 
 
 class _Writer:
@@ -49,130 +62,103 @@ class _Writer:
     def emit(self, code: int, left: int = 0, right: int = 0, constant: float = 0.0) -> int:
         return self.rows.setdefault((code, left, right, constant), len(self.names) + len(self.rows))
 
-    def combination(self, combination: Combination) -> int:
-        slots = []
-        for c, t in combination.parts:
-            slot = self.term(t)
-            slots.append(slot if c == 1.0 else self.emit(SCALE, slot, 0, c))
+    def sum(self, parts: Iterable[tuple[float, int]]) -> int:
+        slots = [slot if c == 1.0 else self.emit(SCALE, slot, 0, c) for c, slot in parts]
+        return reduce(lambda total, slot: self.emit(ADD, total, slot), slots) if slots else self.emit(CONSTANT)
+
+    def product(self, factors: Iterable[int]) -> int:
+        slots = list(factors)
         if not slots:
-            return self.emit(CONSTANT)
-        total = slots[0]
-        for slot in slots[1:]:
-            total = self.emit(ADD, total, slot)
-        return total
-
-    def term(self, term: Term) -> int:
-        if not term.factors:
             return self.emit(CONSTANT, 0, 0, 1.0)
-        slots = [self.power(atom, power) for atom, power in term.factors]
-        product = slots[0]
-        for slot in slots[1:]:
-            product = self.emit(MULTIPLY, product, slot)
-        return product
+        return reduce(lambda product, slot: self.emit(MULTIPLY, product, slot), slots)
 
-    def power(self, atom: Atom, power: Power) -> int:
-        if isinstance(atom, Name):
-            slot = self.names[atom.name]
-        else:
-            slot = self.combination(atom.argument)
-            if atom.function:
-                slot = self.emit(FUNCTIONS[atom.function].code, slot)
+    def power(self, slot: int, power: Power) -> int:
         if power == 1:
             return slot
         if isinstance(power, int):
             return self.emit(INTEGER_POWER, slot, power)
         return self.emit(REAL_POWER, slot, 0, power)
 
+    @property
+    def language(self) -> Language[int]:
+        """Instructions as a language, in which what is said of a part is the slot that holds its value."""
+        return Language(
+            name=lambda name, power: self.power(self.names[name], power),
+            call=lambda function, slot, power: self.power(self.emit(FUNCTIONS[function].code, slot), power),
+            group=self.power,
+            product=self.product,
+            sum=self.sum,
+        )
+
 
 def write_tape(names: Sequence[str], expressions: Sequence[Term | Combination]) -> Tape:
     """Return the tape that computes `expressions` from the values of `names`."""
     writer = _Writer(names)
-    outputs = [writer.term(e) if isinstance(e, Term) else writer.combination(e) for e in expressions]
+    language = writer.language
+    outputs = [print_term(language, e) if isinstance(e, Term) else print_combination(language, e) for e in expressions]
     rows = list(writer.rows)
     code, left, right = (np.array([row[k] for row in rows], dtype=np.int64) for k in range(3))
     constant = np.array([row[3] for row in rows], dtype=np.float64)
-    return Tape(len(names), code, left, right, constant, np.array(outputs, dtype=np.int64))
+    return Tape(len(names), Instructions(code, left, right, constant), np.array(outputs, dtype=np.int64))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def run_tape(
-    code: IntArray, left: IntArray, right: IntArray, constant: FloatArray, work: FloatArray, first: int, lanes: int
-) -> None:
-    """Run the tape over work (slots, >= lanes), whose first `first` rows hold the inputs."""
+@kernel()
+def run_tape(instructions: Instructions, work: FloatArray, lanes: int) -> None:
+    """Run the instructions over work (slots, >= lanes), whose first rows hold the inputs: the one interpreter.
+
+    Args:
+        instructions: or a plain tuple of the same four arrays.
+        work: (slots, >= lanes); one row is one slot, one column one sample. One column is as fast as scalars.
+        lanes: columns to compute.
+
+    Raises:
+        ValueError: an instruction has a code that is neither one of the tape's nor a function's.
+    """
+    code, left, right, constant = instructions
+    first = work.shape[0] - code.shape[0]
     for k in range(code.shape[0]):
         op, a, out = code[k], work[left[k]], work[first + k]
-        if op == 0:
+        if op == CONSTANT:
             for i in range(lanes):
                 out[i] = constant[k]
-        elif op == 1:
+        elif op == ADD:
             b = work[right[k]]
             for i in range(lanes):
                 out[i] = a[i] + b[i]
-        elif op == 2:
+        elif op == MULTIPLY:
             b = work[right[k]]
             for i in range(lanes):
                 out[i] = a[i] * b[i]
-        elif op == 3:
+        elif op == SCALE:
             for i in range(lanes):
                 out[i] = constant[k] * a[i]
-        elif op == 4:
+        elif op == INTEGER_POWER:
             n = abs(right[k])
             for i in range(lanes):
                 value = a[i]
                 for _ in range(n - 1):
                     value *= a[i]
                 out[i] = value if right[k] > 0 else 1.0 / value
-        elif op == 5:
+        elif op == REAL_POWER:
             for i in range(lanes):
                 out[i] = a[i] ** constant[k]
-        elif op == 6:
-            for i in range(lanes):
-                out[i] = np.sin(a[i])
-        elif op == 7:
-            for i in range(lanes):
-                out[i] = np.cos(a[i])
-        elif op == 8:
-            for i in range(lanes):
-                out[i] = np.tan(a[i])
-        elif op == 9:
-            for i in range(lanes):
-                out[i] = np.exp(a[i])
-        elif op == 10:
-            for i in range(lanes):
-                out[i] = np.log(a[i]) if a[i] >= 0.0 else np.nan
-        elif op == 11:
-            for i in range(lanes):
-                out[i] = np.sqrt(a[i]) if a[i] >= 0.0 else np.nan
-        elif op == 12:
-            for i in range(lanes):
-                out[i] = abs(a[i])
-        elif op == 13:
-            for i in range(lanes):
-                out[i] = np.sign(a[i])
         else:
             for i in range(lanes):
-                out[i] = np.tanh(a[i])
+                out[i] = call(op, a[i])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _run_blocks(
-    code: IntArray,
-    left: IntArray,
-    right: IntArray,
-    constant: FloatArray,
-    outputs: IntArray,
-    columns: FloatArray,
-    result: FloatArray,
-    block: int,
+    instructions: Instructions, outputs: IntArray, columns: FloatArray, result: FloatArray, block: int
 ) -> None:
     first, samples = columns.shape
-    work = np.empty((first + code.shape[0], block))
+    work = np.empty((first + instructions[0].shape[0], block))
     for start in range(0, samples, block):
         lanes = min(block, samples - start)
         for j in range(first):
             for i in range(lanes):
                 work[j, i] = columns[j, start + i]
-        run_tape(code, left, right, constant, work, first, lanes)
+        run_tape(instructions, work, lanes)
         for j in range(outputs.shape[0]):
             row = work[outputs[j]]
             for i in range(lanes):
@@ -186,5 +172,5 @@ def evaluate(tape: Tape, columns: FloatArray) -> FloatArray:
     """
     result = np.empty((len(tape.outputs), columns.shape[1]))
     contiguous = np.ascontiguousarray(columns, dtype=np.float64)
-    _run_blocks(tape.code, tape.left, tape.right, tape.constant, tape.outputs, contiguous, result, LANES)
+    _run_blocks(tape.instructions, tape.outputs, contiguous, result, LANES)
     return result

@@ -44,7 +44,9 @@ class Budget:
         self.monitor.check()
         n, targets = len(program.following), program.targets
         width = n + free
-        a_stage = INSTRUCTION * (len(program.tape.code) + len(program.parts)) + width * targets * (n + targets + 4)
+        a_stage = INSTRUCTION * (len(program.tape.instructions.code) + len(program.parts)) + width * targets * (
+            n + targets + 4
+        )
         a_sample = 4 * substeps * a_stage + 0.5 * len(segments.noise) * width**2
         self.spent += float(segments.count.sum()) * a_sample / OPERATIONS
 

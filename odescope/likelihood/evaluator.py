@@ -98,7 +98,7 @@ class Evaluator:
         )
 
         def part(begin: int, end: int) -> None:
-            integrate(program.code, program.places, param, theta, p, self._data, x0, begin, end, out)
+            integrate(program.tape.instructions, program.places, param, theta, p, self._data, x0, begin, end, out)
 
         edges = np.linspace(0, j, min(self.threads, -(-j // LANES)) + 1).astype(int)
         others = [_pool(os.getpid()).submit(part, a, b) for a, b in pairwise(edges[1:])]

@@ -75,7 +75,7 @@ def _slopes(code, places, param, weight, p, lanes, x, s, u, scratch, dx, ds):
         work[i, :lanes] = x[i, :lanes]
     for i in range(first - n):
         work[n + i, :lanes] = u[i, :lanes]
-    run_tape(code.code, code.left, code.right, code.constant, work, first, lanes)
+    run_tape(code, work, lanes)
     a[:, :, :lanes] = 0.0
     y[:, :lanes] = 0.0
     for k in range(owner.shape[0]):
@@ -201,7 +201,7 @@ def integrate(code, places, param, weight, p, data, x0, begin, end, out):
     One loop nest, because state, sensitivities and their sums stay in cache only while a block of lanes is worked on.
 
     Args:
-        code: instructions of the tape, `Code`.
+        code: instructions of the tape.
         places: where parts stand, `Places`.
         param: (parts,) number of the parameter that is a part's coefficient, -1 for none.
         weight: (parts,) coefficients.

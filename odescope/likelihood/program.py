@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from odescope.arrays import IntArray
+from odescope.library.derivative import derivative
 from odescope.library.product import Product
 from odescope.library.tape import Tape, write_tape
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
@@ -54,15 +55,6 @@ class Frame:
         return part.product == Product(self.targets[part.relation])
 
 
-class Code(NamedTuple):
-    """The instructions of a tape, for the kernel."""
-
-    code: IntArray
-    left: IntArray
-    right: IntArray
-    constant: np.ndarray[tuple[int], np.dtype[np.float64]]
-
-
 class Places(NamedTuple):
     """Where the kernel finds what: one entry a part, but for grad (K, 3): part, state, slot of the derivative.
 
@@ -84,7 +76,6 @@ class Program:
 
     parts: tuple[Part, ...]
     tape: Tape
-    code: Code
     places: Places
     targets: int
 
@@ -95,7 +86,7 @@ class Program:
         for k, part in enumerate(parts):
             for i, state in enumerate(frame.states):
                 if state in part.product.term.names:
-                    combination = part.product.term.gradient(state)
+                    combination = derivative(part.product.term, state)
                     if combination.parts:
                         gradients.append((k, i, combination))
         tape = write_tape(frame.variables, [*(p.product.term for p in parts), *(g for _, _, g in gradients)])
@@ -111,8 +102,7 @@ class Program:
             following=frame.following,
             measured=frame.measured,
         )
-        code = Code(tape.code, tape.left, tape.right, tape.constant)
-        return Program(tuple(parts), tape, code, places, len(frame.targets))
+        return Program(tuple(parts), tape, places, len(frame.targets))
 
     @property
     def following(self) -> IntArray:

@@ -10,14 +10,9 @@ from dataclasses import dataclass
 from functools import reduce
 from itertools import permutations
 
-import numpy as np
-
-from odescope.arrays import FloatArray
 from odescope.errors import InputError
-from odescope.library.expression import ONE, Combination, latex_combination, latex_name
-from odescope.library.mathml import mathml_combination, mathml_name
-from odescope.library.tape import evaluate, write_tape
-from odescope.model.model import Model
+from odescope.library.expression import ONE, Combination
+from odescope.model.relation import Relation
 
 ROUNDING = 1e-14  # of the products that a coefficient is the sum of
 LARGEST_BLOCK = 5  # targets in one coupled block; its determinant has n! products
@@ -32,95 +27,60 @@ class Quotient:
     denominator: Combination
 
     @property
+    def plain(self) -> bool:
+        """Whether the denominator is 1."""
+        return self.denominator.parts == ((1.0, ONE),)
+
+    @property
     def text(self) -> str:
         """The right-hand side in Python syntax."""
-        if self.denominator.parts == ((1.0, ONE),):
+        if self.plain:
             return self.numerator.text
         return f"({self.numerator.text})/({self.denominator.text})"
 
-    @property
-    def latex(self) -> str:
-        """The whole equation in LaTeX."""
-        numerator = latex_combination(self.numerator)
-        if self.denominator.parts == ((1.0, ONE),):
-            return f"{latex_name(self.target)} = {numerator}"
-        return rf"{latex_name(self.target)} = \frac{{{numerator}}}{{{latex_combination(self.denominator)}}}"
 
-    @property
-    def mathml(self) -> str:
-        """The whole equation in MathML."""
-        right = mathml_combination(self.numerator)
-        if self.denominator.parts != ((1.0, ONE),):
-            right = f"<mfrac>{right}{mathml_combination(self.denominator)}</mfrac>"
-        return f"{mathml_name(self.target)}<mo>=</mo>{right}"
-
-
-def explicit(model: Model) -> tuple[Quotient, ...]:
+def explicit(relations: Sequence[Relation], targets: Sequence[str]) -> tuple[Quotient, ...]:
     """Return one quotient a target, in the order of the targets.
 
     Raises:
         InputError: the relations do not determine the targets, or more than five are coupled.
     """
     found: dict[str, Quotient] = {}
-    for rows, targets in _blocks(model):
-        if len(rows) != len(targets):
+    for rows, block in _blocks(relations, targets):
+        if len(rows) != len(block):
             raise InputError(
-                f"{len(rows)} relations cannot determine {len(targets)} targets ({', '.join(targets)}): two relations"
+                f"{len(rows)} relations cannot determine {len(block)} targets ({', '.join(block)}): two relations"
                 " say the same, or one target appears in none"
             )
         if len(rows) > LARGEST_BLOCK:
             raise InputError(f"{len(rows)} coupled targets have no readable explicit form; use the relations")
-        matrix = [[model.relations[r].part(t) for t in targets] for r in rows]
-        right = [_scaled(model.relations[r].part(None), -1.0) for r in rows]
+        matrix = [[relations[r].part(t) for t in block] for r in rows]
+        right = [_scaled(relations[r].part(None), -1.0) for r in rows]
         denominator = _determinant(matrix)
         if not denominator.parts:
-            raise InputError(f"the relations for {', '.join(targets)} are not independent")
-        for k, target in enumerate(targets):
+            raise InputError(f"the relations for {', '.join(block)} are not independent")
+        for k, target in enumerate(block):
             replaced = [[*row[:k], b, *row[k + 1 :]] for row, b in zip(matrix, right, strict=True)]
             found[target] = Quotient(target, _determinant(replaced), denominator)
-    return tuple(found[t] for t in model.targets)
+    return tuple(found[t] for t in targets)
 
 
-def denominator_ranges(
-    model: Model, columns: FloatArray, rng: np.random.Generator
-) -> dict[str, dict[str, list[float]]]:
-    """Return the range of each target's denominator over the data and over the box of the data.
-
-    Args:
-        model: whose explicit form is looked at.
-        columns: states and inputs of the data, (variables, N).
-        rng: draws the 4 096 points that sample the box.
-    """
-    quotients = explicit(model)
-    tape = write_tape(model.variables, [q.denominator for q in quotients])
-    low, high = columns.min(axis=1), columns.max(axis=1)
-    box = low[:, None] + (high - low)[:, None] * rng.random((len(columns), 4096))
-    ranges: dict[str, dict[str, list[float]]] = {}
-    for q, inside, around in zip(quotients, evaluate(tape, columns), evaluate(tape, box), strict=True):
-        both = np.concatenate([inside, around])
-        ranges[q.target] = {
-            "data": [float(inside.min()), float(inside.max())],
-            "box": [float(both.min()), float(both.max())],
-        }
-    return ranges
-
-
-def _blocks(model: Model) -> list[tuple[list[int], list[str]]]:
+def _blocks(relations: Sequence[Relation], targets: Sequence[str]) -> list[tuple[list[int], list[str]]]:
     """Return the connected groups of relations and targets."""
     groups: list[tuple[set[int], set[str]]] = []
-    for r, relation in enumerate(model.relations):
-        rows, targets = {r}, {t.factor for t in relation.terms if t.factor is not None}
+    for r, relation in enumerate(relations):
+        rows, held = {r}, {t.factor for t in relation.terms if t.factor is not None}
         apart = []
         for other_rows, other_targets in groups:
-            if other_targets & targets:
-                rows, targets = rows | other_rows, targets | other_targets
+            if other_targets & held:
+                rows, held = rows | other_rows, held | other_targets
             else:
                 apart.append((other_rows, other_targets))
-        groups = [*apart, (rows, targets)]
-    unused = set(model.targets) - {t for _, targets in groups for t in targets}
+        groups = [*apart, (rows, held)]
+    unused = set(targets) - {t for _, held in groups for t in held}
     if unused:
         raise InputError(f"no relation holds the target {min(unused)}")
-    return [(sorted(rows), [t for t in model.targets if t in targets]) for rows, targets in groups]
+    return [(sorted(rows), [t for t in targets if t in held]) for rows, held in groups]
 
 
 def _determinant(matrix: Sequence[Sequence[Combination]]) -> Combination:

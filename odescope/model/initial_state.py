@@ -5,32 +5,42 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from odescope.arrays import FloatArray
 from odescope.model.model import Model
-from odescope.model.simulation import simulate
+from odescope.model.simulation import drive, follow
 from odescope.recordings.record import Record
-from odescope.signals.differentiators import Spectral
+from odescope.signals.differentiators import Differentiator, Spectral
 
 STRETCH = 4  # periods of the lowest cutoff
 LEAST_SAMPLES = 16
-ITERATIONS = 20
+EVALUATIONS = 20  # of the misfit, besides those for its slopes
 LONGEST = 32  # times the shortest stretch
 FOLLOWED = 1.5  # root mean square misfit over the noise, up to which a model is said to follow
+STEP = 1e-6  # of a difference quotient, in sizes of the coordinates: well above the tolerance of the integration
+CONVERGED = 1e-6  # relative fall of the cost that ends a fit
+
+_DEFAULT = Spectral()
 
 
-def initial_state(model: Model, record: Record) -> FloatArray:
+class _NotFollowedError(Exception):
+    """A free run beside the present one ended early, so that the misfit has no slope there."""
+
+
+def initial_state(model: Model, record: Record, differentiator: Differentiator = _DEFAULT) -> FloatArray:
     """Return the state (n,) at the first sample.
 
     Filtered values and derivatives start it; then the measured coordinates of a short first stretch are fitted by the
-    model's own free run, by Levenberg-Marquardt that accepts only improvement.
+    model's own free run.
 
     Args:
         model: its coordinates and inputs are columns of the record.
-        record: uniformly sampled, in the units of the model.
+        record: uniformly sampled, in the units of the model; inputs as they were recorded, whatever their delays.
+        differentiator: filters and differentiates the coordinates.
     """
     period = record.sample_period
-    found = {c.name: Spectral().derivatives([record.column(c.name)], period, c.order) for c in model.coordinates}
+    found = {c.name: differentiator.derivatives([record.column(c.name)], period, c.order) for c in model.coordinates}
     first = {c.derivative(k): found[c.name].values[0][k, 0] for c in model.coordinates for k in range(c.order)}
     start = np.array([first[s] for s in model.states])
     if all(c.order == 1 for c in model.coordinates) and all(d.noise == 0.0 for d in found.values()):
@@ -40,15 +50,21 @@ def initial_state(model: Model, record: Record) -> FloatArray:
     weights = np.array([1.0 / max(found[c.name].noise, 1e-9 * _size(record, c.name)) for c in model.coordinates])
     measured = np.column_stack([record.column(c.name) for c in model.coordinates])
     inputs = np.array([record.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(record)).T
+    driven = drive(model.inputs, record.t, inputs)
     place = [model.states.index(c.name) for c in model.coordinates]
-    sizes = np.array([_size(record, c.name) for c in model.coordinates])
+    size = max(_size(record, c.name) for c in model.coordinates)
 
     def fit(length: int, state: FloatArray) -> tuple[FloatArray, float]:
-        def misfit(trial: FloatArray) -> FloatArray | None:
-            run = simulate(model, record.t[:length], np.ascontiguousarray(inputs[:length]), trial)
-            return None if run.ended else ((run.states[:, place] - measured[:length]) * weights).ravel()
+        t, inside = record.t[:length], driven.first(length)
 
-        return _fit(misfit, state, float(sizes.max()))
+        def misfit(trial: FloatArray) -> FloatArray:
+            run = follow(model, t, inside, trial)
+            off = np.full((length, len(place)), np.nan)
+            if run.ended is None:
+                off = (run.states[:, place] - measured[:length]) * weights
+            return off.ravel()
+
+        return _fit(misfit, state, size)
 
     length = shortest
     state, error = fit(length, start)
@@ -65,29 +81,32 @@ def _size(record: Record, name: str) -> float:
     return max(float(np.ptp(record.column(name))), 1e-300)
 
 
-def _fit(misfit: Callable[[FloatArray], FloatArray | None], state: FloatArray, size: float) -> tuple[FloatArray, float]:
-    """Return the state of least misfit and its root mean square, infinite where the run cannot be followed."""
-    residual = misfit(state)
-    damping = 1e-3
-    for _ in range(ITERATIONS):
-        if residual is None:
-            return state, np.inf
-        step = 1e-6 * np.maximum(np.abs(state), size)
-        moved = [misfit(state + d) for d in np.diag(step)]
-        shifted = [m for m in moved if m is not None]
-        if len(shifted) < len(moved):
-            break
-        jacobian = np.column_stack([(s - residual) / h for s, h in zip(shifted, step, strict=True)])
-        normal = jacobian.T @ jacobian
-        move = np.linalg.lstsq(normal + damping * np.diag(np.diag(normal)), -jacobian.T @ residual, rcond=None)[0]
-        trial = misfit(state + move)
-        if trial is None or trial @ trial >= residual @ residual:
-            damping *= 10.0
-            if damping > 1e6:
-                break
-            continue
-        gained = 1.0 - (trial @ trial) / (residual @ residual)
-        state, residual, damping = state + move, trial, damping / 10.0
-        if gained < 1e-6:
-            break
-    return state, np.inf if residual is None else float(np.sqrt(np.mean(residual**2)))
+def _fit(misfit: Callable[[FloatArray], FloatArray], state: FloatArray, size: float) -> tuple[FloatArray, float]:
+    """Return the state of least misfit and its root mean square, infinite where the run cannot be followed.
+
+    Args:
+        misfit: of a state (n,), in standard deviations; not finite where the free run from there ends early.
+        state: (n,) to start from.
+        size: of the coordinates.
+    """
+    last = misfit(state)
+
+    def followed(trial: FloatArray) -> FloatArray:
+        nonlocal last
+        last = misfit(trial)
+        return last
+
+    def slopes(trial: FloatArray) -> FloatArray:
+        steps, base = STEP * np.maximum(np.abs(trial), size), last  # slopes are asked for where the misfit just was
+        columns = [(misfit(trial + move) - base) / step for move, step in zip(np.diag(steps), steps, strict=True)]
+        if not np.all(np.isfinite(columns)):
+            raise _NotFollowedError
+        return np.column_stack(columns)
+
+    if not np.all(np.isfinite(last)):
+        return state, np.inf
+    try:
+        found = least_squares(followed, state, slopes, x_scale="jac", ftol=CONVERGED, max_nfev=EVALUATIONS)
+    except _NotFollowedError:
+        return state, np.inf
+    return found.x, float(np.sqrt(np.mean(found.fun**2)))

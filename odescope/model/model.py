@@ -1,16 +1,21 @@
-"""Relation and Model: as many relations, linear in the targets, as there are targets."""
+"""Model: as many relations, linear in the targets, as there are targets."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+
+import msgspec
 
 from odescope.errors import InputError
 from odescope.library.expression import Combination
 from odescope.library.tape import Tape, write_tape
+from odescope.model.display import equations_html, equations_latex
+from odescope.model.explicit import Quotient, explicit
+from odescope.model.notes import trust
 from odescope.model.relation import Relation
-from odescope.model.scores import Scores
+from odescope.model.scores import ModelScores
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
@@ -27,7 +32,7 @@ class Model:
     coordinates: tuple[Coordinate, ...]
     inputs: tuple[Input, ...]
     relations: tuple[Relation, ...]
-    scores: Scores | None = None
+    scores: ModelScores | None = None
     domain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     provenance: Mapping[str, Json] = field(default_factory=dict)
 
@@ -69,14 +74,20 @@ class Model:
         right = [Combination.of((-c, t) for c, t in r.part(None).parts) for r in self.relations]
         return write_tape(self.variables, [*matrix, *right])
 
+    @cached_property
+    def quotients(self) -> tuple[Quotient, ...]:
+        """The explicit form, one quotient a target; an InputError where the relations do not determine the targets."""
+        return explicit(self.relations, self.targets)
+
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the equations, and how far to trust them."""
-        from odescope.model.notebook import model_html
-
-        return model_html(self)
+        return equations_html(self.quotients, trust(self.scores))
 
     def _repr_latex_(self) -> str:
         """Return the equations as LaTeX for a notebook."""
-        from odescope.model.notebook import model_latex
+        return equations_latex(self.quotients)
 
-        return model_latex(self)
+
+def without_delays(model: Model) -> Model:
+    """Return a model for inputs as they act, from which what they were late by has been taken."""
+    return replace(model, inputs=tuple(msgspec.structs.replace(i, delay=0.0) for i in model.inputs))

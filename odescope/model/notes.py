@@ -7,17 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from odescope.model.scores import Doubts, Likelihood, Scores
+from odescope.model.scores import Doubts, Likelihood, ModelScores
 
 TOLD = 6  # notes of one kind
 
 
-def trust(scores: Scores | None) -> tuple[str, ...]:
+def trust(scores: ModelScores | None) -> tuple[str, ...]:
     """Return sentences on how far to trust a model, from the scores it was identified with; none where it has none."""
     return () if scores is None else tuple(_trust(scores))
 
 
-def _trust(scores: Scores) -> Iterator[str]:
+def _trust(scores: ModelScores) -> Iterator[str]:
     predicted = [(t, s.r2_held_out) for t, s in scores.targets.items() if s.r2_held_out is not None]
     if predicted:
         parts = [f"{share(r2)} of the variance of {target}" for target, r2 in predicted]
@@ -44,7 +44,7 @@ def _trust(scores: Scores) -> Iterator[str]:
 
 
 def notes_of(
-    scores: Scores | None, dependent: Sequence[tuple[str, Sequence[str]]], doubts: Doubts | None
+    scores: ModelScores | None, dependent: Sequence[tuple[str, Sequence[str]]], doubts: Doubts | None
 ) -> tuple[str, ...]:
     """Return what the user of a result should know, each sentence once.
 
@@ -73,7 +73,7 @@ def _left_out(dependent: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
         yield f"and {len(said) - TOLD} more candidates that are combinations of others: see the report"
 
 
-def _of_the_data(scores: Scores) -> Iterator[str]:
+def _of_the_data(scores: ModelScores) -> Iterator[str]:
     for target in _poles(scores):
         yield f"the denominator of {target} vanishes between the states of the data: expect poles when simulating"
     if scores.left_out:
@@ -153,7 +153,7 @@ def share(part: float) -> str:
     return "more than 99.99 %" if 0.9999 < part < 1.0 else f"{100.0 * part:.2f} %"
 
 
-def _poles(scores: Scores) -> list[str]:
+def _poles(scores: ModelScores) -> list[str]:
     """Return the targets whose denominator vanishes between the states of the data."""
     return [t for t, s in scores.targets.items() if s.denominator is not None and s.denominator.vanishes]
 

@@ -123,7 +123,7 @@ class Streamed(msgspec.Struct, frozen=True):
     sampled: int
 
 
-class Scores(msgspec.Struct, frozen=True, omit_defaults=True):
+class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     """All that was found out about a model; what a stage did not find is absent.
 
     `left_out` counts recordings too short to use, `outliers` the samples of each coordinate that were clipped.

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 
-import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.account import likelihood_scores
 from odescope.likelihood.refine import Refinement
-from odescope.model.explicit import denominator_ranges
-from odescope.model.model import Json, Model
-from odescope.model.scores import Denominator, FreeRun, Scores, TargetScore
+from odescope.model.denominators import denominator_ranges
+from odescope.model.model import Json, Model, without_delays
+from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore
 from odescope.model.simulation import Trajectory, simulate
 from odescope.pipeline.joint_models import Search, samples_of
 from odescope.pipeline.reduce import Whole
@@ -49,7 +48,7 @@ def scores(
     chosen: Sequence[Candidate],
     refinement: Refinement | None,
     seed: int,
-) -> Scores:
+) -> ModelScores:
     """Return how well each target is predicted, how far a free run holds, and what the likelihood found.
 
     Args:
@@ -62,7 +61,7 @@ def scores(
     """
     every = np.concatenate(samples_of(signals, model), axis=1)
     ranges = denominator_ranges(model, every, np.random.default_rng(seed))
-    return Scores(
+    return ModelScores(
         targets={
             c.target: TargetScore(
                 r2_held_out=float(c.target_r2),
@@ -109,8 +108,7 @@ class LastPart:
     def run(self, model: Model) -> Trajectory:
         """Simulate a model freely from the first state of the part."""
         # The inputs of signals are shifted to when they act: no delay is left for the simulation.
-        prompt = tuple(msgspec.structs.replace(i, delay=0.0) for i in model.inputs)
-        return simulate(replace(model, inputs=prompt), self.t, self.inputs, self.states[0])
+        return simulate(without_delays(model), self.t, self.inputs, self.states[0])
 
 
 def free_run(model: Model, signals: Signals) -> FreeRun:

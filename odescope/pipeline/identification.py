@@ -13,9 +13,9 @@ from odescope.arrays import Table
 from odescope.events import Event, Monitor, Note, never, unheard
 from odescope.likelihood.account import doubts
 from odescope.likelihood.refine import Refinement
+from odescope.model.display import equations_html
 from odescope.model.model import Model
-from odescope.model.notebook import model_html
-from odescope.model.notes import notes_of
+from odescope.model.notes import notes_of, trust
 from odescope.model.scores import DelayScore, Streamed
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.evaluation import domain, provenance, scores
@@ -59,7 +59,7 @@ class Identification:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the equations, how far to trust them, and the notes."""
-        return model_html(self.model, self.notes)
+        return equations_html(self.model.quotients, (*trust(self.model.scores), *self.notes))
 
     def _repr_latex_(self) -> str:
         """Return the equations as LaTeX for a notebook."""

@@ -11,7 +11,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.likelihood.refine import Refinement
-from odescope.model.explicit import denominator_ranges
+from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.regression.problem import Problem

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from odescope.export.mathml import product_mathml, relation_mathml
 from odescope.library.mathml import math, mathml_name
-from odescope.model.explicit import explicit
+from odescope.model.display import product_mathml, quotient_mathml, relation_mathml
 from odescope.model.notes import trust
 from odescope.model.relation import RelationTerm
 from odescope.model.scores import Likelihood, Step
@@ -93,7 +92,7 @@ def _equations(report: Report) -> list[Equation]:
 
     model = model_of(report)
     found = []
-    for quotient, relation, units in zip(explicit(model), model.relations, report.coefficients, strict=True):
+    for quotient, relation, units in zip(model.quotients, model.relations, report.coefficients, strict=True):
         rows = []
         for term, more in zip(relation.terms, units, strict=True):
             error = "" if term.std_error is None else with_error(term.coefficient, term.std_error)[1]
@@ -102,7 +101,7 @@ def _equations(report: Report) -> list[Equation]:
         found.append(
             Equation(
                 Markup(_small(mathml_name(quotient.target))),
-                Markup(math(quotient.mathml)),
+                Markup(math(quotient_mathml(quotient))),
                 Markup(math(relation_mathml(relation))),
                 tuple(rows),
                 any(t.std_error is not None for t in relation.terms),

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from fractions import Fraction
 
-from odescope.library.expression import Call, Combination, Name, Term
+from odescope.library.functions import FUNCTIONS
+from odescope.library.printer import Language, print_product
 from odescope.model.model import Model
-from odescope.model.relation import Relation, RelationTerm
+from odescope.model.relation import Relation
 from odescope.report.numerals import raised
 
 Dimension = tuple[tuple[str, Fraction], ...]  # powers of units, each unit as the study spells it
 
-_WITHOUT = {"sin", "cos", "tan", "exp", "log", "sign", "tanh"}
+_NUMBER: Dimension = (("", Fraction(0)),)  # of the empty product, which takes the unit of what it stands beside
 
 
 def quantity_units(model: Model) -> dict[str, Dimension | None]:
@@ -25,15 +27,16 @@ def quantity_units(model: Model) -> dict[str, Dimension | None]:
 
 
 def coefficient_units(relation: Relation, units: dict[str, Dimension | None]) -> tuple[str, ...]:
-    """Return the unit of every coefficient of a relation, whose first has none; "" where it is not known."""
-    terms = [_product(t, units) for t in relation.terms]
+    """Return the unit of every coefficient of a relation, whose first has none; "" where it is not known.
+
+    Units are one more language (see `library.printer`), in which what is said of a term is its unit.
+    """
+    language = Language(
+        name=lambda name, power: _raised(units[name], power), call=_call, group=_raised, product=_product, sum=_sum
+    )
+    terms = [print_product(language, t.factor, t.term) for t in relation.terms]
     whole = terms[0]
-    return tuple("" if whole is None or term is None else shown(_times(whole, _raised(term, -1.0))) for term in terms)
-
-
-def _product(term: RelationTerm, units: dict[str, Dimension | None]) -> Dimension | None:
-    factor, rest = () if term.factor is None else units[term.factor], _term(term.term, units)
-    return None if factor is None or rest is None else _times(factor, rest)
+    return tuple(shown(_product((whole, _raised(term, -1.0)))) for term in terms)
 
 
 def shown(dimension: Dimension | None) -> str:
@@ -62,31 +65,28 @@ def _times(first: Dimension, second: Dimension) -> Dimension:
     return tuple((unit, power) for unit, power in powers.items() if power)
 
 
-def _raised(dimension: Dimension, power: float) -> Dimension:
+def _raised(dimension: Dimension | None, power: float) -> Dimension | None:
+    if dimension is None:
+        return None
     exact = Fraction(power).limit_denominator(64)
     return tuple((unit, own * exact) for unit, own in dimension)
 
 
-def _term(term: Term, units: dict[str, Dimension | None]) -> Dimension | None:
-    product: Dimension = ()
-    for atom, power in term.factors:
-        own = units[atom.name] if isinstance(atom, Name) else _call(atom, units)
-        if own is None:
+def _call(function: str, inside: Dimension | None, power: float) -> Dimension | None:
+    carried = FUNCTIONS[function].unit_power
+    return () if carried == 0.0 else _raised(inside, carried * power)
+
+
+def _product(factors: Iterable[Dimension | None]) -> Dimension | None:
+    product: Dimension = _NUMBER
+    for factor in factors:
+        if factor is None:
             return None
-        product = _times(product, _raised(own, power))
+        product = _times(product, factor)
     return product
 
 
-def _call(call: Call, units: dict[str, Dimension | None]) -> Dimension | None:
-    if call.function in _WITHOUT:
-        return ()
-    inside = _combination(call.argument, units)
-    return inside if inside is None or call.function != "sqrt" else _raised(inside, 0.5)
-
-
-def _combination(combination: Combination, units: dict[str, Dimension | None]) -> Dimension | None:
+def _sum(parts: Iterable[tuple[float, Dimension | None]]) -> Dimension | None:
     # Numbers inside a sum, such as the 3 of (x - 3), carry the unit of what they stand beside.
-    found = {
-        None if (own := _term(t, units)) is None else tuple(sorted(own)) for _, t in combination.parts if t.factors
-    }
+    found = {None if own is None else tuple(sorted(own)) for _, own in parts if own != _NUMBER}
     return found.pop() if len(found) == 1 else None

@@ -4,7 +4,7 @@ from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
-from odescope.model.scores import Denominator, FreeRun, Scores, TargetScore
+from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore
 from odescope.recordings.coordinate import Coordinate, Input
 
 
@@ -39,7 +39,7 @@ def rational():
                 (None, "(x**2 + 1.0)**0.5", 0.125),
             ),
         ),
-        Scores(
+        ModelScores(
             targets={"x_ddot": TargetScore(0.1 + 0.2, 1e-17, 0.75, float("inf"), Denominator((0.1, 1.0), (-0.1, 1.0)))},
             free_run=FreeRun(13.0, 1 / 3),
         ),

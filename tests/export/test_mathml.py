@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from hand_models import MODELS
 
-from odescope.export.mathml import relation_mathml, to_mathml
-from odescope.library.mathml import math, mathml_name, mathml_number, mathml_term
+from odescope.export.languages.mathml import to_mathml
+from odescope.library.mathml import MATHML, math, mathml_name, mathml_number
 from odescope.library.parse import Scope, parse_term
+from odescope.library.printer import print_term
+from odescope.model.display import relation_mathml
 
 SPACE = "{http://www.w3.org/1998/Math/MathML}"
 FUNCTIONS = {f: getattr(np, f) for f in ("sin", "cos", "tan", "exp", "log", "abs", "sign", "tanh")}
@@ -157,7 +159,7 @@ TERMS = {
 def test_terms_have_their_value(text):
     term = parse_term(text, Scope.of(["x", "y"]))
     values = {"x": 0.7, "y": 1.3}
-    found = reader(values).row(ElementTree.fromstring(math(mathml_term(term))))
+    found = reader(values).row(ElementTree.fromstring(math(print_term(MATHML, term))))
     assert found == pytest.approx(TERMS[text](**values), rel=1e-6)
 
 
@@ -177,9 +179,9 @@ def test_names(name, shown):
 
 
 def test_every_letter_of_the_greek_alphabet_has_a_sign():
-    from odescope.library import expression
+    from odescope.library import names
 
-    for letter in expression._GREEK:
+    for letter in names._GREEK:
         (sign,) = "".join(ElementTree.fromstring(math(mathml_name(letter))).itertext())
         assert "\u0391" <= sign <= "\u03c9"
 
@@ -192,4 +194,4 @@ def test_numbers():
 def test_a_long_sum_goes_over_lines_and_a_short_one_does_not():
     first, second = to_mathml(MODELS["rational"]).split("\n")
     assert "<mtable" in first + second
-    assert "<mtable" not in math(mathml_term(parse_term("x*y", Scope.of(["x", "y"]))))
+    assert "<mtable" not in math(print_term(MATHML, parse_term("x*y", Scope.of(["x", "y"]))))

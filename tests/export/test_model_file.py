@@ -8,7 +8,7 @@ from hand_models import MODELS
 
 from odescope.errors import InputError
 from odescope.export.model_file import from_json, read_model, to_json
-from odescope.model.scores import Scores, TargetScore
+from odescope.model.scores import ModelScores, TargetScore
 
 TOP = {
     "format",
@@ -208,7 +208,7 @@ def test_scores_that_say_nothing_known_are_none(scores):
 def test_scores_of_someone_else_are_read_as_far_as_they_are_known():
     told = {"author": "by hand", "targets": {"x_ddot": {"r2_held_out": 0.875, "grade": "A"}}, "left_out": 2}
     model = from_json(json.dumps(changed(scores=told)))
-    assert model.scores == Scores(targets={"x_ddot": TargetScore(r2_held_out=0.875)}, left_out=2)
+    assert model.scores == ModelScores(targets={"x_ddot": TargetScore(r2_held_out=0.875)}, left_out=2)
     assert "87.50 % of the variance of x_ddot" in model._repr_html_()
 
 

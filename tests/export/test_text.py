@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hand_models import MODELS
 
-from odescope.export.text import to_latex, to_text
+from odescope.export.languages.latex import to_latex
+from odescope.export.languages.text import to_text
 
 FUNCTIONS = {f: getattr(np, f) for f in ("sin", "cos", "exp", "abs", "tanh")}
 

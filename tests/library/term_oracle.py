@@ -8,14 +8,15 @@ import sympy
 from hypothesis import settings
 from hypothesis import strategies as st
 
+from odescope.library.functions import FUNCTIONS
 from odescope.library.parse import Scope
 from odescope.library.tape import evaluate, write_tape
 
 NAMES = ("phi", "phi_dot", "u", "x")
 SCOPE = Scope.of(NAMES)
 SYMBOLS = {name: sympy.Symbol(name, real=True) for name in NAMES}
-NUMPY = {f: getattr(np, f) for f in ("sin", "cos", "tan", "exp", "log", "sqrt", "abs", "sign", "tanh")}
-SYMPY = {f: getattr(sympy, f) for f in ("sin", "cos", "tan", "exp", "log", "sqrt", "sign", "tanh")} | {"abs": sympy.Abs}
+NUMPY = {f: getattr(np, f) for f in FUNCTIONS}
+SYMPY = {f: getattr(sympy, {"abs": "Abs"}.get(f, f.replace("arc", "a"))) for f in FUNCTIONS}
 
 _BINARY = {
     ast.Add: operator.add,

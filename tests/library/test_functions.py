@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 import sympy
-from term_oracle import NUMPY, SYMPY
+from term_oracle import NUMPY, SYMPY, read
 
-from odescope.export.code import to_python
+from odescope.export.languages.python import to_python
 from odescope.library.expression import Call, Combination, Name, Term
-from odescope.library.functions import FUNCTIONS
+from odescope.library.functions import FUNCTIONS, Function
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
@@ -24,13 +24,7 @@ def term(function):
 @pytest.mark.parametrize("function", sorted(FUNCTIONS))
 def test_the_derivative_of_a_row_is_sympys(function):
     z = sympy.Symbol("z", real=True)
-    ours = sum(
-        (
-            c * sympy.prod((SYMPY[f](z) if f else z) ** p for f, p in product)
-            for c, product in FUNCTIONS[function].derivative
-        ),
-        sympy.Integer(0),
-    )
+    ours = sympy.sympify(read(FUNCTIONS[function].derivative, {"z": z}, SYMPY))
     theirs = SYMPY[function](z).diff(z)
     for point in (-1.3, -0.4, 0.3, 1.1, 2.5):
         if point > 0 or function not in ("log", "sqrt"):
@@ -65,3 +59,14 @@ def test_a_free_run_and_exported_code_compute_the_function_of_its_name(function)
     exec(compile(to_python(model), "exported", "exec"), exported)  # noqa: S102 (our own output)
     for at in (low, 0.7, high):
         assert exported["derivative"](0.0, np.zeros(1), (at,))[0] == pytest.approx(NUMPY[function](at), rel=1e-14)
+
+
+def test_a_row_without_a_branch_is_refused(monkeypatch):
+    monkeypatch.setitem(FUNCTIONS, "sinh", Function("sinh", 99, "cosh(z)", r"\sinh"))
+    tape = write_tape(["x"], [term("sinh")])
+    with pytest.raises(ValueError, match="without a branch"):
+        evaluate(tape, np.ones((1, 3)))
+    relation = Relation((RelationTerm(Product("x_dot"), 1.0), RelationTerm(Product(None, term("sinh")), 1.0)))
+    model = Model((Coordinate("x"),), (), (relation,))
+    with pytest.raises(ValueError, match="without a branch"):
+        simulate(model, np.arange(3.0), np.empty((3, 0)), np.ones(1))

@@ -54,7 +54,7 @@ def test_a_sample_does_not_see_its_neighbours():
 def test_common_parts_are_computed_once():
     terms = [term(t) for t in ("sin(phi)", "sin(phi)**2", "sin(phi)*u", "cos(sin(phi))", "sin(phi)*u*x")]
     tape = write_tape(NAMES, terms)
-    assert list(tape.code).count(FUNCTIONS["sin"].code) == 1
+    assert list(tape.instructions.code).count(FUNCTIONS["sin"].code) == 1
     twice = write_tape(NAMES, [*terms, *terms])
     assert twice.slots == tape.slots
     assert list(twice.outputs) == 2 * list(tape.outputs)

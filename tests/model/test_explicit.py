@@ -7,7 +7,8 @@ from odescope.library.expression import Name
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
-from odescope.model.explicit import denominator_ranges, explicit
+from odescope.model.denominators import denominator_ranges
+from odescope.model.display import quotient_latex
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.recordings.coordinate import Coordinate, Input
@@ -72,7 +73,7 @@ def test_quotients_are_sympys_solution_of_the_linear_system(model):
     right = -sympy.Matrix([symbolic(r.part(None)) for r in model.relations])
     solution = matrix.adjugate() * right
     determinant = matrix.det(method="berkowitz")
-    for k, quotient in enumerate(explicit(model)):
+    for k, quotient in enumerate(model.quotients):
         assert quotient.target == model.targets[k]
         crossed = symbolic(quotient.numerator) * determinant - solution[k] * symbolic(quotient.denominator)
         assert sympy.expand(crossed) == 0
@@ -81,7 +82,7 @@ def test_quotients_are_sympys_solution_of_the_linear_system(model):
 @pytest.mark.parametrize("model", [CART, THREE, LONE], ids=["cart", "three", "lone"])
 def test_quotients_satisfy_every_relation(model):
     columns = np.random.default_rng(1).uniform(-2.0, 2.0, (len(model.variables), 200))
-    quotients = explicit(model)
+    quotients = model.quotients
     top = evaluate(write_tape(model.variables, [q.numerator for q in quotients]), columns)
     bottom = evaluate(write_tape(model.variables, [q.denominator for q in quotients]), columns)
     for relation in model.relations:
@@ -92,7 +93,7 @@ def test_quotients_satisfy_every_relation(model):
 
 
 def test_a_quotient_is_no_larger_than_its_own_block():
-    y_dot, x_dot = explicit(LONE)[1], explicit(LONE)[0]
+    y_dot, x_dot = LONE.quotients[1], LONE.quotients[0]
     assert y_dot.text == "2.0*x*y"
     assert x_dot.text == "(0.25 - 1.5*x)/(0.5 + x)"
 
@@ -100,7 +101,7 @@ def test_a_quotient_is_no_larger_than_its_own_block():
 def test_text_of_a_quotient_reads_back_as_itself():
     for model in (CART, THREE, LONE):
         scope = Scope.of(model.variables)
-        for q in explicit(model):
+        for q in model.quotients:
             for side in (q.numerator, q.denominator):
                 if side.names:
                     ((around, _),) = parse_term(f"exp({side.text})", scope).factors
@@ -109,8 +110,8 @@ def test_text_of_a_quotient_reads_back_as_itself():
 
 def test_a_target_at_rest_is_zero():
     still = build([Coordinate("x")], [], [("x_dot", "x", 1.0)])
-    assert explicit(still)[0].numerator.parts == ()
-    assert explicit(still)[0].text == "(0.0)/(x)"
+    assert still.quotients[0].numerator.parts == ()
+    assert still.quotients[0].text == "(0.0)/(x)"
 
 
 def test_latex_of_the_michaelis_menten_law():
@@ -119,9 +120,9 @@ def test_latex_of_the_michaelis_menten_law():
         [],
         [("x_dot", "x", 1.0), ("x_dot", "1", 0.3), (None, "x", 0.9), (None, "1", -0.18)],
     )
-    assert explicit(law)[0].latex == r"\dot{x} = \frac{0.18 - 0.9 \, x}{0.3 + x}"
+    assert quotient_latex(law.quotients[0]) == r"\dot{x} = \frac{0.18 - 0.9 \, x}{0.3 + x}"
     linear = build([Coordinate("x")], [], [("x_dot", "1", 1.0), (None, "x", 2.0)])
-    assert explicit(linear)[0].latex == r"\dot{x} = -2 \, x"
+    assert quotient_latex(linear.quotients[0]) == r"\dot{x} = -2 \, x"
 
 
 # what has no explicit form
@@ -155,7 +156,7 @@ PAIR = [Coordinate("x"), Coordinate("y")]
 )
 def test_relations_that_do_not_determine_the_targets_are_refused(relations, message):
     with pytest.raises(InputError, match=message):
-        explicit(build(PAIR, [], *relations))
+        _ = build(PAIR, [], *relations).quotients
 
 
 def test_two_relations_for_one_target_beside_one_for_two_are_counted():
@@ -166,7 +167,7 @@ def test_two_relations_for_one_target_beside_one_for_two_are_counted():
         [("y_dot", "1", 1.0), ("z_dot", "1", 1.0)],
     )
     with pytest.raises(InputError, match=r"2 relations cannot determine 1 targets \(x_dot\)"):
-        explicit(build(three, [], *relations))
+        _ = build(three, [], *relations).quotients
 
 
 def test_six_coupled_targets_are_refused_and_six_apart_are_not():
@@ -174,8 +175,8 @@ def test_six_coupled_targets_are_refused_and_six_apart_are_not():
     coordinates = [Coordinate(n) for n in names]
     chained = [[(f"{n}_dot", "1", 1.0), (f"{names[k - 1]}_dot", n, 0.5), (None, n, 1.0)] for k, n in enumerate(names)]
     with pytest.raises(InputError, match="6 coupled targets"):
-        explicit(build(coordinates, [], *chained))
-    apart = explicit(build(coordinates, [], *([(f"{n}_dot", "1", 1.0), (None, n, 1.0)] for n in names)))
+        _ = build(coordinates, [], *chained).quotients
+    apart = build(coordinates, [], *([(f"{n}_dot", "1", 1.0), (None, n, 1.0)] for n in names)).quotients
     assert [q.text for q in apart] == [f"-{n}" for n in names]
 
 

@@ -9,7 +9,7 @@ from odescope.library.product import Product
 from odescope.library.tape import evaluate
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
-from odescope.model.scores import Scores
+from odescope.model.scores import ModelScores
 from odescope.recordings.coordinate import Coordinate, Input
 
 CART, ANGLE, FORCE = Coordinate("x", order=2, cyclic=True), Coordinate("phi", order=2, angle=True), Input("u")
@@ -78,7 +78,7 @@ def test_models_that_say_the_same_are_equal_whatever_was_computed_from_them():
     first, second = model(CARRIAGE, PENDULUM), model(CARRIAGE, PENDULUM)
     assert first.tape.slots > 0
     assert first == second
-    assert replace(first, scores=Scores(left_out=1)) != second
+    assert replace(first, scores=ModelScores(left_out=1)) != second
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,10 @@ from scipy.linalg import expm
 from odescope.errors import InputError
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
+from odescope.model.linear_solve import solve_in_place
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
-from odescope.model.simulation import simulate, solve_small
+from odescope.model.simulation import simulate
 from odescope.recordings.coordinate import Coordinate, Input
 
 
@@ -202,11 +203,11 @@ def test_the_small_solver_agrees_with_lapack_whatever_needs_pivoting(size):
         if size > 1:
             a[0, 0] = 0.0
         expected, found = np.linalg.solve(a, b), b.copy()
-        solve_small(a.copy(), found)
+        solve_in_place(a.copy(), found[:, None])
         assert found == pytest.approx(expected, rel=1e-8, abs=1e-10)
     singular, found = np.ones((size, size)), np.arange(1.0, size + 1.0)
     singular[0, 0] = 1.0 if size > 1 else 0.0
-    solve_small(singular, found)
+    solve_in_place(singular, found[:, None])
     assert not np.all(np.isfinite(found))
 
 

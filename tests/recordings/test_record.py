@@ -3,7 +3,14 @@ import pytest
 
 from odescope.errors import InputError
 from odescope.recordings.checks import check_channels
-from odescope.recordings.coordinate import Coordinate, Input, check_name
+from odescope.recordings.coordinate import (
+    Coordinate,
+    Input,
+    check_name,
+    following_states,
+    state_chain,
+    state_names,
+)
 from odescope.recordings.record import Record, Records
 
 TIME = np.arange(40) * 0.01
@@ -107,6 +114,21 @@ def test_names_of_derivatives():
     phi = Coordinate("phi", order=2, angle=True)
     assert (phi.states, phi.target, phi.derivative(3)) == (("phi", "phi_dot"), "phi_ddot", "phi_dddot")
     assert (Coordinate("c").states, Coordinate("c").target) == (("c",), "c_dot")
+
+
+def test_every_state_is_followed_by_its_derivative():
+    """Along the chain of a coordinate as many steps as its order lead to its target; the numbers say the same."""
+    coordinates = [Coordinate("c"), Coordinate("q", order=2), Coordinate("w", order=3)]
+    chain, names = state_chain(coordinates), state_names(coordinates)
+    assert tuple(chain) == names == ("c", "q", "w", "q_dot", "w_dot", "w_ddot")
+    for c in coordinates:
+        at = c.name
+        for _ in range(c.order):
+            at = chain[at]
+        assert at == c.target
+    targets = [c.target for c in coordinates]
+    for follower, name in zip(following_states(coordinates).tolist(), chain.values(), strict=True):
+        assert name == (names[follower] if follower >= 0 else targets[-1 - follower])
 
 
 @pytest.mark.parametrize("order", [0, 9, -1, 1.5, True])

@@ -139,9 +139,9 @@ def test_notebooks_show_equations_escaped(result):
         assert r"\dot{x} = " in latex
     from dataclasses import replace
 
-    from odescope.model.notebook import model_html
+    from odescope.model.display import equations_html
 
-    assert "&lt;b&gt;" in model_html(result.model, ["<b>"])
+    assert "&lt;b&gt;" in equations_html(result.model.quotients, ["<b>"])
     bare = replace(result.model, scores=None)
     assert "<li>" not in bare._repr_html_()
     assert isinstance(odescope.to_mathml(bare), str)

@@ -5,16 +5,19 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from pages import ATTACK, Page, identified
+from pages import ATTACK, Page, identified, samples
 
 from odescope.errors import InputError
 from odescope.model.relation import RelationTerm
 from odescope.model.scores import FreeRun
+from odescope.pipeline.identification import identify
 from odescope.report import read_report, summary, to_html, to_json_text
 from odescope.report.assemble import model_of
+from odescope.report.console import trust_text
 from odescope.report.data import Report, TableRow
 from odescope.report.figures.pictures import pictures
 from odescope.report.page import in_time, number, with_error
+from odescope.study.options import Data, Driven, Measured, Study
 
 TABLE = (TableRow(target="x_dot", term="u", truth=1.0, paper=None, found=0.9999),)
 BLANK = '<svg viewBox="0 0 10 10"></svg>'
@@ -149,6 +152,23 @@ def test_what_to_trust_is_said_in_words(page, result):
     told = summary(early)
     text = Page(to_html(told, blank(told))).text
     assert "Run freely it stays with the record for 0.5 of 8 s. The free run ended early: the states grew" in text
+
+
+def test_what_is_known_before_the_likelihood_stage_can_be_shown_like_a_result():
+    data, _ = samples(count=1000)
+    study = Study(data=Data(time="t"), coordinates={"x": Measured(), "y": Measured()}, inputs={"u": Driven()})
+    drafts = []
+    result = identify(study, data, draft=drafts.append)
+    (draft,) = drafts
+    assert draft.model.scores is None
+    assert set(draft.notes) <= set(result.notes)
+    assert draft._repr_html_().count("<math") == 2
+    assert "<li>" not in draft.model._repr_html_()
+    told = summary(draft)
+    text = Page(to_html(told, blank(told))).text
+    assert "The model at work" in text
+    assert "What the likelihood of the trajectory changed" not in text
+    assert "–" in trust_text(told)
 
 
 def test_without_errors_the_page_says_so(result):

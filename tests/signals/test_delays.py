@@ -8,8 +8,10 @@ import pytest
 from odescope import Candidates, Data, Driven, Measured, Study, from_json, identify, simulate, to_json
 from odescope.commands.free_run import free_runs
 from odescope.errors import InputError
+from odescope.model.model import without_delays
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Record, Records, Stretch
+from odescope.report.at_work import at_work
 from odescope.signals.delays import delayed, estimate_delays
 
 PERIOD = 0.01
@@ -124,6 +126,17 @@ def test_free_runs_shift_the_input(tmp_path):
     text, _ = free_runs(tmp_path / "model.json", tmp_path / "log.csv", "t", None, None, ["x=0"])
     written = np.array([[float(v) for v in row] for row in list(csv.reader(text.splitlines()))[1:]])
     acting = np.interp(data["t"] - 0.05, data["t"], data["u"])
-    expected = simulate(model, data["t"], np.ascontiguousarray(acting[:, None]), np.array([0.0]))
+    expected = simulate(without_delays(model), data["t"], np.ascontiguousarray(acting[:, None]), np.array([0.0]))
     np.testing.assert_allclose(written[:, 1], expected.states[:, 0], atol=1e-9)
     assert np.sqrt(np.mean((written[:, 1] - data["x"]) ** 2)) < 0.01
+
+
+def test_scores_and_report_do_not_take_the_delay_twice():
+    data = late_tank(1, 0.3, noise=0.0005)
+    result = identify(Study(**STUDY, inputs={"u": Driven(delay=0.3)}), data)
+    free_run = result.model.scores.free_run
+    assert free_run.valid_time == free_run.duration
+    (shown,) = at_work(result).free_run.panels
+    lines = {line.role: np.array([line.x, line.y], dtype=float) for line in shown.wide}
+    record, model = lines["estimated"], lines["model"]
+    assert np.max(np.abs(np.interp(record[0], *model) - record[1])) < 0.02

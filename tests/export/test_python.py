@@ -1,13 +1,15 @@
 import ast
 import builtins
 import json
+from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from hand_models import MODELS
 from scipy.integrate import solve_ivp
 
-from odescope.export.code import to_python
+from odescope.export.languages.python import to_python
 from odescope.export.model_file import to_json
 from odescope.model.simulation import simulate
 
@@ -19,7 +21,7 @@ def module(model):
         assert name == "numpy"
         return builtins.__import__(name, *arguments)
 
-    namespace = {"__builtins__": {"__import__": only_numpy}}
+    namespace = {"__builtins__": {"__import__": only_numpy, "callable": callable, "enumerate": enumerate}}
     exec(compile(to_python(model), "exported", "exec"), namespace)  # noqa: S102 (our own output, which is the point)
     return namespace
 
@@ -62,17 +64,52 @@ def test_the_module_integrates_to_the_free_run(name):
     assert np.abs(run.states[-1] - run.states[0]).max() > 0.01
 
 
+@pytest.mark.parametrize("delays", [(0.0, 0.0), (0.05, -0.02), (0.123, 0.0)])
+def test_recorded_inputs_act_as_late_as_the_model_says(delays):
+    model = MODELS["rational"]
+    inputs = tuple(msgspec.structs.replace(i, delay=d) for i, d in zip(model.inputs, delays, strict=True))
+    model = replace(model, inputs=inputs)
+    derivative = module(model)["derivative"]
+    t = 0.01 * np.arange(61)
+    recorded = np.column_stack([np.sin(7.0 * t), np.where(t < 0.3, 0.5, 1.0)])
+    kinks = np.unique(np.round(np.concatenate([t, *(t + d for d in delays)]), 12))
+
+    def at(time):
+        held = recorded[max(np.searchsorted(t, time + 1e-9, side="right") - 1, 0), 1]
+        return np.interp(time, t, recorded[:, 0]), held
+
+    start = np.array([0.2, 0.4, 0.6, 0.8])
+    run, now = simulate(model, t, recorded, start), start
+    for begin, end in zip(kinks[(kinks >= 0.0) & (kinks < 0.6)], kinks[(kinks > 0.0) & (kinks <= 0.6)], strict=True):
+        # Short of the kink, where a held input is still what it was.
+        short = begin + (end - begin) * (1.0 - 1e-9)
+        now = solve_ivp(lambda s, y: derivative(s, y, at), (begin, short), now, rtol=1e-9, atol=1e-11).y[:, -1]
+    assert np.allclose(run.states[-1], now, rtol=1e-6, atol=1e-7)
+    early = simulate(replace(model, inputs=MODELS["rational"].inputs), t, recorded, start).states[-1]
+    assert np.allclose(early, now, rtol=1e-6, atol=1e-7) == (delays == (0.0, 0.0))
+
+
+def test_values_are_taken_as_they_act_whatever_the_delay():
+    model = MODELS["rational"]
+    late = replace(model, inputs=tuple(msgspec.structs.replace(i, delay=0.5) for i in model.inputs))
+    state, inputs = (1.0, 2.0, 1.0, 3.0), (1.0, 2.0)
+    assert np.array_equal(
+        module(late)["derivative"](0.0, state, inputs), module(model)["derivative"](0.0, state, inputs)
+    )
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_the_module_names_states_and_inputs_and_imports_numpy_alone(name):
     model = MODELS[name]
     exported = module(model)
     assert exported["STATES"] == model.states
     assert exported["INPUTS"] == tuple(i.name for i in model.inputs)
+    assert exported["DELAYS"] == tuple(i.delay for i in model.inputs)
     tree = ast.parse(to_python(model))
     imported = [a.name for n in ast.walk(tree) if isinstance(n, ast.Import | ast.ImportFrom) for a in n.names]
     assert imported == ["numpy"]
     own = [n.name for n in tree.body if isinstance(n, ast.FunctionDef)]
-    assert own == ["derivative"]
+    assert [name for name in own if not name.startswith("_")] == ["derivative"]
 
 
 def test_whole_numbers_are_as_good_as_floats():

@@ -1,0 +1,96 @@
+"""A model as a Python module of its own that imports numpy alone."""
+
+from __future__ import annotations
+
+from odescope.library.expression import Combination, Power, signed_sum
+from odescope.library.printer import Language, print_combination
+from odescope.model.model import Model
+
+_TEMPLATE = '''"""Equations of motion, written by odescope.
+
+States: {states}
+Inputs: {inputs}
+"""
+
+import numpy as {np}
+
+STATES = {states_tuple}
+INPUTS = {inputs_tuple}
+DELAYS = {delays_tuple}
+
+{acting}
+def derivative({t}, {state}, {given}=()):
+    """Return the time derivative of the state.
+
+    {state} and {given} follow STATES and INPUTS. {given} are the values of the inputs as they act at time {t}, or a
+    function of time that returns the inputs as they were recorded: each is then taken as many seconds before {t} as
+    DELAYS says. scipy's solve_ivp takes lambda t, y: derivative(t, y, recorded_at).
+    """
+{unpack}    {a} = {np}.array({matrix}, dtype={np}.float64)
+    {b} = {np}.array({right}, dtype={np}.float64)
+    {targets} = {np}.linalg.solve({a}, {b})
+    return {np}.array([{following}])
+'''
+
+_ACTING = """
+def {acting}({t}, {given}):
+    if callable({given}):
+        return [{given}({t} - delay)[k] for k, delay in enumerate(DELAYS)]
+    return {given}
+
+"""
+
+
+def to_python(model: Model) -> str:
+    """Return the source of a module with STATES, INPUTS, DELAYS and derivative(t, state, inputs)."""
+    inputs = tuple(i.name for i in model.inputs)
+    mark = "_"  # begins the module's own names; no name of the model does
+    while any(name.startswith(mark) for name in (*model.variables, *model.targets)):
+        mark += "_"
+    own = {name: mark + name for name in ("np", "t", "a", "b", "state")} | {"given": f"{mark}inputs"}
+    language = python_language(own["np"])
+    matrix = [[print_combination(language, r.part(t)) for t in model.targets] for r in model.relations]
+    right = [
+        print_combination(language, Combination(tuple((-c, t) for c, t in r.part(None).parts))) for r in model.relations
+    ]
+    unpack, acting = f"    {_unpacked(model.states)} = {own['state']}\n", f"{mark}acting"
+    if inputs:
+        unpack += f"    {_unpacked(inputs)} = {acting}({own['t']}, {own['given']})\n"
+    levels = {c.derivative(k): c.derivative(k + 1) for c in model.coordinates for k in range(c.order)}
+    return _TEMPLATE.format(
+        states=", ".join(model.states),
+        inputs=", ".join(inputs) or "none",
+        states_tuple=repr(model.states),
+        inputs_tuple=repr(inputs),
+        delays_tuple=repr(tuple(float(i.delay) for i in model.inputs)),
+        acting=_ACTING.format(acting=acting, **own) if inputs else "",
+        unpack=unpack,
+        matrix="[" + ", ".join("[" + ", ".join(row) + "]" for row in matrix) + "]",
+        right="[" + ", ".join(right) + "]",
+        targets=_unpacked(model.targets),
+        following=", ".join(levels[s] for s in model.states),
+        **own,
+    )
+
+
+write = to_python
+
+
+def python_language(np: str) -> Language[str]:
+    """Return how terms are written for NumPy, imported by the name `np`."""
+    return Language(
+        name=_raised,
+        call=lambda function, argument, power: _raised(f"{np}.{function}({argument})", power),
+        group=lambda inside, power: _raised(f"({inside})", power),
+        product=lambda factors: "*".join(factors) or "1",
+        sum=signed_sum,
+    )
+
+
+def _raised(body: str, power: Power) -> str:
+    # A negative integer power of an integer array would be an error in numpy; a float exponent never is.
+    return body if power == 1 else f"{body}**{float(power)!r}" if power < 0 else f"{body}**{power}"
+
+
+def _unpacked(names: tuple[str, ...]) -> str:
+    return f"({names[0]},)" if len(names) == 1 else ", ".join(names)

@@ -1,0 +1,67 @@
+"""Terms as LaTeX."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from odescope.library.expression import Power
+from odescope.library.functions import FUNCTIONS
+from odescope.library.names import is_greek, split_name
+from odescope.library.printer import Language
+
+
+def latex_name(name: str) -> str:
+    r"""Return LaTeX of a state, target or input: `phi1_ddot` becomes \ddot{\phi}_{1}."""
+    stem, index, order = split_name(name)
+    stem, index = stem.replace("_", r"\_"), index.replace("_", r"\_")
+    body = f"\\{stem}" if is_greek(stem) else stem if len(stem) == 1 else rf"\mathrm{{{stem}}}"
+    if order:
+        body = rf"\{'d' * order}ot{{{body}}}" if order <= 4 else rf"{{{body}}}^{{({order})}}"
+    return body + (f"_{{{index}}}" if index else "")
+
+
+def latex_sum(parts: Iterable[tuple[float, str]], digits: int = 6) -> str:
+    """Return LaTeX of a signed sum of coefficient and text, coefficients to `digits` significant digits."""
+    out = ""
+    for coefficient, text in parts:
+        size = f"{abs(coefficient):.{digits}g}"
+        if "e" in size:
+            mantissa, exponent = size.split("e")
+            size = rf"{mantissa} \cdot 10^{{{int(exponent)}}}"
+        body = size if text == "1" else text if size == "1" else rf"{size} \, {text}"
+        out += (("-" if coefficient < 0 else "") if not out else (" - " if coefficient < 0 else " + ")) + body
+    return out or "0"
+
+
+def latex_fraction(numerator: str, denominator: str) -> str:
+    """Return LaTeX of a fraction."""
+    return rf"\frac{{{numerator}}}{{{denominator}}}"
+
+
+def _name(name: str, power: Power) -> str:
+    body = latex_name(name)
+    return body if power == 1 else rf"{{{body}}}^{{{power}}}"
+
+
+def _call(function: str, argument: str, power: Power) -> str:
+    up = _up(power)
+    if function == "sqrt":
+        return rf"\sqrt{{{argument}}}{up}"
+    head = FUNCTIONS[function].latex
+    if power > 0:
+        return rf"{head}{up}\left({argument}\right)"
+    # cos^{-1}(x) would read as the inverse function.
+    return rf"\left({head}\left({argument}\right)\right){up}"
+
+
+def _up(power: Power) -> str:
+    return "" if power == 1 else f"^{{{power}}}"
+
+
+LATEX = Language(
+    name=_name,
+    call=_call,
+    group=lambda inside, power: rf"\left({inside}\right){_up(power)}",
+    product=lambda factors: r" \, ".join(factors) or "1",
+    sum=latex_sum,
+)

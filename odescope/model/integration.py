@@ -1,0 +1,170 @@
+"""One compiled kernel that integrates any model: Dormand-Prince 5(4), with steps that end wherever an input has a kink.
+
+A blow-up, a pole or a stiff stretch that would take for ever ends the run and is reported: an outcome, not an
+exception and never a hang.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from odescope.arrays import FloatArray, IntArray
+from odescope.library.tape import Instructions, run_tape
+from odescope.model.linear_solve import solve_in_place
+from odescope.parallel.kernels import kernel
+
+STEPS_AN_INTERVAL = 2000  # more between two nodes than this and the run has ended
+STEPS_ON_AVERAGE = 100  # and more than this on average over a long record
+LARGEST = 1e12  # times the largest initial state, or 1
+REACHED, GREW, STIFF = range(3)  # how a run ends
+
+
+class Equations(NamedTuple):
+    """A model as the kernel takes it.
+
+    `instructions` compute the slots `outputs`: A row by row, then b, so (T * T + T,) of them for T targets.
+    following (n,) says for each state which state is its derivative, or -1 - (number of its target).
+    """
+
+    instructions: Instructions
+    outputs: IntArray
+    following: IntArray
+
+
+class Drive(NamedTuple):
+    """Inputs that are linear between nodes: at every sample, and wherever an input has a kink between samples.
+
+    Shapes: t (M,) seconds; sample (M,) the number of the sample that a node is, or -1; begin, end (M - 1, inputs) the
+    inputs just after a node and just before the next; period (M - 1,) seconds between the samples around an interval.
+    """
+
+    t: FloatArray
+    sample: IntArray
+    begin: FloatArray
+    end: FloatArray
+    period: FloatArray
+
+    def first(self, samples: int) -> Drive:
+        """Return the drive up to and with so many samples."""
+        nodes = int(np.flatnonzero(self.sample == samples - 1)[0]) + 1
+        between = (part[: nodes - 1] for part in (self.begin, self.end, self.period))
+        return Drive(self.t[:nodes], self.sample[:nodes], *between)
+
+
+# Coefficients of the stages, their places in a step, and the error estimate (Dormand and Prince 1980).
+_A = np.array(
+    [
+        [0, 0, 0, 0, 0, 0],
+        [1 / 5, 0, 0, 0, 0, 0],
+        [3 / 40, 9 / 40, 0, 0, 0, 0],
+        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
+        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+_C = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
+_E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+
+
+@kernel()
+def _derivative(equations, x, work, a, b, out):
+    """Write x' (n,) to `out`; work (slots, 1) holds the inputs, a (T, T) and b (T, 1) are scratch."""
+    n, targets = x.shape[0], b.shape[0]
+    outputs, following = equations.outputs, equations.following
+    for i in range(n):
+        work[i, 0] = x[i]
+    run_tape(equations.instructions, work, 1)
+    for i in range(targets):
+        for j in range(targets):
+            a[i, j] = work[outputs[i * targets + j], 0]
+        b[i, 0] = work[outputs[targets * targets + i], 0]
+    solve_in_place(a, b)
+    for i in range(n):
+        out[i] = x[following[i]] if following[i] >= 0 else b[-1 - following[i], 0]
+
+
+@kernel()
+def integrate(equations, drive, initial, states, rtol, atol):
+    """Write the states (N, n) at the samples; return how many samples were reached, and how the run ended.
+
+    Longer than a screen because a step, its error and the length of the next share a dozen scalars.
+
+    Args:
+        equations: what to integrate.
+        drive: the inputs, and where to record.
+        initial: (n,) states at the first node.
+        states: (N, n) is written to.
+        rtol: tolerance of a step, relative to the largest value that a state has had: to a run, not to a value that
+            happens to pass zero.
+        atol: absolute tolerance of a step.
+    """
+    n, targets = initial.shape[0], 0
+    while targets * targets + targets < equations.outputs.shape[0]:
+        targets += 1
+    inputs = drive.begin.shape[1]
+    work = np.empty((n + inputs + equations.instructions.code.shape[0], 1))
+    a, b = np.empty((targets, targets)), np.empty((targets, 1))
+    x, y, k, scale = initial.copy(), np.empty(n), np.empty((7, n)), np.abs(initial)
+    states[0] = x
+    reached = 1
+    h, total_steps = 0.0, 0
+    budget = STEPS_AN_INTERVAL * 10 + STEPS_ON_AVERAGE * drive.t.shape[0]
+    largest = LARGEST * max(1.0, np.abs(initial).max())
+    for node in range(drive.t.shape[0] - 1):
+        span, period = drive.t[node + 1] - drive.t[node], drive.period[node]
+        begin, end = drive.begin[node], drive.end[node]
+        done, fresh = 0.0, True
+        if h <= 0.0 or h > period:
+            h = period
+        steps = 0
+        while done < span:
+            step = span - done if span - done < h * (1.0 + 1e-9) else h
+            for s in range(7):
+                if s == 0 and not fresh:
+                    for i in range(n):
+                        k[0, i] = k[6, i]
+                    continue
+                fraction = (done + _C[s] * step) / span
+                for j in range(inputs):
+                    work[n + j, 0] = begin[j] + fraction * (end[j] - begin[j])
+                for i in range(n):
+                    total = 0.0
+                    for r in range(s):
+                        total += _A[s, r] * k[r, i]
+                    y[i] = x[i] + step * total
+                _derivative(equations, y, work, a, b, k[s])
+            error = 0.0
+            for i in range(n):
+                estimate = 0.0
+                for r in range(7):
+                    estimate += _E[r] * k[r, i]
+                limit = atol + rtol * max(scale[i], abs(y[i]))
+                error += (step * estimate / limit) ** 2
+            error = np.sqrt(error / n)
+            steps += 1
+            total_steps += 1
+            if error <= 1.0:
+                done = span if step == span - done else done + step
+                fresh = False
+                for i in range(n):
+                    x[i] = y[i]
+                    scale[i] = max(scale[i], abs(x[i]))
+                    if not abs(x[i]) < largest:
+                        return reached, GREW
+                grown = 5.0 if error < 1e-4 else min(5.0, 0.9 * error**-0.2)
+                # A step cut short by a node says nothing of how long the next may be.
+                h = max(h, step * grown) if step < h else step * grown
+            else:
+                fresh = True
+                h = step * (max(0.1, 0.9 * error**-0.2) if error < 1e300 else 0.1)
+                if not h > 1e-12 * span:
+                    return reached, GREW
+            if steps > STEPS_AN_INTERVAL or total_steps > budget:
+                return reached, STIFF
+        if drive.sample[node + 1] >= 0:
+            states[drive.sample[node + 1]] = x
+            reached += 1
+    return reached, REACHED

@@ -1,0 +1,99 @@
+"""What is said of a model follows from its scores alone."""
+
+import math
+
+import msgspec
+import pytest
+
+from odescope.model.notes import TOLD, notes_of, share, trust
+from odescope.model.scores import (
+    DelayScore,
+    Denominator,
+    Doubts,
+    FreeRun,
+    Likelihood,
+    ModelScores,
+    Streamed,
+    TargetScore,
+)
+
+SOUND = Denominator(data=(0.5, 1.0), box=(0.4, 1.1))
+GOOD = TargetScore(0.998, 0.1, 0.997, 12.0, SOUND)
+JUDGED = Likelihood(True, 1.02, 0.1, True, 3, None, (), ())
+NONE = Doubts(late=False, crowded=False, window=None, thin=())
+
+
+def said(scores=None, doubts=None, dependent=()):
+    return notes_of(scores, dependent, doubts)
+
+
+def test_a_model_without_scores_is_not_judged():
+    assert trust(None) == ()
+    assert said() == ()
+
+
+def test_trust_in_a_sound_model_and_in_one_of_regression_alone():
+    sound = ModelScores(targets={"x_dot": GOOD, "y_dot": GOOD}, free_run=FreeRun(8.0, 8.0), likelihood=JUDGED)
+    assert trust(sound) == (
+        "On held-out data it predicts 99.80 % of the variance of x_dot and 99.80 % of the variance of y_dot (R²).",
+        "Run freely it stays with the record for all 8 s tried.",
+        "No denominator vanishes between the states of the data.",
+        "It follows the record to within its noise: residual variance 1.020 times that of the noise.",
+    )
+    alone = msgspec.structs.replace(sound, likelihood=None)
+    assert trust(alone)[-1] == "Its coefficients come from regression alone, so they have no standard errors."
+
+
+@pytest.mark.parametrize(
+    ("box", "poles"),
+    [((-0.1, 1.0), True), ((0.0, 1.0), True), ((-math.inf, 1.0), True), ((-2.0, -1.0), False), ((None, 1.0), False)],
+)
+def test_a_denominator_that_changes_sign_is_a_pole_in_trust_and_notes(box, poles):
+    score = msgspec.structs.replace(GOOD, denominator=Denominator((0.5, 1.0), box))
+    scores = ModelScores(targets={"x_dot": score})
+    assert any(line == "Expect poles in x_dot." for line in trust(scores)) is poles
+    assert any("the denominator of x_dot vanishes" in note for note in said(scores)) is poles
+
+
+def test_candidates_left_out_are_named_once_and_not_without_end():
+    dependent = [(f"x**{k}", ("1", "x")) for k in range(TOLD + 3)]
+    notes = said(dependent=dependent * 2)
+    assert notes[0] == "left out of the library: x**0, on these data a combination of 1, x"
+    assert len(notes) == TOLD + 1
+    assert notes[-1] == "and 3 more candidates that are combinations of others: see the report"
+
+
+def test_what_happened_to_the_data_is_said_in_the_order_of_the_stages():
+    scores = ModelScores(
+        targets={"x_dot": GOOD},
+        left_out=2,
+        outliers={"x": 4, "y": 0},
+        delays={"u": DelayScore(0.0234, 1e-4), "v": DelayScore(0.0), "w": DelayScore(0.5, None)},
+        streamed=Streamed(120_000, 12, 4),
+    )
+    notes = said(scores)
+    assert [note.split()[0] for note in notes] == ["2", "120,000", "u", "w", "4"]
+    assert notes[2] == "u acts 0.0234 s after it was recorded (standard error 0.0001 s)"
+    assert notes[3] == "w acts 0.5 s after it was recorded"
+
+
+def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():
+    doubts = Doubts(late=False, crowded=True, window=0.2, thin=(("x*y", "y_dot", 2.345),))
+    judged = msgspec.structs.replace(JUDGED, finished=False, process_noise={"x_dot": 0.5}, hints=("look",))
+    notes = said(ModelScores(likelihood=judged), doubts)
+    assert [any(part in note for note in notes) for part in ("its budget", "largest number of terms")] == [True, True]
+    assert "0.5 of x_dot unexplained (root mean square of averages over 0.2 s)" in notes[2]
+    assert notes[3:] == ("thin evidence, more data would decide: x*y in y_dot (2.3 standard errors)", "look")
+    assert said(ModelScores(), doubts) == ()
+    late = said(ModelScores(likelihood=judged), msgspec.structs.replace(doubts, late=True))
+    assert "ended by the clock" in late[0]
+
+
+def test_a_model_that_does_not_follow_has_no_errors_to_speak_of():
+    judged = msgspec.structs.replace(JUDGED, follows=False, residual_variance=49.0)
+    (note,) = said(ModelScores(likelihood=judged), NONE)
+    assert note.startswith("no standard errors: even in short segments the best model misses the record by 7 times")
+
+
+def test_a_share_is_never_rounded_up_to_the_whole():
+    assert [share(v) for v in (0.5, 0.99989, 0.99995, 1.0)] == ["50.00 %", "99.99 %", "more than 99.99 %", "100.00 %"]
