@@ -42,7 +42,7 @@ def kernel(*fastmath: str) -> Callable[[Kernel], Kernel]:
         lazy = numba.njit(nogil=True, error_model="numpy", **options)(function)
         if lazy is not function and _root() is not None:  # with NUMBA_DISABLE_JIT=1 it is the function itself
             with suppress(OSError):
-                lazy._cache = _Cache(function)
+                lazy._cache = _Cache(function)  # type: ignore[arg-type]
         return lazy  # type: ignore[no-any-return]
 
     return compile_lazily
@@ -150,6 +150,11 @@ class _Code(caching.CompileResultCacheImpl):  # type: ignore[misc]
 
 class _Cache(caching.Cache):  # type: ignore[misc]
     _impl_class = _Code
+
+    def __init__(self, py_func: FunctionType) -> None:
+        super().__init__(py_func)
+        # Compared before the index is unpickled, which may name a class that has another name or place by now.
+        self._cache_file._version = f"{self._cache_file._version} {_stamp(py_func).hex()}"
 
 
 @functools.cache
