@@ -68,7 +68,7 @@ MANY_ROWS = (*FEW_ROWS, 100_000_000)
 LOG_HEAD = (
     "rows",
     "file, MB",
-    "portions",
+    "chunks",
     "pass",
     "million rows a second",
     "in all",

@@ -26,7 +26,7 @@ from odescope.recordings.readers import records_from
 from odescope.recordings.record import Records
 from odescope.report.at_work import predicted
 from odescope.signals.estimate import Signals, estimate_signals
-from odescope.study.options import read_study
+from odescope.study.toml import read_study
 
 STUDIES = Path(__file__).parents[1] / "docs" / "studies"
 CASES = (
@@ -49,7 +49,7 @@ def split(frame: pd.DataFrame, study: Study) -> tuple[Records, Records]:
 
 def signals_of(study: Study, records: Records) -> Signals:
     return estimate_signals(
-        records, study.measured(), study.driven(), study.signals.differentiator, margin=0.0, thin=False
+        records, study.measured(), study.driven(), study.signals.differentiator, margin=0.0, decimate=False
     )
 
 

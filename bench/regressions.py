@@ -63,7 +63,7 @@ def cart_matrix(target: str, kind: str) -> Matrix:
         data = {"t": log.t, "x": log.measured[:, 0], "phi": log.measured[:, 1], "u": log.force}
         coordinates, options = STUDY.measured(), STUDY.signals
         found = estimate_signals(
-            records_from(data, STUDY.layout()), coordinates, STUDY.driven(), options.differentiator, thin=False
+            records_from(data, STUDY.layout()), coordinates, STUDY.driven(), options.differentiator, decimate=False
         )
         signals = dict(zip(found.names, found.joined(), strict=True))
     skipped = (len(signals["x"]) - SAMPLES) // 2

@@ -114,7 +114,7 @@ def run(path: Path) -> None:
         json.dumps(
             {
                 "rows": streamed["rows"],
-                "portions": streamed["portions"],
+                "chunks": streamed["portions"],
                 "pass": result.seconds.get("recordings"),
                 "seconds": seconds,
                 "megabytes": peak_bytes() / 1e6,
@@ -140,7 +140,7 @@ def streamed(sizes: tuple[int, ...]) -> tuple[list[tuple[str, ...]], str]:
                 (
                     f"{rows:,}".replace(",", " "),
                     f"{size / 1e6:.0f}",
-                    str(found["portions"]),
+                    str(found["chunks"]),
                     duration(found["pass"]),
                     figures(rows / found["pass"] / 1e6),
                     duration(found["seconds"]),

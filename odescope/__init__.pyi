@@ -34,7 +34,7 @@ from odescope.pipeline.joint_models import Search as Search
 from odescope.pipeline.joint_models import to_relation as to_relation
 from odescope.recordings.coordinate import Coordinate as Coordinate
 from odescope.recordings.coordinate import Input as Input
-from odescope.recordings.readers import Layout as Layout
+from odescope.recordings.layout import Layout as Layout
 from odescope.recordings.readers import read_records as read_records
 from odescope.recordings.readers import records_from as records_from
 from odescope.recordings.record import Record as Record
@@ -72,6 +72,6 @@ from odescope.study.options import Filtering as Filtering
 from odescope.study.options import Measured as Measured
 from odescope.study.options import Regression as Regression
 from odescope.study.options import Study as Study
-from odescope.study.options import read_study as read_study
+from odescope.study.toml import read_study as read_study
 
 __version__: str

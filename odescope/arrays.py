@@ -2,9 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Protocol
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+
+class ArrowStream(Protocol):
+    """A table with the Arrow interface: a dataframe of pandas or Polars, a table of PyArrow."""
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Return the table as a capsule that holds an Arrow stream."""
+
+
+Table = ArrowStream | Mapping[str, ArrayLike]  # columns by name

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from odescope.errors import Stopped
 
 
+class Event:
+    """Something that a run tells: every kind is a small frozen class, and whoever listens picks those it knows."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True, slots=True)
-class StageBegan:
+class StageBegan(Event):
     """A stage of the pipeline began."""
 
     stage: str
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class Progress(Event):
     """`done` of `total` parts of a stage are finished, each a "chunk", a "search"; the rest takes `seconds_left`."""
 
     stage: str
@@ -27,20 +34,26 @@ class Progress:
 
 
 @dataclass(frozen=True, slots=True)
-class Note:
+class Note(Event):
     """Something the user should know."""
 
     text: str
 
 
-Event = StageBegan | Progress | Note
+@dataclass(frozen=True, slots=True)
+class FilesWritten(Event):
+    """Files are complete in a folder; those in a folder within it are named by that folder, with a slash."""
+
+    folder: Path
+    names: tuple[str, ...]
 
 
-def _unheard(_: Event) -> None:
+def unheard(_: Event) -> None:
     """Hear an event and do nothing."""
 
 
-def _never() -> bool:
+def never() -> bool:
+    """Never ask to stop."""
     return False
 
 
@@ -50,11 +63,11 @@ class Monitor:
 
     Attributes:
         tell: called with every event, in the thread that runs the pipeline.
-        stop: asked at least once a second; True ends the run.
+        stop: asked at least once a second, in any thread; True ends the run.
     """
 
-    tell: Callable[[Event], None] = _unheard
-    stop: Callable[[], bool] = _never
+    tell: Callable[[Event], None] = unheard
+    stop: Callable[[], bool] = never
 
     def check(self) -> None:
         """Raise Stopped if the run is to end."""

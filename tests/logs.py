@@ -45,7 +45,7 @@ class Command:
     ) -> None:
         self.monkeypatch, self.capsys = monkeypatch, capsys
         if not drawing:
-            monkeypatch.setattr("odescope.report.figures.paint.painters", blank_painters)
+            monkeypatch.setattr("odescope.commands.run.painters", blank_painters)
 
     def __call__(self, *arguments: object) -> Ended:
         self.monkeypatch.setattr(sys, "argv", ["odescope", *map(str, arguments)])

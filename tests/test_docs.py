@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from odescope.study.options import Data, parse_study
+from odescope.events import Note
+from odescope.report.assemble import read_report
+from odescope.study.options import Data
+from odescope.study.pieces import PLACES
+from odescope.study.toml import parse_study
 
 ROOT = Path(__file__).parent.parent
 
@@ -35,6 +40,24 @@ def test_extending_runs_and_recovers_the_system(capsys: pytest.CaptureFixture[st
     smoothed, signals = session["smoothed"], session["signals"]
     assert smoothed.channels[0].cutoff > 0  # type: ignore[attr-defined]
     assert signals.names == smoothed.names  # type: ignore[attr-defined]
+    results, told = session["results"], session["told"]
+    found = {t.text for t in results.result.model.relations[0].terms}  # type: ignore[attr-defined]
+    assert {"x", "tanh(20.0*x_dot)", "f", "x_ddot"} <= found <= truth.keys()
+    written = (results.folder / "study.toml").read_text(encoding="utf-8")  # type: ignore[attr-defined]
+    lines = written.splitlines()
+    assert [line.split()[1] for line in lines[:2]] == ["signals.differentiator", "regression.proposers[0]"]
+    assert read_report(results.folder / "report.json").reproduce.study.splitlines()[:2] == lines[:2]  # type: ignore[attr-defined]
+    notes = [event.text for event in told if isinstance(event, Note)]  # type: ignore[attr-defined]
+    assert sum("cannot name" in note for note in notes) == 2
+
+
+def test_the_entry_points_of_extending_are_those_that_are_looked_up() -> None:
+    basis, package, study = (tomllib.loads(block) for block in blocks("docs/extending.md", "toml"))
+    assert basis["library"]["functions"]
+    offered = package["project"]["entry-points"]
+    assert set(offered) < {place.group for place in PLACES}
+    assert study["signals"]["differentiator"]["kind"] in offered["odescope.differentiators"]
+    assert study["regression"]["proposers"][0]["kind"] in offered["odescope.proposers"]
 
 
 def test_readme_python_runs(

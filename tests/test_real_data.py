@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from odescope.pipeline.identification import identify
-from odescope.study.options import read_study
+from odescope.study.toml import read_study
 
 ROOT = Path(__file__).parent.parent
 DATA = Path(os.environ.get("ODESCOPE_DATA", ROOT.parent / "shared" / "data"))

@@ -1,6 +1,6 @@
 """The paper's pendulum on a cart: the reference model, its simulated log, its study, and Table 2 (paper, section 4).
 
-Errata mended (METHOD section 1): the coefficients are those of Table 2, I1 = 0.7 m1 a1^2, and phi_ddot = -C/D.
+Errata mended: the coefficients are those of Table 2, I1 = 0.7 m1 a1^2, and phi_ddot = -C/D.
 """
 
 from __future__ import annotations
@@ -8,10 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.commands.files import check_writable
+from odescope.events import FilesWritten, Monitor, StageBegan
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
@@ -20,6 +23,10 @@ from odescope.model.relation import Relation, RelationTerm
 from odescope.model.simulation import simulate
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.report.data import TableRow
+from odescope.study.toml import read_study
+
+if TYPE_CHECKING:
+    from odescope.commands.run import RunResult
 
 DURATION, PERIOD = 65.0, 0.001
 FORCE_RMS, FORCE_BAND = 20.0, 3.0  # newtons, hertz
@@ -94,7 +101,7 @@ def cart_pendulum(joint_friction: float = PAPER_JOINT_FRICTION) -> Model:
 
 
 @dataclass(frozen=True, eq=False)
-class Log:
+class SimulatedLog:
     """A simulated log: t (N,), force (N,), states (N, 4) without noise, measured (N, 2) with noise."""
 
     t: FloatArray
@@ -103,8 +110,39 @@ class Log:
     measured: FloatArray
 
 
-def simulate_log(seed: int, level: int = 1, joint_friction: float = PAPER_JOINT_FRICTION) -> Log:
-    """Return the log of one run: a force of white noise cut at 3 Hz, positions with white noise of the level."""
+def run_demo(out: Path, seed: int, level: int, joint_friction: float, monitor: Monitor) -> RunResult:
+    """Simulate a log, write it with its study to a folder, and identify it there; see `run_study`.
+
+    Args:
+        out: folder for the log, the study and the results.
+        seed: of the force and the noise.
+        level: of the noise, see `NOISE`.
+        joint_friction: in N m s.
+        monitor: whom to tell, and whom to ask whether to stop.
+    """
+    from odescope.commands.run import Reference, run_study
+
+    check_writable(out)
+    out.mkdir(parents=True, exist_ok=True)
+    monitor.tell(StageBegan("simulating the pendulum on a cart"))
+    log = simulate_log(seed, level, joint_friction)
+    study = write_log(out, log, seed)
+    monitor.tell(FilesWritten(out, ("log.csv", study.name)))
+    truth = Reference(
+        lambda: true_signals(log, joint_friction), lambda model: table_two(cart_pendulum(joint_friction), model)
+    )
+    title = "Pendulum on a cart"
+    return run_study(read_study(study), out, out, title=title, source=study, reference=truth, monitor=monitor)
+
+
+def simulate_log(seed: int, level: int = 1, joint_friction: float = PAPER_JOINT_FRICTION) -> SimulatedLog:
+    """Return the log of one run: a force of white noise cut at 3 Hz, positions with white noise of the level.
+
+    Args:
+        seed: of the force and the noise.
+        level: of the noise, see `NOISE`.
+        joint_friction: in N m s.
+    """
     rng = np.random.default_rng(seed)
     count = round(DURATION / PERIOD) + 1
     t = np.arange(count, dtype=np.float64) * np.float64(PERIOD)
@@ -114,10 +152,10 @@ def simulate_log(seed: int, level: int = 1, joint_friction: float = PAPER_JOINT_
     force *= FORCE_RMS / np.sqrt(np.mean(force**2))
     run = simulate(cart_pendulum(joint_friction), t, force[:, None], np.array(START))
     noise = rng.standard_normal((count, 2)) * np.array(NOISE[level])
-    return Log(t, force, run.states, run.states[:, :2] + noise)
+    return SimulatedLog(t, force, run.states, run.states[:, :2] + noise)
 
 
-def true_signals(log: Log, joint_friction: float) -> dict[str, FloatArray]:
+def true_signals(log: SimulatedLog, joint_friction: float) -> dict[str, FloatArray]:
     """Return every state and target of a log by name, (N,), without noise."""
     model = cart_pendulum(joint_friction)
     columns = np.ascontiguousarray(np.column_stack([log.states, log.force]).T)
@@ -130,12 +168,25 @@ def true_signals(log: Log, joint_friction: float) -> dict[str, FloatArray]:
 
 
 def write_demo(folder: Path, seed: int, level: int, joint_friction: float) -> Path:
-    """Write log.csv and demo.toml to a folder and return the path of the study."""
+    """Write log.csv and demo.toml to a folder and return the path of the study.
+
+    Args:
+        folder: that is there.
+        seed: of the force and the noise.
+        level: of the noise, see `NOISE`.
+        joint_friction: in N m s.
+    """
     return write_log(folder, simulate_log(seed, level, joint_friction), seed)
 
 
-def write_log(folder: Path, log: Log, seed: int) -> Path:
-    """Write a log as log.csv, with demo.toml beside it, and return the path of the study."""
+def write_log(folder: Path, log: SimulatedLog, seed: int) -> Path:
+    """Write a log as log.csv, with demo.toml beside it, and return the path of the study.
+
+    Args:
+        folder: that is there.
+        log: what was simulated.
+        seed: that the study is to have.
+    """
     columns = np.column_stack([log.t, log.measured, log.force])
     rows = [",".join(map(repr, row)) for row in columns.tolist()]
     partial = folder / ".log.csv.partial"
@@ -148,7 +199,7 @@ def write_log(folder: Path, log: Log, seed: int) -> Path:
     return folder / "demo.toml"
 
 
-# Table 2 of the paper, its model normalised to a denominator 1 + q cos^2(phi) (METHOD section 1).
+# Table 2 of the paper, its model normalised to a denominator 1 + q cos^2(phi).
 PAPER_TABLE: dict[str, dict[str, float]] = {
     "x_ddot": {
         "u": 0.55672,

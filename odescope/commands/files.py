@@ -1,4 +1,4 @@
-"""The files of an identification, written so that a stop in the middle leaves no half file (DESIGN 3.1, 3.4)."""
+"""The files of an identification, written so that a stop in the middle leaves no half file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from pathlib import Path
 from odescope.errors import InputError
 from odescope.export.model_file import to_json
 from odescope.pipeline.identification import Identification
-from odescope.study.options import Study, study_toml
+from odescope.study.options import Study
+from odescope.study.toml import study_toml
 
 RESULT_FILES = ("model.json", "candidates.csv", "study.toml", "report.html", "report.json")
 FIGURES = "figures"  # the folder beside them
@@ -67,7 +68,13 @@ def candidates_csv(result: Identification) -> str:
 
 
 def result_files(result: Identification, resolved: Study, report: Mapping[str, str | bytes]) -> dict[str, str | bytes]:
-    """Return the files of a result by name, with those of its report."""
+    """Return the files of a result by name, with those of its report.
+
+    Args:
+        result: what `identify` returned.
+        resolved: the study, its files relative to the folder of the results.
+        report: files of the report by name.
+    """
     texts = (to_json(result.model), candidates_csv(result), study_toml(resolved))
     return {**dict(zip(RESULT_FILES, texts, strict=False)), **report}
 

@@ -14,7 +14,8 @@ from odescope.export.model_file import read_model
 from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
 from odescope.model.simulation import Trajectory, simulate
-from odescope.recordings.readers import Layout, column_names, read_records
+from odescope.recordings.layout import Layout
+from odescope.recordings.readers import column_names, read_records
 from odescope.recordings.record import Record
 
 TIME_NAMES = ("t", "time", "Time", "T", "TIME")

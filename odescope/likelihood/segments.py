@@ -15,7 +15,7 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.recordings.record import Record, Records
-from odescope.signals.differentiators import Differentiator, settled
+from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.estimate import Signals
 
 OVERSAMPLING = 8  # block averages a period of the highest cutoff
@@ -127,7 +127,7 @@ def _averages(
     columns = []
     for c, channel in zip(signals.coordinates, signals.channels, strict=True):
         samples = run.column(c.name)
-        values = settled(differentiator, channel.cutoff, False).derivatives([samples], period, c.order - 1).values[0]
+        values = derivatives_like(differentiator, channel.cutoff, [samples], [False], period, c.order - 1)[0]
         at_centre = [v[centre] for v in values]
         smooth |= {c.derivative(k): v for k, v in enumerate(at_centre)}
         rest = (samples - values[0])[: blocks * block].reshape(blocks, block)

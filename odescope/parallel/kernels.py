@@ -42,7 +42,7 @@ def kernel(*fastmath: str) -> Callable[[Kernel], Kernel]:
         lazy = numba.njit(nogil=True, error_model="numpy", **options)(function)
         if lazy is not function and _root() is not None:  # with NUMBA_DISABLE_JIT=1 it is the function itself
             with suppress(OSError):
-                lazy._cache = _Cache(function)
+                lazy._cache = _Cache(function)  # type: ignore[arg-type]
         return lazy  # type: ignore[no-any-return]
 
     return compile_lazily

@@ -16,7 +16,7 @@ from odescope.model.model import Json, Model, without_delays
 from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore
 from odescope.model.simulation import Trajectory, simulate
 from odescope.pipeline.joint_models import Search, samples_of
-from odescope.pipeline.streaming import Whole
+from odescope.pipeline.reduce import Whole
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study

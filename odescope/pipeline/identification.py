@@ -2,51 +2,42 @@
 
 from __future__ import annotations
 
-import hashlib
-import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
-from itertools import compress, islice
 from pathlib import Path
-from typing import Any
 
 import msgspec
-import numpy as np
 from threadpoolctl import threadpool_limits
 
-from odescope.errors import InputError, NoModelError
-from odescope.events import Monitor
-from odescope.library.candidates import Library
+from odescope.arrays import Table
+from odescope.events import Event, Monitor, Note, never, unheard
 from odescope.likelihood.account import doubts
-from odescope.likelihood.refine import Refinement, refine
+from odescope.likelihood.refine import Refinement
 from odescope.model.display import equations_html
 from odescope.model.model import Model
 from odescope.model.notes import notes_of, trust
 from odescope.model.scores import DelayScore, Streamed
-from odescope.parallel.memory import peak_bytes
-from odescope.parallel.workers import Workers, workers
+from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.evaluation import domain, provenance, scores
-from odescope.pipeline.joint_models import Search, adopt, as_adopted, plain, proposals
-from odescope.pipeline.streaming import Log, Plan, Store, open_log, reduce_all
-from odescope.recordings.checks import check_channels
-from odescope.recordings.coordinate import Input
-from odescope.recordings.readers import records_from
+from odescope.pipeline.joint_models import Search
+from odescope.pipeline.reduce import Whole
+from odescope.pipeline.stages import (
+    Chosen,
+    Filtered,
+    Work,
+    draw_anew,
+    estimate,
+    pose_all,
+    prepare,
+    propose,
+    refine_model,
+    search_all,
+)
 from odescope.recordings.record import Records
-from odescope.regression.problem import Problem, pose
-from odescope.regression.proposers import Support
-from odescope.selection.bootstrap import inclusion
-from odescope.selection.ranking import Candidate, rank
-from odescope.selection.sweep import Sweep, nested_libraries, sweep
-from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
-from odescope.signals.estimate import Signals, estimate_signals
-from odescope.signals.outliers import clip_outliers
+from odescope.selection.ranking import Candidate
+from odescope.signals.estimate import Signals
 from odescope.study.options import Study
-
-SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out, unless all are
-
-Watch = Callable[[str], None]
+from odescope.study.pieces import tables
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +70,29 @@ class Identification:
         """What the user should know: candidates left out as dependent, denominators that may vanish, early ends."""
         dependent = [(t.text, [o.text for o in others]) for s in self.searches for t, others in s.problem.dependent]
         judged = None if self.refinement is None else doubts(self.refinement, self.model.targets)
-        return notes_of(self.model.scores, dependent, judged)
+        return (*notes_of(self.model.scores, dependent, judged), *(u.note for u in tables(self.study)[1]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DraftReady(Event):
+    """The result as it stands before the likelihood stage, its model without scores."""
+
+    result: Identification
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EquationsReady(Event):
+    """The result, all but told: its notes follow."""
+
+    result: Identification
 
 
 def identify(
     study: Study,
-    data: Any = None,
-    watch: Watch = lambda _: None,
-    draft: Callable[[Identification], None] = lambda _: None,
+    data: Records | Table | Sequence[Table] | None = None,
+    *,
+    watch: Callable[[Event], None] | None = None,
+    stop: Callable[[], bool] | None = None,
     cluster: str | None = None,
     store: Path | None = None,
 ) -> Identification:
@@ -96,8 +102,10 @@ def identify(
         study: the options; its coordinates and inputs name the columns.
         data: recordings in memory: Records, a dataframe with the Arrow interface, a mapping of arrays, or a list of
             these. Without it the study's files are read, relative to the working directory.
-        watch: told the name of each stage as it begins, and how far it got.
-        draft: given the result as it stands before the likelihood stage, its model without scores.
+        watch: called with every event, in this thread: each stage as it begins (`StageBegan`), how far it got
+            (`Progress`), the result before the likelihood stage (`DraftReady`) and at the end (`EquationsReady`), then
+            its notes (`Note`). What it raises ends the run.
+        stop: asked again and again, once a second or more often and in any thread; True ends the run.
         cluster: "local", or the address of a Dask scheduler, whose workers see the files under the same names; without
             it everything runs in this process.
         store: folder in which the factors of recordings are kept that do not fit in memory, so that a run that was
@@ -106,189 +114,59 @@ def identify(
     Raises:
         InputError: the data or the study are wrong.
         NoModelError: the data support no model; the error names the stage.
+        Stopped: `stop` said so.
     """
+    monitor = Monitor(watch or unheard, stop or never)
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
-    with threadpool_limits(1, "blas"), workers(cluster) as hands:
-        return _identify(study, data, watch, draft, hands, store)
+    with threadpool_limits(1, "blas"), open_workers(cluster) as workers:
+        result = _identified(Work(study, monitor, workers), data, store)
+    monitor.tell(EquationsReady(result))
+    for note in result.notes:
+        monitor.tell(Note(note))
+    return result
 
 
-def _identify(
-    study: Study,
-    data: Any,
-    watch: Watch,
-    draft: Callable[[Identification], None],
-    hands: Workers,
-    store: Path | None,
-) -> Identification:
-    seconds: dict[str, float] = {}
-    memory: dict[str, int | None] = {}
-    coordinates = study.measured()
+def _identified(work: Work, data: Records | Table | Sequence[Table] | None, store: Path | None) -> Identification:
+    """Go through the stages."""
+    prepared = prepare(work, data, store)
+    filtered = estimate(work, prepared)
+    problems, whole = pose_all(work, prepared, filtered)
+    searches = search_all(work, prepared, problems)
+    proposed = propose(work, filtered.signals, searches)
+    chosen, model = proposed[0]
+    searches = draw_anew(work, searches, chosen)
 
-    @contextmanager
-    def stage(name: str) -> Any:
-        watch(name)
-        begin = time.perf_counter()
-        yield
-        seconds[name] = seconds.get(name, 0.0) + time.perf_counter() - begin
-        memory[name] = peak_bytes()
-
-    with stage("records"):
-        log = open_log(study.data, study.layout(), _kept_in(store, study)) if data is None else _given(study, data)
-        check_channels(log.records, coordinates, study.driven())
-    with stage("library"):
-        libraries = [study.candidates(c.target) for c in coordinates]
-        for c, library in zip(coordinates, libraries, strict=True):
-            if log.records.samples < len(library):
-                raise InputError(
-                    f"{log.records.samples} samples cannot decide between {len(library)} candidate terms for"
-                    f" {c.target}: record longer, or shrink the library ([library] degree, basis or rules)"
-                )
-    records, outliers, clipping = log.records, dict[str, int](), None
-    if study.signals.outliers == "clip":
-        with stage("signals"):
-            records, outliers, clipping = clip_outliers(records, coordinates, study.signals.differentiator)
-    inputs, delays = study.driven(), dict[str, Delay]()
-    wanted = [name for name, i in study.inputs.items() if i.delay == "estimate"]
-    if wanted:
-        with stage("delays"):
-            delays = _delays(study, records, libraries, wanted)
-        inputs = with_delays(inputs, {name: d.seconds for name, d in delays.items()})
-    lead = max((abs(i.delay) for i in inputs), default=0.0) or None
-    with stage("signals"):
-        records = delayed(records, inputs, lead)
-        signals = _signals(study, records, inputs)
-        shortest = SHORTEST / min(c.cutoff for c in signals.channels)
-        long = [run.duration >= shortest for run in records]
-        left_out = long.count(False) if any(long) else 0
-        if left_out:  # a piece of an oscillation has no derivative worth fitting
-            log, records = log.without([not kept for kept in long]), Records(tuple(compress(records, long)))
-            signals = _signals(study, records, inputs)
-    with stage("regression"):
-        problems = [
-            pose(signals, c.target, c.order, library, study.regression.rows, log.folds)
-            for c, library in zip(coordinates, libraries, strict=True)
-        ]
-    whole = None
-    if not log.complete or (log.portions and hands.remote):
-        with stage("recordings"):
-            options = study.signals
-            plan = Plan(
-                study.layout(), options.differentiator, options.margin, inputs, lead, clipping,
-                shortest if any(long) else 0.0, replace(signals, columns=(), start=()),
-                tuple(p.library for p in problems),
-            )  # fmt: skip
-            whole = reduce_all(log, plan, problems, hands, watch)
-            problems = list(whole.problems)
-    searches = []
-    for problem, library in zip(problems, libraries, strict=True):
-        with stage("regression"):
-            found = _swept(study, problem)
-        with stage("selection"):
-            ranked = rank(problem, found, study.selection)
-            searches.append(Search(problem, found, ranked, library.removed, np.zeros(len(problem.terms))))
-    with stage("model"):
-        proposed = list(islice(proposals(study, signals, searches), study.likelihood.starts))
-        if not proposed:
-            raise NoModelError(
-                "model", "the best relations of the targets do not determine them together: two say the same"
-            )
-        chosen, model = proposed[0]
-    with stage("bootstrap"):
-        rng = np.random.default_rng(study.random.seed)
-        searches = [_drawn_anew(study, s, c, rng, hands) for s, c in zip(searches, chosen, strict=True)]
-    draft(Identification(study, log.records, signals, tuple(searches), chosen, model, None, seconds, memory))
-    refinement = None
-    if study.likelihood.enabled:
-        with stage("likelihood"):
-            starts = [m.relations for _, m in proposed]
-            bare = [plain(s, c) for s, c in zip(searches, chosen, strict=True)]
-            refinement = refine(
-                records,
-                signals,
-                problems,
-                starts,
-                bare,
-                study.signals.differentiator,
-                study.likelihood,
-                Monitor(),
-                hands,
-            )
-            model, refinement = adopt(model, refinement, signals)
-            chosen = tuple(as_adopted(s, c, r) for s, c, r in zip(searches, chosen, model.relations, strict=True))
-    with stage("model"):
-        told = scores(model, signals, searches, chosen, refinement, study.random.seed)
-        told = msgspec.structs.replace(
-            told,
-            left_out=left_out,
-            outliers=outliers,
-            delays={name: DelayScore(d.seconds, d.std_error) for name, d in delays.items()},
-            streamed=None
-            if log.complete or whole is None
-            else Streamed(whole.rows, whole.portions, sampled=len(log.portions)),
+    def result(chosen: Chosen, model: Model, refinement: Refinement | None) -> Identification:
+        records, signals = filtered.sample.records, filtered.signals
+        return Identification(
+            work.study, records, signals, searches, chosen, model, refinement, work.seconds, work.memory
         )
-        model = replace(model, scores=told, domain=domain(signals, model, whole))
-        model = replace(model, provenance=provenance(study, signals, whole))
-    return Identification(study, log.records, signals, tuple(searches), chosen, model, refinement, seconds, memory)
+
+    work.monitor.tell(DraftReady(result(chosen, model, None)))
+    chosen, model, refinement = refine_model(work, filtered, searches, proposed)
+    with work.stage("model"):
+        model = _judged(work.study, model, filtered, searches, chosen, refinement, whole)
+    return result(chosen, model, refinement)
 
 
-def _given(study: Study, data: Any) -> Log:
-    return Log(data if isinstance(data, Records) else records_from(data, study.layout()))
-
-
-def _kept_in(folder: Path | None, study: Study) -> Store | None:
-    """Return the store of a study: what is kept depends on the options up to the rows of the regression."""
-    if folder is None:
-        return None
-    data = msgspec.structs.replace(study.data, files=())
-    options = (
-        version("odescope"),
-        data,
-        study.coordinates,
-        study.inputs,
-        study.library,
-        study.signals,
-        study.regression.rows,
+def _judged(
+    study: Study,
+    model: Model,
+    filtered: Filtered,
+    searches: Sequence[Search],
+    chosen: Chosen,
+    refinement: Refinement | None,
+    whole: Whole | None,
+) -> Model:
+    """Return the model with its scores, its domain and what it was made from."""
+    signals, sample = filtered.signals, filtered.sample
+    told = scores(model, signals, searches, chosen, refinement, study.random.seed)
+    told = msgspec.structs.replace(
+        told,
+        left_out=filtered.left_out,
+        outliers=filtered.outliers,
+        delays={name: DelayScore(d.seconds, d.std_error) for name, d in filtered.delays.items()},
+        streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
     )
-    return Store(folder, hashlib.sha256(msgspec.json.encode(options)).hexdigest())
-
-
-def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals:
-    options = study.signals
-    return estimate_signals(records, study.measured(), inputs, options.differentiator, options.margin, options.thin)
-
-
-def _swept(study: Study, problem: Problem) -> Sweep:
-    """Return all the supports that are found for a target."""
-    return sweep(problem.factor, problem.terms, _nested(study, problem), study.regression.proposers)
-
-
-def _nested(study: Study, problem: Problem) -> tuple[Support, ...]:
-    """Return the sets of columns that are searched in."""
-    whole = (tuple(range(len(problem.terms))),)
-    return nested_libraries(problem.terms, problem.own) if study.regression.nested else whole
-
-
-def _drawn_anew(study: Study, search: Search, chosen: Candidate, rng: np.random.Generator, hands: Workers) -> Search:
-    """Return the search with the inclusion of every term."""
-    nested = _nested(study, search.problem)
-    return replace(search, inclusion=inclusion(search.problem, chosen, nested, study.regression.proposers, rng, hands))
-
-
-def _delays(study: Study, records: Records, libraries: Sequence[Library], wanted: Sequence[str]) -> dict[str, Delay]:
-    """Return the delays for which the criterion, summed over the targets, is least."""
-    inputs = study.driven()
-    period = 1.0 / max(c.cutoff for c in _signals(study, records, inputs).channels)
-    lead = (LARGEST + 1.0) * period + max(abs(i.delay) for i in inputs)
-
-    def cost(delays: Mapping[str, float]) -> float:
-        signals = _signals(study, delayed(records, with_delays(inputs, delays), lead), inputs)
-        total = 0.0
-        for c, library in zip(study.measured(), libraries, strict=True):
-            problem = pose(signals, c.target, c.order, library, study.regression.rows)
-            try:
-                total += min(x.criterion for x in rank(problem, _swept(study, problem), study.selection).candidates)
-            except NoModelError:  # far from the delay nothing fits
-                return np.inf
-        return total
-
-    return estimate_delays(cost, wanted, period)
+    found_in = domain(signals, model, whole)
+    return replace(model, scores=told, domain=found_in, provenance=provenance(study, signals, whole))

@@ -18,10 +18,15 @@ DEGREES = frozenset({"deg", "degs", "degree", "degrees", "°"})
 def check_channels(records: Records, coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> None:
     """Refuse channels that cannot take part in an identification.
 
+    Args:
+        records: that hold a column for each.
+        coordinates: what was measured.
+        inputs: what drove it.
+
     Raises:
         InputError: a name used twice (derived names included) or without a column, a coordinate that changes in no
-            recording, an input that is one constant, an angle in degrees, a wrapped angle
-            that is not declared as one, values above 1e30.
+            recording, an input that is one constant, an angle in degrees, a wrapped angle that is not declared as
+            one, values above 1e30.
     """
     if not coordinates:
         raise InputError("no coordinate: expected at least one measured quantity to find an equation for")
@@ -73,7 +78,7 @@ def _check_wraps(coordinate: Coordinate, records: Records) -> None:
 
 
 def check_radians(name: str, column: FloatArray, source: str) -> None:
-    """Refuse an angle (N,) that wraps by 360."""
+    """Refuse an angle (N,) that wraps by 360; `name` and `source` are for the message."""
     jumps = np.abs(np.diff(column))
     rows = np.flatnonzero(np.abs(jumps - 360) < 60)
     if len(rows):

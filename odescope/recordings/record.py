@@ -1,4 +1,4 @@
-"""Measured runs: one uninterrupted record, several records together, a stretch of one."""
+"""Measured runs: one uninterrupted record, several together, and a record of which only a stretch counts."""
 
 from __future__ import annotations
 
@@ -106,6 +106,11 @@ class Records:
         return len(self.runs)
 
     @property
+    def stretches(self) -> tuple[Stretch, ...]:
+        """The runs as stretches of which every sample counts."""
+        return tuple(Stretch.whole(run) for run in self.runs)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The column names that all runs share."""
         return self.runs[0].names
@@ -137,7 +142,7 @@ class Stretch:
 
     @property
     def cut(self) -> bool:
-        """Whether the record is but a piece of a recording."""
+        """Whether the record is cut out of a longer recording."""
         return not (self.begins and self.ends)
 
 

@@ -11,12 +11,15 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, TYPE_CHECKING, cast
 
 import numpy as np
 
 from odescope.arrays import BoolArray, IntArray
 from odescope.errors import InputError
+
+if TYPE_CHECKING:
+    from pyarrow import ChunkedArray, DataType, NativeFile
 
 MISSING = ("", " ", "NA", "N/A", "NaN", "nan", "NAN", "null", "NULL")
 HEAD_BYTES = 1 << 20
@@ -130,7 +133,14 @@ def _line_starts(stream: IO[bytes]) -> Iterator[tuple[IntArray, BoolArray, int]]
 
 
 def part_of(file: TextFile, index: RowIndex, start: int, stop: int) -> TextFile:
-    """Return the part of a whole file that holds the data rows [start, stop), counted from 0, and some around them."""
+    """Return the part of a whole file that holds some data rows, and some around them.
+
+    Args:
+        file: the whole file.
+        index: where its rows are.
+        start: the first row that is wanted, counted from 0.
+        stop: the row after the last.
+    """
     low, high = start // MARK_ROWS, -(-stop // MARK_ROWS)
     begin, end = int(index.marks[low]), int(index.marks[high])
     first = low * MARK_ROWS
@@ -139,7 +149,13 @@ def part_of(file: TextFile, index: RowIndex, start: int, stop: int) -> TextFile:
 
 
 def settle_decimal(file: TextFile, index: RowIndex, numeric: Sequence[str]) -> TextFile:
-    """Return the file with one decimal mark, where its numbers tell: a part of it with whole numbers could not."""
+    """Return the file with one decimal mark, where its numbers tell: a part of it with whole numbers could not.
+
+    Args:
+        file: the whole file.
+        index: where its rows are.
+        numeric: the columns that hold numbers.
+    """
     import pyarrow as pa
 
     step = TELLING_MARKS * MARK_ROWS
@@ -169,10 +185,15 @@ def refuse_blank_lines(file: TextFile) -> None:
                 )
 
 
-def read_columns(file: TextFile, labels: Sequence[str], numeric: Sequence[str]) -> dict[str, Any]:
+def read_columns(file: TextFile, labels: Sequence[str], numeric: Sequence[str]) -> dict[str, ChunkedArray]:
     """Return the labelled columns as Arrow columns: those in `numeric` of floats, null or NaN where a cell is missing.
 
     The cells are converted while parsing; only where that fails are they looked at one by one.
+
+    Args:
+        file: or a part of one.
+        labels: of the columns that are read.
+        numeric: those of them that must hold numbers.
 
     Raises:
         InputError: a row of too few or too many cells, a cell that is not a number; a part of a file without the rows
@@ -199,7 +220,9 @@ def read_columns(file: TextFile, labels: Sequence[str], numeric: Sequence[str]) 
     return {label: pa.chunked_array([pa.array(columns[label], types[label])]) for label in labels}
 
 
-def _parse(file: TextFile, types: Mapping[str, Any], decimal: str, threads: bool = True) -> dict[str, Any]:
+def _parse(
+    file: TextFile, types: Mapping[str, DataType], decimal: str, threads: bool = True
+) -> dict[str, ChunkedArray]:
     """Parse the columns named in `types`; positions stand for names, which may repeat among the unused columns."""
     import pyarrow as pa
     from pyarrow import csv as arrow_csv
@@ -236,7 +259,7 @@ def _parse(file: TextFile, types: Mapping[str, Any], decimal: str, threads: bool
     return {label: table.column(position) for label, position in positions.items()}
 
 
-def _arrow_stream(file: TextFile) -> Any:
+def _arrow_stream(file: TextFile) -> NativeFile:
     import pyarrow as pa
 
     if file.end is None:

@@ -1,4 +1,4 @@
-"""Where to cut: the paper's noise ceiling, and the cutoff of least risk, which needs no hand (METHOD section 3)."""
+"""Where to cut: the paper's noise ceiling, and the cutoff of least risk, which needs no hand."""
 
 from __future__ import annotations
 
@@ -9,22 +9,12 @@ import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.signals.noise import noise_level
 from odescope.signals.spectral import Spectrum, bin_frequencies
 
-# The median of chi-squared with one degree of freedom: each bin of a cosine transform of white noise has that spread.
-MEDIAN_CHI_SQUARED = 0.45493642311957174
 PERIODOGRAM_WINDOW = 4096  # samples
-PIECES_AT_ONCE = 256  # windows transformed together: it bounds the memory that a long record takes
+WINDOWS_AT_ONCE = 256  # windows transformed together: it bounds the memory that a long record takes
 BANDS = 80  # bands in which the risk is walked: measured best among 40, 80 and 160 on transients and on the demo
-
-
-def noise_level(spectra: Sequence[Spectrum]) -> float:
-    """Return the standard deviation of the white noise, from the median power of the upper half of the spectra."""
-    upper = []
-    for spectrum in spectra:
-        count = len(spectrum.values)
-        upper.append(spectrum.power(spectrum.cubic(count // 2), slice(count // 2, count)))
-    return float(np.sqrt(np.median(np.concatenate(upper)) / MEDIAN_CHI_SQUARED))
 
 
 def periodogram(channel: Sequence[FloatArray], period: float) -> tuple[FloatArray, FloatArray]:
@@ -38,14 +28,14 @@ def periodogram(channel: Sequence[FloatArray], period: float) -> tuple[FloatArra
     line = np.linspace(-1.0, 1.0, length)
     means = []
     for samples in channel:
-        pieces = np.lib.stride_tricks.sliding_window_view(samples, length)[:: length - length // 2]
+        windows = np.lib.stride_tricks.sliding_window_view(samples, length)[:: length - length // 2]
         total = np.zeros(length // 2 + 1)
-        for start in range(0, len(pieces), PIECES_AT_ONCE):
-            piece = pieces[start : start + PIECES_AT_ONCE]
-            piece = piece - piece.mean(axis=1, keepdims=True)
-            piece -= np.outer(piece @ line / (line @ line), line)
-            total += np.sum(np.abs(np.fft.rfft(piece * window)) ** 2, axis=0)
-        means.append(total / len(pieces))
+        for start in range(0, len(windows), WINDOWS_AT_ONCE):
+            windowed = windows[start : start + WINDOWS_AT_ONCE]
+            windowed = windowed - windowed.mean(axis=1, keepdims=True)
+            windowed -= np.outer(windowed @ line / (line @ line), line)
+            total += np.sum(np.abs(np.fft.rfft(windowed * window)) ** 2, axis=0)
+        means.append(total / len(windows))
     power: FloatArray = np.mean(means, axis=0) * period / np.sum(window**2)
     power[1 : len(power) - (length % 2 == 0)] *= 2.0  # the negative frequencies, which all but these ends have
     return np.arange(len(power)) / (length * period), power

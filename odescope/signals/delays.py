@@ -10,7 +10,7 @@ import numpy as np
 
 from odescope.errors import InputError
 from odescope.recordings.coordinate import Input
-from odescope.recordings.record import Record, Records, Stretch, within
+from odescope.recordings.record import Record, Stretch, within
 
 GRID = 0.25  # periods of the highest cutoff between the first trials
 LARGEST = 4.0  # such periods: the longest delay that is looked for
@@ -32,32 +32,35 @@ def with_delays(inputs: Sequence[Input], delays: Mapping[str, float]) -> tuple[I
     return tuple(msgspec.structs.replace(i, delay=delays.get(i.name, i.delay)) for i in inputs)
 
 
-def delayed(records: Records, inputs: Sequence[Input], lead: float | None = None) -> Records:
-    """Return the records with each input as it acted, u(t - delay).
+def delayed(stretches: Sequence[Stretch], inputs: Sequence[Input], lead: float | None = None) -> tuple[Stretch, ...]:
+    """Return records with each input as it acted, u(t - delay).
+
+    Of records that are cut out of longer ones those are dropped of which nothing that counts is left.
 
     Args:
-        records: uniformly sampled.
+        stretches: uniformly sampled.
         inputs: a delay of 0 leaves the column as it is; a negative one means recorded late.
         lead: seconds dropped at both ends, where an input may not be known; None drops nothing and keeps the first or
             last value there.
 
     Raises:
-        InputError: a record is shorter than what is dropped.
+        InputError: a whole recording is shorter than what is dropped.
     """
     if lead is None and not any(i.delay for i in inputs):
-        return records
-    return Records(tuple(_delayed(run, inputs, _dropped(run, lead)) for run in records))
+        return tuple(stretches)
+    acted = []
+    for stretch in stretches:
+        dropped = _dropped(stretch.record, lead)
+        first, stop = max(stretch.first - dropped, 0), min(stretch.stop, len(stretch.record) - dropped) - dropped
+        if not stretch.cut or (first < stop and len(stretch.record) - 2 * dropped > 1):
+            record = _delayed(stretch.record, inputs, dropped)
+            acted.append(replace(stretch, record=record, first=first, stop=stop))
+    return tuple(acted)
 
 
-def delayed_stretch(stretch: Stretch, inputs: Sequence[Input], lead: float | None) -> Stretch | None:
-    """Return a stretch with each input as it acted, as `delayed` does; None where nothing that counts is left."""
-    if lead is None and not any(i.delay for i in inputs):
-        return stretch
-    dropped = _dropped(stretch.record, lead)
-    first, stop = max(stretch.first - dropped, 0), min(stretch.stop, len(stretch.record) - dropped) - dropped
-    if stop <= first:
-        return None
-    return replace(stretch, record=_delayed(stretch.record, inputs, dropped), first=first, stop=stop)
+def remaining(run: Record, lead: float | None) -> float:
+    """Return the seconds of a record that are left where `lead` seconds are dropped at both ends."""
+    return run.duration - 2 * _dropped(run, lead) * run.sample_period
 
 
 def _dropped(run: Record, lead: float | None) -> int:

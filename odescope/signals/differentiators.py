@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Protocol
+from typing import Annotated, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
-from odescope.signals.cutoff import AnyCutoff, LeastRisk, noise_level
+from odescope.signals.cutoff import AnyCutoff, LeastRisk
+from odescope.signals.noise import noise_level
 from odescope.signals.spectral import Spectrum, differentiate, differentiate_smoothly, last_bin
 
 
@@ -32,7 +33,32 @@ class Differentiator(Protocol):
     """Filters and differentiates the records of one channel; one of one's own needs this method alone."""
 
     def derivatives(self, channel: Sequence[FloatArray], period: float, order: int) -> Derivatives:
-        """Return values and derivatives up to `order` of uniformly sampled records."""
+        """Return values and derivatives of uniformly sampled records.
+
+        Args:
+            channel: (N,) a record.
+            period: of the samples, in seconds.
+            order: of the highest derivative.
+        """
+        ...
+
+
+@runtime_checkable
+class Adaptive(Protocol):
+    """A differentiator that learns something from the records, such as a cutoff.
+
+    Of a log that is read in chunks it learns from a sample; then all the chunks are filtered alike, by what `settled`
+    returns. One that lacks this method is asked for every chunk as it is.
+    """
+
+    def settled(self, cutoff: float, smooth: bool) -> Differentiator:
+        """Return the differentiator for more records of a channel.
+
+        Args:
+            cutoff: what was found in the channel, in hertz.
+            smooth: the records are cut out of longer ones: what lies further away than `spectral.reach(cutoff)`
+                must not matter.
+        """
         ...
 
 
@@ -47,10 +73,14 @@ class Spectral(msgspec.Struct, frozen=True, tag="spectral", tag_field="kind", fo
         noise = noise_level([Spectrum.of(s) for s in channel])
         return replace(Settled(hertz).derivatives(channel, period, order), noise=noise)
 
+    def settled(self, cutoff: float, smooth: bool) -> Differentiator:
+        """Return the filter with that cutoff."""
+        return Settled(cutoff, smooth)
+
 
 @dataclass(frozen=True)
 class Settled:
-    """A spectral filter whose cutoff, in hertz, was found before; with a smooth edge where a record is but a piece."""
+    """A spectral filter whose cutoff, in hertz, was found before; with a smooth edge where a record is cut."""
 
     cutoff: float
     smooth: bool = False
@@ -66,9 +96,32 @@ class Settled:
         return Derivatives(tuple(values), np.nan, self.cutoff)
 
 
-def settled(differentiator: Differentiator, cutoff: float, smooth: bool) -> Differentiator:
-    """Return the differentiator for more records of a channel whose cutoff was found."""
-    return Settled(cutoff, smooth) if isinstance(differentiator, Spectral) else differentiator
+def derivatives_like(
+    differentiator: Differentiator,
+    cutoff: float,
+    channel: Sequence[FloatArray],
+    cut: Sequence[bool],
+    period: float,
+    order: int,
+) -> list[FloatArray]:
+    """Return values and derivatives, (order + 1, N) a record, of more records of a channel whose cutoff was found.
+
+    Args:
+        differentiator: that found it.
+        cutoff: in hertz.
+        channel: (N,) a record.
+        cut: whether each record is cut out of a longer one.
+        period: of the samples, in seconds.
+        order: of the highest derivative.
+    """
+    found: dict[int, FloatArray] = {}
+    for smooth in (False, True):
+        alike = [k for k, is_cut in enumerate(cut) if is_cut == smooth]
+        if alike:
+            own = differentiator.settled(cutoff, smooth) if isinstance(differentiator, Adaptive) else differentiator
+            values = own.derivatives([channel[k] for k in alike], period, order).values
+            found |= dict(zip(alike, values, strict=True))
+    return [found[k] for k in range(len(channel))]
 
 
 class SmoothingSpline(

@@ -10,13 +10,13 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, NoModelError
 from odescope.recordings.coordinate import Coordinate, Input, state_names
-from odescope.recordings.record import Records, Stretch, within
-from odescope.signals.differentiators import Derivatives, Differentiator, settled
+from odescope.recordings.record import Record, Records, Stretch, within
+from odescope.signals.differentiators import Derivatives, Differentiator, derivatives_like
 from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, differentiate, differentiate_smoothly
 
 OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
 PERIODS_DIFFER = 1e-4  # of a period: beyond that, recordings are not sampled alike
-INPUT_BAND = 0.9  # of half the thinned rate: where inputs end
+INPUT_BAND = 0.9  # of half the decimated rate: where inputs end
 SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below the cutoff
 
 
@@ -74,7 +74,7 @@ def estimate_signals(
     inputs: Sequence[Input],
     differentiator: Differentiator,
     margin: float = 0.5,
-    thin: bool = True,
+    decimate: bool = True,
 ) -> Signals:
     """Return the signals of uniformly sampled records.
 
@@ -84,36 +84,31 @@ def estimate_signals(
         inputs: what drove it.
         differentiator: see `Differentiator`.
         margin: what is dropped at each end, in periods of the lowest cutoff, but at most a twentieth of a record.
-        thin: keep eight samples a period of the highest cutoff; the filtered signals hold no more.
+        decimate: keep eight samples a period of the highest cutoff; the filtered signals hold no more.
 
     Raises:
         InputError: the sampling periods differ.
         NoModelError: a coordinate holds nothing above its noise.
     """
     period = _common_period(records)
-    found = {}
+    found = []
     for c in coordinates:
-        channel = [run.column(c.name) for run in records]
-        found[c.name] = differentiator.derivatives(channel, period, c.order)
-        _check_signal(c, found[c.name], period)
-    highest = max(d.cutoff for d in found.values())
-    stride = max(1, int(1.0 / (period * OVERSAMPLING * highest))) if thin else 1
+        found.append(differentiator.derivatives([run.column(c.name) for run in records], period, c.order))
+        _check_signal(c, found[-1], period)
+    stride = max(1, int(1.0 / (period * OVERSAMPLING * max(d.cutoff for d in found)))) if decimate else 1
     names = (*state_names(coordinates), *(c.target for c in coordinates), *(i.name for i in inputs))
-    channels = tuple(Channel(c.name, found[c.name].noise, found[c.name].cutoff) for c in coordinates)
+    channels = tuple(Channel(c.name, d.noise, d.cutoff) for c, d in zip(coordinates, found, strict=True))
     signals = Signals(names, (), (), period * stride, channels, tuple(coordinates), tuple(inputs))
-    kept = [
-        _kept(signals, Stretch.whole(run), [found[c.name].values[r] for c in coordinates], stride, margin)
-        for r, run in enumerate(records)
-    ]
-    return replace(signals, columns=tuple(c for _, c in kept), start=tuple(t for t, _ in kept))
+    return _gathered(signals, records.stretches, [d.values for d in found], margin)
 
 
 def signals_like(
     like: Signals, stretches: Sequence[Stretch], differentiator: Differentiator, margin: float = 0.5
 ) -> Signals:
-    """Return the signals of other records, filtered and thinned as those that are there already.
+    """Return the signals of other records, filtered and decimated as those that are there already.
 
-    A piece of a recording is filtered with a smooth edge (see `differentiate_smoothly`), a whole one as `like` was.
+    A record that is cut out of a longer one is filtered with a smooth edge (see `differentiate_smoothly`), a whole one
+    as `like` was.
 
     Args:
         like: signals whose cutoffs, noise, period, coordinates and inputs are taken over.
@@ -124,27 +119,43 @@ def signals_like(
     Raises:
         InputError: the sampling periods differ.
     """
+    period = like.period / _stride(like, stretches[0].record) if stretches else like.period
+    values = [
+        derivatives_like(
+            differentiator,
+            channel.cutoff,
+            [s.record.column(c.name) for s in stretches],
+            [s.cut for s in stretches],
+            period,
+            c.order,
+        )
+        for c, channel in zip(like.coordinates, like.channels, strict=True)
+    ]
+    return _gathered(like, stretches, values, margin)
+
+
+def _gathered(
+    like: Signals, stretches: Sequence[Stretch], values: Sequence[Sequence[FloatArray]], margin: float
+) -> Signals:
+    """Return what is kept of records of which values and derivatives are given, one list a coordinate."""
     columns, start = [], []
-    for stretch in stretches:
-        run = stretch.record
-        stride = max(1, round(like.period / run.sample_period))
-        period = like.period / stride
-        if abs(run.sample_period - period) > PERIODS_DIFFER * period:
-            raise InputError(
-                f"a recording is sampled every {run.sample_period:g} s{within(run.source)}, which does not suit"
-                f" the others, {like.period:g} s after thinning: resample them to one period, or study them apart"
-            )
-        values = [
-            settled(differentiator, channel.cutoff, stretch.cut)
-            .derivatives([run.column(c.name)], period, c.order)
-            .values[0]
-            for c, channel in zip(like.coordinates, like.channels, strict=True)
-        ]
-        time, kept = _kept(like, stretch, values, stride, margin)
+    for stretch, *own in zip(stretches, *values, strict=True):
+        time, kept = _kept(like, stretch, own, _stride(like, stretch.record), margin)
         if kept.shape[1]:
             columns.append(kept)
             start.append(time)
     return replace(like, columns=tuple(columns), start=tuple(start))
+
+
+def _stride(like: Signals, run: Record) -> int:
+    """Return how many samples of a record make a period of the signals; refuse one that is sampled otherwise."""
+    stride = max(1, round(like.period / run.sample_period))
+    if abs(run.sample_period - like.period / stride) > PERIODS_DIFFER * like.period / stride:
+        raise InputError(
+            f"a recording is sampled every {run.sample_period:g} s{within(run.source)}, which does not suit"
+            f" the others, {like.period:g} s after decimation: resample them to one period, or study them apart"
+        )
+    return stride
 
 
 def _kept(
@@ -171,7 +182,7 @@ def _centred(samples: FloatArray, hold: str) -> FloatArray:
 
 
 def _held_back(samples: FloatArray, stride: int, cut: bool) -> FloatArray:
-    # An input is not band-limited; what lies above half the thinned rate would fold down onto the signals.
+    # An input is not band-limited; what lies above half the decimated rate would fold down onto the signals.
     if stride == 1:
         return samples
     if cut:

@@ -10,7 +10,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, Stretch
-from odescope.signals.differentiators import Differentiator, settled
+from odescope.signals.differentiators import Differentiator, derivatives_like
 
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
 NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
@@ -19,24 +19,30 @@ ROUNDS = 8
 
 @dataclass(frozen=True)
 class Clipping:
-    """How each coordinate was clipped: for every round the cutoff in hertz, and the bound in the coordinate's unit."""
+    """How each coordinate is clipped: for every round the cutoff in hertz, and the bound in the coordinate's unit.
+
+    `period` is that of the samples, in seconds.
+    """
 
     rounds: Mapping[str, tuple[tuple[float, float], ...]]
+    period: float
 
 
-def clip_outliers(
-    records: Records, coordinates: Sequence[Coordinate], differentiator: Differentiator
-) -> tuple[Records, dict[str, int], Clipping]:
-    """Return the records with residuals about the filtered coordinates clipped, how many samples of each, and how.
+def settle_clipping(records: Records, coordinates: Sequence[Coordinate], differentiator: Differentiator) -> Clipping:
+    """Return how residuals about the filtered coordinates are to be clipped.
 
     Filtering what is clipped minimises Huber's loss of what was recorded; the deviation is the median one, which
     outliers do not move. Cutoff and deviation settle in a few rounds, each beginning from the record itself.
+
+    Args:
+        records: uniformly sampled, at one period.
+        coordinates: what was measured.
+        differentiator: filters them.
     """
     period = records.runs[0].sample_period
-    columns = {c.name: [run.column(c.name) for run in records] for c in coordinates}
-    counts, rounds = {}, {}
+    rounds = {}
     for c in coordinates:
-        recorded = clipped = columns[c.name]
+        recorded = clipped = [run.column(c.name) for run in records]
         taken = []
         for _ in range(ROUNDS):
             found = differentiator.derivatives(clipped, period, c.order)
@@ -50,24 +56,46 @@ def clip_outliers(
             clipped = again
             if moved < 0.01 * bound:
                 break
-        columns[c.name] = clipped
         rounds[c.name] = tuple(taken)
-        counts[c.name] = sum(int((a != b).sum()) for a, b in zip(clipped, recorded, strict=True))
-    return Records(tuple(_replaced(run, columns, k) for k, run in enumerate(records))), counts, Clipping(rounds)
+    return Clipping(rounds, period)
 
 
-def clip_like(
-    clipping: Clipping, stretch: Stretch, coordinates: Sequence[Coordinate], differentiator: Differentiator
-) -> Stretch:
-    """Return another record clipped as those before."""
-    record, columns = stretch.record, {}
+def clip_outliers(
+    stretches: Sequence[Stretch],
+    coordinates: Sequence[Coordinate],
+    differentiator: Differentiator,
+    clipping: Clipping,
+) -> tuple[Stretch, ...]:
+    """Return records clipped as was settled.
+
+    Args:
+        stretches: uniformly sampled.
+        coordinates: what was measured.
+        differentiator: with which the clipping was settled.
+        clipping: see `settle_clipping`.
+    """
+    columns, cut = {}, [s.cut for s in stretches]
     for c in coordinates:
-        recorded = clipped = record.column(c.name)
+        recorded = clipped = [s.record.column(c.name) for s in stretches]
         for cutoff, bound in clipping.rounds[c.name]:
-            again = settled(differentiator, cutoff, stretch.cut).derivatives([clipped], record.sample_period, c.order)
-            clipped = _clipped(recorded, again.values[0][0], bound)
-        columns[c.name] = [clipped]
-    return replace(stretch, record=_replaced(record, columns, 0))
+            smooth = derivatives_like(differentiator, cutoff, clipped, cut, clipping.period, c.order)
+            clipped = [_clipped(y, s[0], bound) for y, s in zip(recorded, smooth, strict=True)]
+        columns[c.name] = clipped
+    return tuple(replace(s, record=_replaced(s.record, columns, k)) for k, s in enumerate(stretches))
+
+
+def count_clipped(
+    before: Sequence[Stretch], after: Sequence[Stretch], coordinates: Sequence[Coordinate]
+) -> dict[str, int]:
+    """Return how many samples of each coordinate differ.
+
+    Args:
+        before: the records as they were.
+        after: as they were clipped.
+        coordinates: what was measured.
+    """
+    pairs = [(a.record, b.record) for a, b in zip(before, after, strict=True)]
+    return {c.name: sum(int((a.column(c.name) != b.column(c.name)).sum()) for a, b in pairs) for c in coordinates}
 
 
 def _clipped(recorded: FloatArray, smooth: FloatArray, bound: float) -> FloatArray:
@@ -78,6 +106,6 @@ def _clipped(recorded: FloatArray, smooth: FloatArray, bound: float) -> FloatArr
 
 def _replaced(run: Record, columns: dict[str, list[np.ndarray]], k: int) -> Record:
     values = run.values.copy()
-    for name, pieces in columns.items():
-        values[:, run.names.index(name)] = pieces[k]
+    for name, clipped in columns.items():
+        values[:, run.names.index(name)] = clipped[k]
     return replace(run, values=values)

@@ -1,4 +1,4 @@
-"""Spectral filter and differentiation in one transform (paper, 3.1 and 3.2; METHOD section 3).
+"""Spectral filter and differentiation in one transform (paper, 3.1 and 3.2).
 
 A record is mirrored, x -> [x, reversed x]: its DFT is then the cosine transform of the record, so the transforms here
 are DCTs and DSTs of length N. The mirror leaves kinks at both ends wherever the slope there is not zero; a cubic,
@@ -41,7 +41,13 @@ def bin_frequencies(samples: int, period: float) -> FloatArray:
 
 
 def last_bin(samples: int, period: float, hertz: float) -> int:
-    """Return the last bin that a cutoff in hertz keeps, at least the first after the mean."""
+    """Return the last bin that a cutoff keeps, at least the first after the mean.
+
+    Args:
+        samples: how many there are.
+        period: of the samples, in seconds.
+        hertz: the cutoff.
+    """
     return max(int(np.searchsorted(bin_frequencies(samples, period), hertz * (1 + 1e-12), side="right")) - 1, 1)
 
 
@@ -119,7 +125,13 @@ def differentiate_smoothly(samples: FloatArray, period: float, hertz: float, ord
 
     What a sharp cutoff does to a sample depends on samples however far away, as 1 / distance. This gain, an error
     function of the frequency, forgets what is further away than `reach(hertz)` but for 1e-7: so a long record can be
-    filtered piece by piece.
+    filtered chunk by chunk.
+
+    Args:
+        samples: (N,) measured values.
+        period: sampling period in seconds.
+        hertz: up to where the gain is 1.
+        order: highest derivative.
     """
     frequency = bin_frequencies(len(samples), period)
     middle, deviation = (1.0 + EDGE_DEVIATIONS * EDGE) * hertz, EDGE * hertz

@@ -1,18 +1,14 @@
-"""Study: everything an identification depends on, as frozen options that read from and write to TOML (DESIGN 3.2)."""
+"""Study: everything an identification depends on, as frozen options; `odescope.study.toml` reads and writes them."""
 
 from __future__ import annotations
 
 import math
-import os
 import re
-import tomllib
-from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
-import tomli_w
 
-from odescope.errors import InputError, nearest
+from odescope.errors import InputError
 from odescope.library.candidates import Library
 from odescope.library.defaults import check_basis, default_library, default_rules, paper_basis, paper_rules
 from odescope.library.functions import FUNCTIONS
@@ -20,18 +16,26 @@ from odescope.library.parse import Definition, Scope
 from odescope.library.rules import AnyRule
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.recordings.coordinate import Coordinate, Input
-from odescope.recordings.readers import Layout
-from odescope.regression.proposers import AnyProposer, EnergyThreshold
-from odescope.regression.rows import AnyRows, NoiseWeighted
+from odescope.recordings.layout import Layout
+from odescope.regression.proposers import EnergyThreshold
+from odescope.regression.rows import NoiseWeighted
 from odescope.selection.ranking import Ranking
-from odescope.signals.cutoff import AnyCutoff
-from odescope.signals.differentiators import AnyDifferentiator, Spectral
+from odescope.signals.differentiators import Spectral
+
+if TYPE_CHECKING:  # pieces of one's own go in from Python; what a file may name beside the kinds below, see pieces
+    from odescope.regression.proposers import Proposer as AnyProposer
+    from odescope.regression.rows import RowChoice as AnyRows
+    from odescope.signals.differentiators import Differentiator as AnyDifferentiator
+else:
+    from odescope.regression.proposers import AnyProposer
+    from odescope.regression.rows import AnyRows
+    from odescope.signals.differentiators import AnyDifferentiator
 
 
 class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the recordings are and how they are laid out; see `odescope.recordings.readers.Layout`.
+    """Where the recordings are and how they are laid out; see `odescope.recordings.layout.Layout`.
 
-    `memory` is what an identification may take, in MB: of a longer log the portions are read one by one.
+    `memory` is what an identification may take, in MB: of a longer log the chunks are read one by one.
     """
 
     files: tuple[str, ...] = ()
@@ -104,7 +108,7 @@ class Filtering(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     differentiator: AnyDifferentiator = Spectral()
     margin: Annotated[float, msgspec.Meta(ge=0.0)] = 0.5
-    thin: bool = True
+    decimate: bool = True
     outliers: Literal["keep", "clip"] = "keep"
 
     def __post_init__(self) -> None:
@@ -226,129 +230,3 @@ def _definition(head: str, body: str) -> Definition:
     if spelled is None:
         raise InputError(f'[library.functions] wants "name(argument, ...)" = "expression"; {head!r} came')
     return Definition(spelled[1], tuple(p.strip() for p in spelled[2].split(",")), body)
-
-
-def read_study(path: Path) -> Study:
-    """Return the study of a TOML file.
-
-    Raises:
-        InputError: the file is missing or no TOML, a key is unknown (the nearest is named), or a value does not fit.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read the study {path}: {getattr(error, 'strerror', None) or error}") from error
-    try:
-        return parse_study(text)
-    except InputError as error:
-        raise InputError(f"{path.name}: {error}") from error
-
-
-def parse_study(text: str) -> Study:
-    """Return the study that a TOML text spells; errors as `read_study`."""
-    try:
-        raw = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"it is not TOML: {error}") from error
-    try:
-        study = msgspec.convert(raw, Study)
-    except (msgspec.ValidationError, RecursionError) as error:
-        raise InputError(_explained(_located(str(error), raw))) from error
-    study.measured()
-    study.driven()
-    return study
-
-
-_SECTIONS: dict[str, Any] = {
-    "data": Data,
-    "coordinates": Measured,
-    "inputs": Driven,
-    "library": Candidates,
-    "signals": Filtering,
-    "regression": Regression,
-    "selection": Ranking,
-    "likelihood": LikelihoodSearch,
-    "random": Random,
-}
-_KINDS: dict[str, Any] = {
-    "rules": AnyRule,
-    "proposers": AnyProposer,
-    "rows": AnyRows,
-    "differentiator": AnyDifferentiator,
-    "cutoff": AnyCutoff,
-}
-_AT = r"(?: - at `\$\.?(?P<path>.*)`)?$"
-_UNKNOWN = re.compile(r"unknown field `(?P<key>.*?)`" + _AT, re.DOTALL)
-_CHOICE = re.compile(r"^Invalid (?:enum )?value '(?P<value>.*)'" + _AT, re.DOTALL)
-
-
-def _located(message: str, raw: dict[str, Any]) -> str:
-    """Name the coordinate or input that a message of msgspec is about: its paths leave out the keys of a mapping."""
-    for section in ("coordinates", "inputs"):
-        tables = raw.get(section)
-        if f"`$.{section}[...]" not in message or not isinstance(tables, dict):
-            continue
-        for name, table in tables.items():
-            try:
-                msgspec.convert(table, _SECTIONS[section])
-            except msgspec.ValidationError:
-                return message.replace("[...]", f".{name}", 1)
-    return message
-
-
-def _explained(message: str) -> str:
-    """Say in the words of TOML what msgspec found, with the nearest known key or value."""
-    if unknown := _UNKNOWN.search(message):
-        path = unknown["path"] or ""
-        section = f"[{path}]" if path else "the study"
-        return f"unknown key {unknown['key']!r} in {section}; {nearest(unknown['key'], _known_keys(path))}"
-    if choice := _CHOICE.search(message):
-        path = choice["path"] or ""
-        return f"unknown value {choice['value']!r} at `{path}`; {nearest(choice['value'], _choices(path))}"
-    if message == "Object missing required field `coordinates`":
-        return "the study has no coordinates: add [coordinates.NAME]"
-    plain = message.replace(" | null", "").replace("`$.", "`")
-    return plain.replace("Object missing required field", "the table lacks the key")
-
-
-def _parts(path: str) -> list[str]:
-    return re.sub(r"\[\d+\]", "", path).split(".")
-
-
-def _known_keys(path: str) -> list[str]:
-    parts = _parts(path)
-    if len(parts) > 1 and parts[-1] in _KINDS:
-        return sorted({field for kind in get_args(_KINDS[parts[-1]]) for field in kind.__struct_fields__})
-    return list(_SECTIONS.get(parts[0], Study).__struct_fields__)
-
-
-def _choices(path: str) -> list[str]:
-    parts = _parts(path)
-    if parts[-1] == "kind" and len(parts) > 2:
-        return [str(kind.__struct_config__.tag) for kind in get_args(_KINDS[parts[-2]])]
-    hint = get_type_hints(_SECTIONS[parts[0]])[parts[-1]]
-    options = [value for part in get_args(hint) for value in (get_args(part) or (part,))]
-    return ["true, false" if value is bool else str(value) for value in options]
-
-
-def study_toml(study: Study) -> str:
-    """Return the study as TOML with every default spelled out."""
-    return tomli_w.dumps(_without_none(msgspec.to_builtins(study)))
-
-
-def moved(study: Study, old: Path, new: Path) -> Study:
-    """Return the study with its file paths, relative to folder `old`, made relative to folder `new`."""
-    files = []
-    for file in study.data.files:
-        target = (old / file).resolve()
-        try:
-            files.append(Path(os.path.relpath(target, new.resolve())).as_posix())
-        except ValueError:  # another drive, on Windows
-            files.append(target.as_posix())
-    return msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, files=tuple(files)))
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _without_none(v) for k, v in value.items() if v is not None}
-    return [_without_none(v) for v in value] if isinstance(value, list | tuple) else value

@@ -392,7 +392,7 @@ def test_a_folder_without_permission_is_found_before_anything_is_computed(run):
         raise PermissionError(13, "Permission denied")
 
     run.monkeypatch.setattr("odescope.commands.files.tempfile.TemporaryFile", denied)
-    run.monkeypatch.setattr("odescope.pipeline.identification.identify", None)  # never reached
+    run.monkeypatch.setattr("odescope.commands.run.identify", None)  # never reached
     for command in (("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", "new"), ("demo", "--out", "new")):
         assert "cannot write to new: Permission denied" in run.refused(*command)
 
@@ -435,7 +435,7 @@ def test_control_c_says_so_and_leaves_nothing(run):
     def stopped(*_, **__):
         raise KeyboardInterrupt
 
-    run.monkeypatch.setattr("odescope.pipeline.identification.identify", stopped)
+    run.monkeypatch.setattr("odescope.commands.run.identify", stopped)
     assert "stopped" in run.refused("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", "new", code=130)
 
 
@@ -443,7 +443,7 @@ def test_an_error_of_the_system_is_a_message(run):
     def lost(*_, **__):
         raise OSError(5, "Input/output error", "run.csv")
 
-    run.monkeypatch.setattr("odescope.pipeline.identification.identify", lost)
+    run.monkeypatch.setattr("odescope.commands.run.identify", lost)
     assert "Input/output error: run.csv" in run.refused("identify", "run.csv", *OSCILLATOR_OPTIONS)
 
 

@@ -15,7 +15,7 @@ from odescope.library.tape import evaluate, write_tape
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.recordings.readers import read_records
-from odescope.study.options import read_study, study_toml
+from odescope.study.toml import read_study, study_toml
 
 M1, MC, A1, BC, G = 1.0, 0.8, 0.18, 10.0, 9.81
 I1 = 0.7 * M1 * A1**2

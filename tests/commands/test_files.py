@@ -20,7 +20,8 @@ from odescope.commands.files import (
 from odescope.errors import InputError
 from odescope.export.model_file import from_json
 from odescope.pipeline.identification import identify
-from odescope.study.options import Candidates, Data, Driven, Measured, Study, parse_study
+from odescope.study.options import Candidates, Data, Driven, Measured, Study
+from odescope.study.toml import parse_study
 
 STUDY = Study(
     data=Data(time="t"),

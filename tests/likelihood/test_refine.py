@@ -54,7 +54,7 @@ def posed(held, seed):
     records = records_from(columns, study.layout())
     coordinates, inputs = study.measured(), study.driven()
     signals = estimate_signals(
-        records, coordinates, inputs, study.signals.differentiator, study.signals.margin, study.signals.thin
+        records, coordinates, inputs, study.signals.differentiator, study.signals.margin, study.signals.decimate
     )
     problem = pose(signals, "x_ddot", 2, study.candidates("x_ddot"), study.regression.rows)
     return columns, records, signals, problem

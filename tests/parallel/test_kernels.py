@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -75,6 +76,17 @@ def test_a_change_in_any_file_compiles_anew(program: Path, file: str, before: st
     assert run(program) == (False, value, 0)
     assert run(program) == (True, value, 1)
     assert len(list((program / "cache").rglob("outer.*.nb?"))) == 2  # what is stale is overwritten
+
+
+def test_a_class_that_a_kept_kernel_took_may_be_gone(program: Path) -> None:
+    """The index holds the types of the arguments: those of an older source may have other names by now."""
+    run(program)
+    (index,) = (program / "cache").rglob("outer*.nbi")
+    with index.open("rb") as file:
+        version = pickle.load(file)  # noqa: S301 (our own)
+    index.write_bytes(pickle.dumps(version) + b"cnowhere\nGone\n.")
+    (program / "outer.py").write_text(OUTER.replace("+ 1.0", "+ 3.0"))
+    assert run(program) == (False, 23.0, 0)
 
 
 def test_lines_that_move_leave_no_files_behind(program: Path) -> None:

@@ -13,10 +13,11 @@ import pytest
 from machines import Machines, until
 from threadpoolctl import threadpool_info
 
-import odescope.parallel.workers as module
+import odescope.parallel.dask_cluster as module
 from odescope import InputError, NoModelError
 from odescope.errors import WorkersLostError
-from odescope.parallel.workers import AHEAD_OF_CLUSTER, AHEAD_OF_THREADS, Threads, workers
+from odescope.parallel.dask_cluster import AHEAD_OF_CLUSTER, open_workers
+from odescope.parallel.workers import AHEAD_OF_THREADS, Threads, check_wanted
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ def machines(tmp_path_factory):
 def cluster(machines):
     """The cluster, with two workers that live."""
     machines.staff(2)
-    with workers(machines.address) as found:
+    with open_workers(machines.address) as found:
         until(lambda: found.count == 2)
         yield found
 
@@ -94,7 +95,7 @@ class Counted:
 
 
 def test_threads_keep_the_order():
-    with workers() as found:
+    with open_workers() as found:
         assert found == Threads(os.cpu_count())
         assert list(found.map(lambda i, a: (time.sleep(0.002 * (i % 3)), i + a)[1], range(50), 7)) == [
             i + 7 for i in range(50)
@@ -119,6 +120,48 @@ def test_threads_drop_what_is_pending_when_closed_early():
     results.close()
     time.sleep(0.15)
     assert len(ran) <= 2
+
+
+class Ending(Exception):
+    pass
+
+
+def ending_after(seconds):
+    """A check that ends a map after so many seconds."""
+    end = time.monotonic() + seconds
+
+    def check():
+        if time.monotonic() > end:
+            raise Ending
+
+    return check
+
+
+def test_tasks_of_threads_end_within_a_second_of_a_stop_also_those_within_tasks():
+    running = []
+
+    def inner(i):
+        running.append(i)
+        try:
+            for _ in range(1000):
+                time.sleep(0.01)
+                check_wanted()
+        finally:
+            running.remove(i)
+
+    def outer(i):
+        list(Threads(2).map(inner, range(10 * i, 10 * i + 5)))
+
+    begin = time.monotonic()
+    with pytest.raises(Ending):
+        list(Threads(2).map(outer, range(4), check=ending_after(0.5)))
+    assert time.monotonic() - begin < 1.5
+    until(lambda: not running, 1)
+
+
+def test_a_task_may_raise_what_waiting_raises():
+    with pytest.raises(TimeoutError, match="its own"):
+        list(Threads(1).map(fail, [TimeoutError("its own")]))
 
 
 def test_threads_raise_what_a_task_raises():
@@ -204,15 +247,37 @@ def test_nothing_runs_after_an_interrupt(cluster):
     until(lambda: idle(cluster), 10)
 
 
+def patient(i, folder):
+    """Run for long, and leave a file when it is over."""
+    (Path(folder) / f"begun{i}").touch()
+    try:
+        for _ in range(3000):
+            time.sleep(0.01)
+            check_wanted()
+    finally:
+        (Path(folder) / f"ended{i}").touch()
+
+
+def test_tasks_of_a_cluster_end_within_a_second_of_a_stop(cluster, tmp_path):
+    def check():
+        if len(list(tmp_path.glob("begun*"))) == 2:
+            raise Ending
+
+    with pytest.raises(Ending):
+        list(cluster.map(patient, range(4), tmp_path, check=check))
+    until(lambda: len(list(tmp_path.glob("ended*"))) == 2, 1.5)
+    until(lambda: idle(cluster), 10)
+
+
 def test_another_version_of_odescope_is_refused(machines, monkeypatch):
     machines.staff(2)
-    with workers(machines.address) as found:
+    with open_workers(machines.address) as found:
         monkeypatch.setattr(module, "_version", lambda: "9.9")
         with pytest.raises(InputError, match=r"a worker on \S+ runs odescope .*, and this is odescope 9\.9"):
             list(found.map(slow, range(2)))
     with (
         pytest.raises(InputError, match=r"the scheduler runs odescope .*install odescope==9\.9"),
-        workers(machines.address),
+        open_workers(machines.address),
     ):
         pass
 
@@ -221,7 +286,7 @@ def test_another_server_is_no_scheduler(cluster, machines):
     (worker, *_) = cluster.client.nthreads()
     with (
         pytest.raises(InputError, match="answers a Dask worker; give the address that `dask scheduler`"),
-        workers(worker),
+        open_workers(worker),
     ):
         pass
 
@@ -257,11 +322,14 @@ def test_a_cluster_that_falls_apart_says_so(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(module, "DESERTED", 0.6)
     machines = Machines(tmp_path, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0")
     try:
-        with pytest.raises(InputError, match=r"has no worker after .* dask worker tcp://"), workers(machines.address):
+        with (
+            pytest.raises(InputError, match=r"has no worker after .* dask worker tcp://"),
+            open_workers(machines.address),
+        ):
             pass
         machines.hire()
         monkeypatch.setattr(module, "FIRST_WORKER", 30)
-        with workers(machines.address) as found:
+        with open_workers(machines.address) as found:
             with pytest.raises(WorkersLostError, match="died one after the other of the same task"):
                 list(found.map(die, range(1)))
             with pytest.raises(WorkersLostError, match="has had no worker for 1 s; start workers"):
@@ -280,13 +348,13 @@ def test_a_cluster_that_falls_apart_says_so(tmp_path, monkeypatch, capfd):
 
 @pytest.mark.parametrize("text", ["", "Local", "http://host:8786", "tcp://host", "host:8786", "tcp://host:8786/x"])
 def test_texts_that_name_no_cluster(text):
-    with pytest.raises(InputError, match=f"tcp://HOST:8786; '{text}' came"), workers(text):
+    with pytest.raises(InputError, match=f"tcp://HOST:8786; '{text}' came"), open_workers(text):
         pass
 
 
 def test_dask_that_is_not_installed(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"pip install 'odescope\[cluster\]'"), workers("local"):
+    with pytest.raises(InputError, match=r"pip install 'odescope\[cluster\]'"), open_workers("local"):
         pass
 
 
@@ -305,22 +373,88 @@ def test_a_port_where_nobody_answers(monkeypatch):
         begin = time.monotonic()
         with (
             pytest.raises(InputError, match=f"no Dask scheduler answers at tcp://127.0.0.1:{port} "),
-            workers(f"tcp://127.0.0.1:{port}"),
+            open_workers(f"tcp://127.0.0.1:{port}"),
         ):
             pass
         assert time.monotonic() - begin < 10
-    with pytest.raises(InputError, match="no Dask scheduler answers"), workers(f"tcp://127.0.0.1:{port}"):
+    with pytest.raises(InputError, match="no Dask scheduler answers"), open_workers(f"tcp://127.0.0.1:{port}"):
         pass
-    with pytest.raises(InputError, match="no Dask scheduler answers at tls://"), workers(f"tls://127.0.0.1:{port}"):
+    with (
+        pytest.raises(InputError, match="no Dask scheduler answers at tls://"),
+        open_workers(f"tls://127.0.0.1:{port}"),
+    ):
         pass
 
 
 # This machine as a cluster --------------------------------------------------------------------------------------------
 
+UNGUARDED = """
+import os
+os.cpu_count = lambda: 2
+import numpy as np
+import odescope as od
+from odescope.signals.differentiators import Spectral
+
+class Own:  # travels by value
+    def derivatives(self, channel, period, order):
+        return Spectral().derivatives(channel, period, order)
+
+t = np.arange(0.0, 30.0, 0.02)
+x = np.exp(-0.3 * t) * np.cos(2.0 * t) + 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+study = od.Study(
+    data=od.Data(time="t"),
+    coordinates={"x": od.Measured(order=2)},
+    library=od.Candidates(basis=("x", "x_dot"), degree=1),
+    signals=od.Filtering(differentiator=Own()),
+)
+print(od.to_text(od.identify(study, {"t": t, "x": x}, cluster="local").model, digits=2))
+"""
+
+
+def test_a_script_without_a_guard_runs_once(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(UNGUARDED)
+    ended = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout.count("x_ddot = ") == 1
+
+
+ORPHANS = """
+import os, time
+os.cpu_count = lambda: 2
+from odescope.parallel.dask_cluster import open_workers
+
+def busy(i):
+    while True:
+        time.sleep(0.01)
+
+with open_workers("local") as found:
+    print(*found.map(lambda _: os.getpid(), range(6)), flush=True)
+    list(found.map(busy, range(2)))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc").exists(), reason="/proc tells what runs")
+def test_local_processes_do_not_outlive_a_process_that_is_killed(tmp_path):
+    with subprocess.Popen([sys.executable, "-c", ORPHANS], stdout=subprocess.PIPE, text=True, cwd=tmp_path) as process:
+        own = {int(pid) for pid in process.stdout.readline().split()}
+        assert own
+        assert process.pid not in own
+        process.kill()
+    until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in own), 5)
+
+
+def test_a_local_process_that_dies_is_replaced(monkeypatch, tmp_path):
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+    array = np.arange(10.0)
+    with open_workers("local") as found:
+        assert list(found.map(die_once, range(6), array, tmp_path, {2})) == [i + 45.0 for i in range(6)]
+
+
 LOCAL = """
 import os, sys, time
 os.cpu_count = lambda: 2
-from odescope.parallel.workers import workers
+from odescope.parallel.dask_cluster import open_workers
 
 def task(i, more):
     return i + more
@@ -330,14 +464,13 @@ def busy(i):
     while time.monotonic() < end:
         sum(range(1000))
 
-if __name__ == "__main__":
-    try:
-        with workers("local") as found:
-            print(found.count, list(found.map(task, range(5), 10)), flush=True)
-            for _ in found.map(busy, range(9)):
-                pass
-    except KeyboardInterrupt:
-        print("stopped", flush=True)
+try:
+    with open_workers("local") as found:
+        print(found.count, list(found.map(task, range(5), 10)), flush=True)
+        for _ in found.map(busy, range(9)):
+            pass
+except KeyboardInterrupt:
+    print("stopped", flush=True)
 """
 
 
@@ -358,7 +491,7 @@ def test_processes_of_this_machine_end_with_an_interrupt_and_without_a_word(tmp_
 
 def test_importing_is_light():
     heavy = "{'numpy', 'dask', 'distributed', 'threadpoolctl'}"
-    code = f"import sys, odescope.parallel.workers; print({heavy} & set(sys.modules) or 'none')"
+    code = f"import sys, odescope.parallel.dask_cluster; print({heavy} & set(sys.modules) or 'none')"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "none\n"
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from odescope.commands.demo import cart_pendulum, simulate_log, table_two
 from odescope.errors import InputError, NoModelError
+from odescope.events import Event, StageBegan
 from odescope.export.model_file import from_json, to_json
 from odescope.library.tape import evaluate, write_tape
 from odescope.likelihood.search import LikelihoodSearch
@@ -99,8 +100,9 @@ DEMO = study_of(
 
 @pytest.fixture(scope="module")
 def demo(log):
-    stages: list[str] = []
-    return identify(DEMO, log, stages.append), stages
+    events: list[Event] = []
+    result = identify(DEMO, log, watch=events.append)
+    return result, [event.stage for event in events if isinstance(event, StageBegan)]
 
 
 def test_the_demo_is_recovered_with_joint_friction(demo):
@@ -568,12 +570,12 @@ def test_searches_begin_from_as_many_proposals_as_asked_for_and_the_best_end_is_
     few, more = (
         identify(msgspec.structs.replace(case.study, likelihood=LikelihoodSearch(starts=n)), data) for n in (1, 4)
     )
-    assert few.model.scores["likelihood"]["starts"] == 2
+    assert few.model.scores.likelihood.starts == 2
     assert more.refinement.outcome.penalised < few.refinement.outcome.penalised - 5.0
     case = systems.CASES["michaelis-menten"]
     data = systems.noisy(case, 0.5, np.random.default_rng(7))
     few, more = (
         identify(msgspec.structs.replace(case.study, likelihood=LikelihoodSearch(starts=n)), data) for n in (2, 4)
     )
-    assert [r.model.scores["likelihood"]["starts"] for r in (few, more)] == [3, 5]
+    assert [r.model.scores.likelihood.starts for r in (few, more)] == [3, 5]
     assert more.refinement.outcome.penalised < few.refinement.outcome.penalised + 1e-3

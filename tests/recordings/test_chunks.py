@@ -1,4 +1,4 @@
-"""Files read in portions: put together, they are the file read at once."""
+"""Files read in chunks: put together, they are the file read at once."""
 
 import gzip
 import pickle
@@ -18,8 +18,9 @@ from scipy.io import savemat
 
 from odescope.errors import InputError
 from odescope.recordings import text_files
-from odescope.recordings.chunks import cut, read_portion, survey
-from odescope.recordings.readers import Layout, column_names, find_files, read_records
+from odescope.recordings.chunks import cut
+from odescope.recordings.layout import Layout
+from odescope.recordings.readers import column_names, find_files, read_chunk, read_records, survey
 
 LAYOUT = Layout(time="t", columns=(("x", "x"), ("u", "force")))
 LAPS = Layout(time="t", columns=LAYOUT.columns, recording="lap", gaps="split")
@@ -52,7 +53,7 @@ def write_parquet(folder, table, group=N, name="run.parquet"):
 
 
 def stretches(path, layout, rows, overlap=0):
-    return [part for portion in cut(survey(path, layout), rows, overlap) for part in read_portion(portion, layout)]
+    return [part for chunk in cut(survey(path, layout), rows, overlap) for part in read_chunk(chunk, layout)]
 
 
 def own(parts):
@@ -70,7 +71,7 @@ def refused(path, layout, message, rows=100, overlap=0):
     assert path.name in str(caught.value)
 
 
-# portions put together
+# chunks put together
 
 
 def blank_lines(text):
@@ -98,7 +99,7 @@ TEXTS = {
 @given(rows=st.integers(2, N + 9), overlap=st.integers(0, 40))
 @example(rows=8, overlap=0)
 @example(rows=150, overlap=8)
-def test_portions_of_a_text_file_are_the_file(tmp_path, name, rows, overlap):
+def test_chunks_of_a_text_file_are_the_file(tmp_path, name, rows, overlap):
     path = write(tmp_path, TEXTS[name])
     parts = stretches(path, LAYOUT, rows, overlap)
     assert len(parts) == -(-N // rows)
@@ -107,7 +108,7 @@ def test_portions_of_a_text_file_are_the_file(tmp_path, name, rows, overlap):
 
 @PROPERTY
 @given(rows=st.integers(2, N + 9), overlap=st.integers(0, 40), group=st.sampled_from([1, 7, 64, 150, N]))
-def test_portions_of_a_parquet_file_are_the_file(tmp_path, rows, overlap, group):
+def test_chunks_of_a_parquet_file_are_the_file(tmp_path, rows, overlap, group):
     path = write_parquet(tmp_path, TABLE, group)
     parts = stretches(path, LAYOUT, rows, overlap)
     assert len(parts) == -(-N // rows)
@@ -133,13 +134,13 @@ def test_the_cuts_and_the_overlap_are_told_from_true_ends(tmp_path, rows, overla
         assert [len(part.record) - part.stop for part in parts] == [overlap * (k < last) for k in range(len(parts))]
 
 
-def test_a_file_of_one_portion_is_read_as_ever(tmp_path):
+def test_a_file_of_one_chunk_is_read_as_ever(tmp_path):
     lap = np.repeat(["b", "a", "b"], N // 3)  # grouped, where a part would tell three runs
     path = write(tmp_path, text_of({**TABLE, "lap": lap}))
     layout = Layout(sample_period=0.5, columns=LAYOUT.columns, recording="lap")
-    (portion,) = cut(survey(path, layout), N, 10)
-    assert portion.whole
-    for part, run in zip(read_portion(portion, layout), read_records([path], layout), strict=True):
+    (chunk,) = cut(survey(path, layout), N, 10)
+    assert chunk.whole
+    for part, run in zip(read_chunk(chunk, layout), read_records([path], layout), strict=True):
         assert (part.first, part.stop, part.begins, part.ends) == (0, len(run), True, True)
         assert (part.record.source, part.record.units) == (run.source, run.units)
         assert np.array_equal(part.record.t, run.t)
@@ -147,7 +148,7 @@ def test_a_file_of_one_portion_is_read_as_ever(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["run.csv.gz", "run.mat", "run.txt"])
-def test_files_that_can_only_be_read_whole_are_one_portion(tmp_path, name):
+def test_files_that_can_only_be_read_whole_are_one_chunk(tmp_path, name):
     path = tmp_path / name
     if name == "run.mat":
         savemat(path, TABLE)
@@ -157,17 +158,17 @@ def test_files_that_can_only_be_read_whole_are_one_portion(tmp_path, name):
         write(tmp_path, gzip.compress(TEXTS["blank lines"].encode()), name)
     file = survey(path, LAYOUT)
     assert file.rows == N
-    (portion,) = cut(file, 20)
-    assert portion.whole
-    (part,) = read_portion(portion, LAYOUT)
+    (chunk,) = cut(file, 20)
+    assert chunk.whole
+    (part,) = read_chunk(chunk, LAYOUT)
     assert np.array_equal(part.record.values, np.column_stack([TABLE["x"], TABLE["force"]]))
 
 
-def test_portions_and_stretches_go_to_other_processes(tmp_path):
-    portion = cut(survey(write(tmp_path, TEXTS["plain"]), LAYOUT), 100, 20)[1]
-    there = pickle.loads(pickle.dumps(portion))  # noqa: S301
-    assert there == portion
-    (back,) = pickle.loads(pickle.dumps(read_portion(there, LAYOUT)))  # noqa: S301
+def test_chunks_and_stretches_go_to_other_processes(tmp_path):
+    chunk = cut(survey(write(tmp_path, TEXTS["plain"]), LAYOUT), 100, 20)[1]
+    there = pickle.loads(pickle.dumps(chunk))  # noqa: S301
+    assert there == chunk
+    (back,) = pickle.loads(pickle.dumps(read_chunk(there, LAYOUT)))  # noqa: S301
     assert np.array_equal(own([back])[:, 0], TABLE["t"][100:200])
 
 
@@ -210,7 +211,7 @@ def test_jitter_is_resampled_on_as_many_samples(tmp_path):
 @example(missing={99, 100}, jump=200, rows=100, overlap=16)
 @example(missing={84, 116, 183, 216}, jump=150, rows=100, overlap=16)
 @example(missing=set(range(90, 230)), jump=1, rows=100, overlap=16)
-def test_portions_lose_the_rows_that_reading_at_once_loses(tmp_path, missing, jump, rows, overlap):
+def test_chunks_lose_the_rows_that_reading_at_once_loses(tmp_path, missing, jump, rows, overlap):
     t, x = TABLE["t"].copy(), TABLE["x"].copy()
     t[jump:] += 10.0
     x[list(missing)] = np.nan
@@ -224,14 +225,14 @@ def test_portions_lose_the_rows_that_reading_at_once_loses(tmp_path, missing, ju
         assert part.record.t[-1] in ends if part.ends else part.stop == len(part.record) - overlap
 
 
-def test_a_portion_that_is_all_gap_holds_nothing(tmp_path):
+def test_a_chunk_that_is_all_gap_holds_nothing(tmp_path):
     x = TABLE["x"].copy()
     x[90:215] = np.nan
     path = write(tmp_path, text_of({**TABLE, "x": x}))
     layout = Layout("t", columns=LAYOUT.columns, gaps="split")
-    portions = cut(survey(path, layout), 100, 10)
-    assert [len(read_portion(portion, layout)) for portion in portions] == [1, 0, 1]
-    (first,), (last,) = read_portion(portions[0], layout), read_portion(portions[2], layout)
+    chunks = cut(survey(path, layout), 100, 10)
+    assert [len(read_chunk(chunk, layout)) for chunk in chunks] == [1, 0, 1]
+    (first,), (last,) = read_chunk(chunks[0], layout), read_chunk(chunks[2], layout)
     assert (first.begins, first.ends, last.begins, last.ends) == (True, True, True, True)
 
 
@@ -255,7 +256,7 @@ def test_time_that_goes_back_is_refused_by_its_row_in_the_file(tmp_path):
 
 @pytest.mark.parametrize("overlap", [16, 40])
 @pytest.mark.parametrize("edges", [(100, 200), (99, 201), (84, 216), (95, 295), (16, 101)])
-def test_labels_cross_portions(tmp_path, edges, overlap):
+def test_labels_cross_chunks(tmp_path, edges, overlap):
     lap = np.searchsorted(edges, np.arange(N), side="right")
     for path in (write(tmp_path, text_of({**TABLE, "lap": lap})), write_parquet(tmp_path, {**TABLE, "lap": lap}, 64)):
         layout = Layout("t", columns=LAYOUT.columns, recording="lap")
@@ -432,12 +433,12 @@ def test_files_that_change_meanwhile_are_refused(tmp_path):
     late = cut(survey(path, LAYOUT), 100)[2]
     write_parquet(tmp_path, {name: column[:150] for name, column in TABLE.items()})
     with pytest.raises(InputError, match=r"run.parquet has 150 rows where 300 were counted"):
-        read_portion(late, LAYOUT)
+        read_chunk(late, LAYOUT)
     path = write(tmp_path, TEXTS["plain"])
     late = cut(survey(path, LAYOUT), 100)[2]
     write(tmp_path, "\n".join(TEXTS["plain"].splitlines()[:250]))
     with pytest.raises(InputError, match=r"run1.csv has \d+ rows where \d+ were counted, after data row 200"):
-        read_portion(late, LAYOUT)
+        read_chunk(late, LAYOUT)
 
 
 def test_damaged_and_missing_files_are_refused(tmp_path):
@@ -454,7 +455,7 @@ def test_damaged_and_missing_files_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("rows", "overlap"), [(0, 0), (10, -1)])
-def test_portions_without_rows_are_refused(tmp_path, rows, overlap):
+def test_chunks_without_rows_are_refused(tmp_path, rows, overlap):
     with pytest.raises(InputError, match=f"at least 1 row and an overlap of at least 0, got {rows} and {overlap}"):
         cut(survey(write(tmp_path, TEXTS["plain"]), LAYOUT), rows, overlap)
 
@@ -464,8 +465,9 @@ def test_portions_without_rows_are_refused(tmp_path, rows, overlap):
 READ = """
 import sys
 from pathlib import Path
-from odescope.recordings.chunks import cut, read_portion, survey
-from odescope.recordings.readers import Layout
+from odescope.recordings.chunks import cut
+from odescope.recordings.layout import Layout
+from odescope.recordings.readers import read_chunk, survey
 
 def peak():
     # getrusage would start from the peak of the process that started this one
@@ -474,18 +476,18 @@ def peak():
 layout = Layout("t", columns=(("x", "x"), ("u", "u"), ("v", "v")))
 small, large = map(Path, sys.argv[1:])
 for k in (0, 1):
-    read_portion(cut(survey(small, layout), 50_000)[k], layout)
+    read_chunk(cut(survey(small, layout), 50_000)[k], layout)
 before = peak()
-portions = cut(survey(large, layout), 50_000, 100)
-for portion in (portions[0], portions[-1]):
-    assert len(read_portion(portion, layout)[0].record) == 50_100
+chunks = cut(survey(large, layout), 50_000, 100)
+for chunk in (chunks[0], chunks[-1]):
+    assert len(read_chunk(chunk, layout)[0].record) == 50_100
 print((peak() - before) / 2**10)
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc tells the peak")
 @pytest.mark.parametrize("kind", ["parquet", "csv"])
-def test_memory_is_that_of_a_portion(tmp_path, kind):
+def test_memory_is_that_of_a_chunk(tmp_path, kind):
     files = []
     for rows in (100_000, 4_000_000 if kind == "parquet" else 1_000_000):
         noise = np.random.default_rng(0).standard_normal(rows)

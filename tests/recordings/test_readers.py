@@ -6,7 +6,8 @@ from pyarrow import parquet
 from scipy.io import savemat
 
 from odescope.errors import InputError
-from odescope.recordings.readers import Layout, read_records, records_from
+from odescope.recordings.layout import Layout
+from odescope.recordings.readers import read_records, records_from
 
 LAYOUT = Layout(time="t", columns=(("x", "x"), ("u", "force")))
 N = 30

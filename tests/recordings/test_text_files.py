@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from odescope.errors import InputError
-from odescope.recordings.readers import Layout, read_records
+from odescope.recordings.layout import Layout
+from odescope.recordings.readers import read_records
 from odescope.recordings.text_files import read_header
 
 LAYOUT = Layout(time="t", columns=(("x", "x"), ("u", "force")))

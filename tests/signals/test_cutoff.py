@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from odescope.signals.cutoff import MEDIAN_CHI_SQUARED, FixedCutoff, LeastRisk, NoiseCeiling, noise_level
+from odescope.signals.cutoff import FixedCutoff, LeastRisk, NoiseCeiling
 from odescope.signals.differentiators import Spectral
+from odescope.signals.noise import MEDIAN_CHI_SQUARED, noise_level
 from odescope.signals.spectral import Spectrum, bin_frequencies
 
 # name: right-hand side, starts (one record each), duration, samples, order of the target

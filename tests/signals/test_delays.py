@@ -10,7 +10,7 @@ from odescope.commands.free_run import free_runs
 from odescope.errors import InputError
 from odescope.model.model import without_delays
 from odescope.recordings.coordinate import Input
-from odescope.recordings.record import Record, Records
+from odescope.recordings.record import Record, Records, Stretch
 from odescope.report.at_work import at_work
 from odescope.signals.delays import delayed, estimate_delays
 
@@ -18,13 +18,16 @@ PERIOD = 0.01
 
 
 def record(samples, u):
-    return Records.of(Record(PERIOD * np.arange(samples), np.column_stack([np.zeros(samples), u]), ("x", "u")))
+    return Records.of(
+        Record(PERIOD * np.arange(samples), np.column_stack([np.zeros(samples), u]), ("x", "u"))
+    ).stretches
 
 
 def test_a_linear_input_is_interpolated():
     t = PERIOD * np.arange(200)
-    late = delayed(record(200, 3.0 * t - 1.0), [Input("u", delay=0.0137)], lead=0.02)
-    run = late.runs[0]
+    (late,) = delayed(record(200, 3.0 * t - 1.0), [Input("u", delay=0.0137)], lead=0.02)
+    run = late.record
+    assert (late.first, late.stop, late.cut) == (0, len(run), False)
     assert run.t[0] == pytest.approx(0.02)
     np.testing.assert_allclose(run.column("u"), 3.0 * (run.t - 0.0137) - 1.0, atol=1e-12)
 
@@ -32,19 +35,29 @@ def test_a_linear_input_is_interpolated():
 @pytest.mark.parametrize(("delay", "samples"), [(0.03, 3), (0.034, 4), (-0.02, -2)])
 def test_a_held_input_moves_by_whole_samples(delay, samples):
     u = np.random.default_rng(1).standard_normal(100)
-    run = delayed(record(100, u), [Input("u", hold="zero", delay=delay)], lead=0.05).runs[0]
+    (late,) = delayed(record(100, u), [Input("u", hold="zero", delay=delay)], lead=0.05)
+    run = late.record
     np.testing.assert_array_equal(run.column("u"), u[5 - samples : 95 - samples])
 
 
 def test_without_a_delay_nothing_changes_and_too_long_a_one_is_refused():
     records = record(50, np.arange(50.0))
-    assert delayed(records, [Input("u")]) is records
+    assert delayed(records, [Input("u")]) == records
     with pytest.raises(InputError, match="leaves nothing"):
         delayed(records, [Input("u", delay=0.3)], lead=0.3)
     with pytest.raises(InputError, match="seconds"):
         Input("u", delay=float("nan"))
     with pytest.raises(InputError, match="estimate"):
         Driven(delay=float("inf"))
+
+
+def test_a_record_that_is_cut_keeps_what_counts_and_goes_where_nothing_does():
+    whole = record(100, np.arange(100.0))[0].record
+    late = [Input("u", delay=0.1)]
+    (kept,) = delayed([Stretch(whole, 5, 90, begins=False)], late, lead=0.1)
+    assert (kept.first, kept.stop, kept.begins) == (0, 80, False)  # the samples 10 to 89
+    np.testing.assert_allclose(kept.record.column("u"), np.arange(80.0), atol=1e-9)
+    assert delayed([Stretch(whole, 0, 8, ends=False), Stretch(whole, 95, 100, begins=False)], late, lead=0.1) == ()
 
 
 def test_the_least_of_a_quadratic_is_found_with_its_error():

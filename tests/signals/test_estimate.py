@@ -65,7 +65,7 @@ def test_every_row_is_what_its_name_says_at_the_times_that_start_and_period_give
 
 def test_without_thinning_inputs_and_grid_are_those_of_the_record():
     records = sines()
-    signals = estimate_signals(records, [X], [U], Exact(1.0, 0.5), margin=0.05, thin=False)
+    signals = estimate_signals(records, [X], [U], Exact(1.0, 0.5), margin=0.05, decimate=False)
     kept = slice(10, 990)
     assert signals.period == pytest.approx(0.01, rel=1e-12)
     assert np.array_equal(signals.columns[0][signals.row("u")], records.runs[0].column("u")[kept])
@@ -94,7 +94,7 @@ def test_the_highest_cutoff_sets_the_rate_and_the_lowest_the_margin():
 
 
 def test_margins_never_take_more_than_a_twentieth():
-    signals = estimate_signals(sines((0.0, 0.0), (1000, 200)), [X], [], Exact(1.0, 0.01), thin=False)
+    signals = estimate_signals(sines((0.0, 0.0), (1000, 200)), [X], [], Exact(1.0, 0.01), decimate=False)
     assert [c.shape[1] for c in signals.columns] == [900, 180]
 
 
@@ -192,7 +192,7 @@ def test_a_long_record_filtered_piece_by_piece_has_the_derivatives_of_the_whole(
     """To a millionth of their scale, away from the ends of the record: there, no filter is right."""
     whole = long_record()
     x = Coordinate("x", 2)
-    like = estimate_signals(Records((whole,)), [x], [U], Spectral(FixedCutoff(1.5)), thin=False)
+    like = estimate_signals(Records((whole,)), [x], [U], Spectral(FixedCutoff(1.5)), decimate=False)
     overlap = int(np.ceil(reach(1.5) / 0.01)) + 1
     pieces = []
     for first in range(0, len(whole), rows):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from odescope import Coordinate, Record, Records, Spectral
-from odescope.signals.outliers import BEND, NORMAL, clip_outliers
+from odescope.signals.outliers import BEND, NORMAL, clip_outliers, count_clipped, settle_clipping
 
 PERIOD, NOISE = 0.01, 0.01
 X = Coordinate("x", 2)
@@ -20,11 +20,18 @@ def record(seed, share, size=1.0):
     return t, clean, Records.of(Record(t, x[:, None], ("x",))), int(struck.sum())
 
 
+def clip(records):
+    """Return the records clipped, and how many samples were."""
+    clipping = settle_clipping(records, [X], Spectral())
+    stretches = clip_outliers(records.stretches, [X], Spectral(), clipping)
+    return Records(tuple(s.record for s in stretches)), count_clipped(records.stretches, stretches, [X])
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_the_filtered_signal_minimises_hubers_loss(seed):
     # The filter is a projection; at the least of Huber's loss nothing of the bent residual is left in what it passes.
     _, _, records, _ = record(seed, 0.02)
-    clipped, _, _ = clip_outliers(records, [X], Spectral())
+    clipped, _ = clip(records)
     y = clipped.runs[0].column("x")
     smooth = Spectral().derivatives([y], PERIOD, 2)
     residual = records.runs[0].column("x") - smooth.values[0][0]
@@ -38,7 +45,7 @@ def test_the_filtered_signal_minimises_hubers_loss(seed):
 def test_outliers_are_counted_and_cost_little(seed):
     t, _, records, struck = record(seed, 0.02)
     _, _, plain, _ = record(seed, 0.0)
-    clipped, counts, _ = clip_outliers(records, [X], Spectral())
+    clipped, counts = clip(records)
     assert struck <= counts["x"] <= struck + 0.01 * len(t)  # 0.3 % of a normal distribution lie beyond the bend
 
     def errors(of):
@@ -56,6 +63,6 @@ def test_outliers_are_counted_and_cost_little(seed):
 def test_a_quantised_record_that_is_still_is_left_alone():
     t = PERIOD * np.arange(500)
     records = Records.of(Record(t, np.zeros((500, 1)), ("x",)))
-    clipped, counts, _ = clip_outliers(records, [X], Spectral())
+    clipped, counts = clip(records)
     assert counts == {"x": 0}
     np.testing.assert_array_equal(clipped.runs[0].values, records.runs[0].values)

@@ -1,5 +1,4 @@
 import re
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,7 +7,7 @@ from hypothesis import strategies as st
 
 from odescope.errors import InputError
 from odescope.recordings.record import Record
-from odescope.recordings.sampling import RawRun, split_gaps, uniform, unwrap
+from odescope.recordings.uniform import uniform, unwrap
 
 TIME = np.arange(40) * 0.01
 
@@ -16,79 +15,6 @@ TIME = np.arange(40) * 0.01
 def record(**columns):
     t = columns.pop("t", TIME)
     return Record(t, np.column_stack(list(columns.values())), tuple(columns), source="run1.csv")
-
-
-def raw(t, values, labels=("x [m]", "phi")):
-    values = np.asarray(values, dtype=float)
-    rows = np.arange(1, len(t) + 1)
-    return RawRun(np.asarray(t, dtype=float), values, ("x", "phi"), (None, "rad"), "run1.csv", rows, labels)
-
-
-# gaps
-
-
-def test_a_complete_run_is_one_record_with_its_values():
-    values = np.column_stack([TIME, -TIME])
-    for gaps in ("refuse", "split"):
-        (run,) = split_gaps(raw(TIME, values), gaps)
-        assert np.array_equal(run.values, values)
-        assert run.units == (None, "rad")
-
-
-def test_gaps_are_told_by_column_and_row():
-    t, values = np.arange(600.0), np.zeros((600, 2))
-    values[119:131, 1] = values[399, 1] = values[511:, 1] = np.nan
-    values[4, 0] = np.nan
-    message = (
-        r"column 'x \[m\]' has 1 gap \(data row 5\) and column 'phi' has 3 gaps \(data rows 120-131, 400, 512-600\) "
-        r"in run1\.csv, where row 1 is the first row of data; repair them there or set gaps = 'split' in \[data\]"
-    )
-    with pytest.raises(InputError, match=message):
-        split_gaps(raw(t, values))
-
-
-def test_gaps_of_time_are_told():
-    t = np.r_[np.arange(20), np.arange(25, 60), np.nan]
-    with pytest.raises(InputError, match=r"time has 1 gap \(data row 56\) and time has 1 gap \(after data row 20\)"):
-        split_gaps(raw(t, np.zeros((56, 2))))
-
-
-def test_split_at_missing_cells_and_jumps_of_time():
-    t = np.r_[np.arange(30.0), np.arange(40.0, 90.0)]
-    values = np.column_stack([t, t])
-    values[60, 0] = values[62, 1] = t[75] = np.nan
-    pieces = split_gaps(raw(t, values), "split")
-    assert [(run.t[0], run.t[-1]) for run in pieces] == [(0, 29), (40, 69)]  # 73-84 and 86-89 are too short
-
-
-@settings(deadline=None)
-@given(missing=st.sets(st.integers(0, 199), max_size=12), jump=st.integers(1, 199))
-def test_split_loses_only_missing_rows_and_short_pieces(missing, jump):
-    t = np.arange(200.0)
-    t[jump:] += 10
-    values = np.column_stack([t, t])
-    values[list(missing), 1] = np.nan
-    edges = sorted({*(k for m in missing for k in (m, m + 1)), jump, 0, 200})
-    expected = [range(a, b) for a, b in pairwise(edges) if a not in missing and b - a >= 16]
-    pieces = split_gaps(raw(t, values), "split")
-    assert [list(run.t) for run in pieces] == [list(t[list(rows)]) for rows in expected]
-
-
-def test_split_that_leaves_nothing_is_refused():
-    values = np.zeros((60, 2))
-    values[::12] = np.nan
-    with pytest.raises(InputError, match=r"nothing is left in run1\.csv .* longest of 5 pieces has 11 samples"):
-        split_gaps(raw(np.arange(60), values), "split")
-
-
-def test_infinite_values_and_time_running_back_are_no_gaps():
-    values = np.zeros((40, 2))
-    values[9, 0] = np.inf
-    with pytest.raises(InputError, match=r"'x \[m\]' is not a finite number in data row 10"):
-        split_gaps(raw(TIME, values), "split")
-    t = np.r_[TIME[:20], np.nan, TIME[:19]]
-    with pytest.raises(InputError, match="goes back at data row 22"):
-        split_gaps(raw(t, np.zeros((40, 2))), "split")
 
 
 # angles

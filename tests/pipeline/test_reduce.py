@@ -1,4 +1,4 @@
-"""Logs that do not fit in memory: read in portions, reduced to factors, resumed; and the same on a cluster."""
+"""Logs that do not fit in memory: read in chunks, reduced to factors, resumed; and the same on a cluster."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ from logs import oscillator, write
 from pyarrow import parquet
 
 from odescope.errors import InputError
+from odescope.events import Progress
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.model.scores import Streamed
 from odescope.parallel.workers import Threads
 from odescope.pipeline.identification import identify
-from odescope.pipeline.streaming import LEAST_ROWS, SAMPLED, Reduced, rows_in_memory
+from odescope.pipeline.sample import LEAST_ROWS, SAMPLED, rows_in_memory
+from odescope.pipeline.store import Reduced, Store
 from odescope.study.options import Data, Driven, Filtering, Measured, Study
 
 LITTLE = 570.0  # MB: just above what is refused, so that 50 000 rows are too many
 ROWS = 120_000
-PORTIONS = -(-ROWS // (rows_in_memory(LITTLE, 3) // SAMPLED))
+CHUNKS = -(-ROWS // (rows_in_memory(LITTLE, 3) // SAMPLED))
 SCHEMA = [("t", pa.float64()), ("x", pa.float64()), ("u", pa.float64()), ("run", pa.int64())]
 REGRESSED = LikelihoodSearch(enabled=False)
 
@@ -66,13 +68,16 @@ class Counted:
     count: int = 2
     remote: bool = False
 
-    def map(self, function, items, *shared, alone=False):
+    def at_most(self, count):
+        return self
+
+    def map(self, function, items, *shared, **options):
         items = list(items)
         self.asked.append((function.__name__, len(items)))
-        yield from Threads().map(function, items, *shared, alone=alone)
+        yield from Threads().map(function, items, *shared, **options)
 
     @property
-    def portions(self):
+    def chunks(self):
         return sum(count for name, count in self.asked if name == "reduce")
 
 
@@ -86,7 +91,7 @@ def counted(monkeypatch):
     def opened(cluster):
         yield hands
 
-    monkeypatch.setattr("odescope.pipeline.identification.workers", opened)
+    monkeypatch.setattr("odescope.pipeline.identification.open_workers", opened)
     return hands
 
 
@@ -99,7 +104,7 @@ def in_memory(folder):
 
 
 @pytest.mark.parametrize("name", ["log.parquet", "log.csv", "parts"])
-def test_a_log_in_portions_gives_the_equation_of_the_log_at_once(folder, in_memory, name):
+def test_a_log_in_chunks_gives_the_equation_of_the_log_at_once(folder, in_memory, name):
     result = identify(study_of(folder / name))
     assert result.records.samples < 0.6 * ROWS  # only a sample stands in memory
     assert "120,000 rows were read in" in result.notes[-1]
@@ -124,10 +129,10 @@ def test_the_likelihood_follows_the_sample(folder):
     for t in relation.terms:
         if t.std_error is not None:
             assert abs(t.coefficient - truth[t.text]) < 4.0 * t.std_error
-    assert result.model.scores.streamed == Streamed(rows=ROWS, portions=PORTIONS, sampled=SAMPLED)
+    assert result.model.scores.streamed == Streamed(rows=ROWS, portions=CHUNKS, sampled=SAMPLED)
 
 
-def test_clipping_and_delays_reach_every_portion(tmp_path, log):
+def test_clipping_and_delays_reach_every_chunk(tmp_path, log):
     rng = np.random.default_rng(3)
     struck = log["x"].copy()
     hit = rng.random(ROWS) < 0.01
@@ -140,7 +145,7 @@ def test_clipping_and_delays_reach_every_portion(tmp_path, log):
     assert [found[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.02)
 
 
-def test_gaps_between_and_within_portions_are_split(tmp_path, log):
+def test_gaps_between_and_within_chunks_are_split(tmp_path, log):
     table = pa.table(log).take(np.delete(np.arange(ROWS), [*range(6000, 6004), 30_000, *range(70_000, 77_000)]))
     parquet.write_table(table, tmp_path / "log.parquet")
     study = study_of(tmp_path / "log.parquet")
@@ -168,9 +173,9 @@ class Interrupted(Exception):
     pass
 
 
-def stop_after(portions):
-    def watch(text):
-        if text.startswith(f"recordings: {portions} of"):
+def stop_after(chunks):
+    def watch(event):
+        if isinstance(event, Progress) and event.part == "chunk" and event.done == chunks:
             raise Interrupted
 
     return watch
@@ -179,7 +184,7 @@ def stop_after(portions):
 def test_an_interrupted_run_goes_on_where_it_stopped(tmp_path, folder, counted):
     study, store = study_of(folder / "log.parquet"), tmp_path / "factors"
     expected = identify(study)
-    assert counted.portions == PORTIONS
+    assert counted.chunks == CHUNKS
     with pytest.raises(Interrupted):
         identify(study, watch=stop_after(8), store=store)
     counted.asked.clear()
@@ -187,22 +192,22 @@ def test_an_interrupted_run_goes_on_where_it_stopped(tmp_path, folder, counted):
     assert 7 <= kept <= 8
     told = []
     result = identify(study, watch=told.append, store=store)
-    assert counted.portions == PORTIONS - kept
+    assert counted.chunks == CHUNKS - kept
     assert coefficients(result) == pytest.approx(coefficients(expected), rel=1e-12)
-    assert any(t.startswith(f"recordings: {PORTIONS} of {PORTIONS} portions, 0 s left") for t in told)
+    assert Progress("recordings", "chunk", CHUNKS, CHUNKS, 0.0) in told
     counted.asked.clear()
     assert coefficients(identify(study, store=store)) == pytest.approx(coefficients(expected), rel=1e-12)
-    assert counted.portions == 0
+    assert counted.chunks == 0
 
 
 def test_an_added_recording_costs_only_itself(tmp_path, folder, counted):
     parts = sorted((folder / "parts").iterdir())
     store = tmp_path / "factors"
     first = identify(study_of(*parts[:11]), store=store)
-    before = counted.portions
+    before = counted.chunks
     counted.asked.clear()
     result = identify(study_of(*parts), store=store)
-    assert counted.portions == 2  # the file of 10 000 rows is two portions
+    assert counted.chunks == 2  # the file of 10 000 rows is two chunks
     assert before == 22
     problems = [r.searches[0].problem for r in (first, result)]
     assert problems[1].factor.rows > 1.08 * problems[0].factor.rows
@@ -219,21 +224,19 @@ def test_what_no_longer_fits_is_computed_anew(tmp_path, folder, counted):
     assert coefficients(identify(study, store=store)) == pytest.approx(expected, rel=1e-12)
     other = msgspec.structs.replace(study, signals=Filtering(margin=1.0))
     identify(other, store=store)
-    assert counted.portions == PORTIONS
-    assert [len(list(own.glob("*.npz"))) for own in store.iterdir()] == [PORTIONS] * 2  # one folder a study
+    assert counted.chunks == CHUNKS
+    assert [len(list(own.glob("*.npz"))) for own in store.iterdir()] == [CHUNKS] * 2  # one folder a study
     for kept in store.rglob("sample.json"):
         kept.write_text("[]")
     identify(other, store=store)
-    assert any("portions" in json.loads(kept.read_text()) for kept in store.rglob("sample.json"))
+    assert any("chunks" in json.loads(kept.read_text()) for kept in store.rglob("sample.json"))
 
 
 def test_factors_kept_are_those_computed(tmp_path, folder):
-    from odescope.pipeline.streaming import Store
-
     kept: list[Reduced] = []
 
     class Spy(Threads):
-        def map(self, function, items, *shared, alone=False):
+        def map(self, function, items, *shared, **options):
             for item in items:
                 kept.append(function(item, *shared))
                 yield kept[-1]
@@ -245,7 +248,7 @@ def test_factors_kept_are_those_computed(tmp_path, folder):
         yield Spy()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("odescope.pipeline.identification.workers", opened)
+        patch.setattr("odescope.pipeline.identification.open_workers", opened)
         identify(study_of(folder / "log.parquet"))
     reduced = next(k for k in kept if isinstance(k, Reduced))
     store = Store(tmp_path / "factors", "study")
@@ -290,12 +293,12 @@ def test_a_slow_signal_in_small_files_needs_no_overlap(tmp_path):
     assert found["x"] == pytest.approx(0.05, rel=0.01)
 
 
-def test_a_filter_that_reaches_further_than_a_portion_is_refused(tmp_path):
+def test_a_filter_that_reaches_further_than_a_chunk_is_refused(tmp_path):
     rng = np.random.default_rng(0)
     t = 1e-4 * np.arange(100_000)
     columns = {"t": t, "x": np.sin(2 * t) + 1e-3 * rng.standard_normal(len(t)), "u": np.cos(3 * t)}
     parquet.write_table(pa.table(columns), tmp_path / "log.parquet")
-    with pytest.raises(InputError, match=r"reaches over \d+ samples, too many for portions of \d+: allow more memory"):
+    with pytest.raises(InputError, match=r"reaches over \d+ samples, too many for chunks of \d+: allow more memory"):
         identify(study_of(tmp_path / "log.parquet"))
 
 
@@ -306,7 +309,7 @@ PEAK = """
 import sys
 from odescope.pipeline.identification import identify
 from odescope.parallel.memory import peak_bytes
-from odescope.study.options import read_study
+from odescope.study.toml import read_study
 from pathlib import Path
 
 result = identify(read_study(Path(sys.argv[1])))
@@ -319,7 +322,7 @@ def test_memory_is_bounded_by_the_setting_however_long_the_log(tmp_path, log):
     peaks, memory = [], LITTLE + 10.0  # a column more
     for recordings in (1, 8):
         with parquet.ParquetWriter(tmp_path / "log.parquet", pa.schema(SCHEMA)) as writer:
-            for k in range(recordings):  # all in one row group each, far larger than a portion
+            for k in range(recordings):  # all in one row group each, far larger than a chunk
                 noisy = log["x"] + 0.01 * np.random.default_rng(k).standard_normal(ROWS)
                 writer.write_table(pa.table({**log, "x": noisy, "run": np.full(ROWS, k)}, schema=pa.schema(SCHEMA)))
         (tmp_path / "study.toml").write_text(

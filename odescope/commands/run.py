@@ -1,0 +1,171 @@
+"""One run of a study, from its options to the files of its results: what the command line, the demo and others call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from odescope.arrays import FloatArray
+from odescope.commands.files import FACTORS, RESULT_FILES, check_writable, refuse_overwriting, result_files, write_files
+from odescope.errors import Stopped
+from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageBegan
+from odescope.likelihood.kernel import integrate
+from odescope.model.model import Model
+from odescope.parallel.kernels import compiled
+from odescope.pipeline.identification import DraftReady, Identification, identify
+from odescope.report.assemble import observed, read_report, summary
+from odescope.report.data import Observed, Report, TableRow
+from odescope.report.figures.paint import Painters, painters
+from odescope.report.figures.pictures import early_pictures, pictures
+from odescope.report.page import report_files
+from odescope.report.searches import searched
+from odescope.study.options import Study
+from odescope.study.toml import moved, study_toml
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a log is known to hold, where it was simulated.
+
+    Attributes:
+        signals: makes the true states and targets by name, (N,) each, one value a sample.
+        table: makes the rows that set a model beside the truth.
+    """
+
+    signals: Callable[[], Mapping[str, FloatArray]] = dict
+    table: Callable[[Model], Sequence[TableRow]] = lambda _: ()
+
+
+UNKNOWN = Reference()
+SILENT = Monitor()
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """What a run came to: the result, its report, and the folder that holds the files."""
+
+    result: Identification
+    report: Report
+    folder: Path
+
+
+def run_study(
+    study: Study,
+    folder: Path,
+    out: Path,
+    *,
+    title: str = "Identification",
+    source: Path | None = None,
+    reference: Reference = UNKNOWN,
+    monitor: Monitor = SILENT,
+    cluster: str | None = None,
+) -> RunResult:
+    """Identify a study, draw its report, and write the files of both to a folder.
+
+    It tells the events of `identify`, then `FilesWritten`; files appear all at once.
+
+    Args:
+        study: the options, with the files to read.
+        folder: that the study's files are relative to.
+        out: folder for the results, made where it is not there.
+        title: heading of the report.
+        source: the file that the study was read from, or that options were given for: it is not overwritten.
+        reference: for a simulated log, the truth.
+        monitor: whom to tell, and whom to ask whether to stop.
+        cluster: see `identify`.
+
+    Raises:
+        InputError: the data or the study are wrong, the folder cannot be written, or a result would take the place of
+            a file that it is made from.
+        NoModelError: the data support no model.
+        Stopped: the monitor said so, or an interrupt came; the message says what is kept.
+    """
+    check_writable(out)
+    resolved = moved(study, folder, out)
+    _refuse_own_sources(study, resolved, folder, out, source)
+    if study.likelihood.enabled and not compiled(integrate):
+        monitor.tell(Note("compiling the kernels, once: this takes about a minute"))
+    progress = list[Progress]()
+    with painters() as painter:
+        early = _Early(reference, painter)
+
+        def tell(event: Event) -> None:
+            if isinstance(event, DraftReady):
+                early.draw(event.result)
+            elif isinstance(event, Progress):
+                progress.append(event)
+            monitor.tell(event)
+
+        try:
+            placed = _placed(study, folder)
+            result = identify(placed, watch=tell, stop=monitor.stop, cluster=cluster, store=out / FACTORS)
+            monitor.tell(StageBegan("report"))
+            report = summary(result, title, dict(reference.signals()), reference.table(result.model), early.known)
+            files = report_files(report, painter.paint(pictures(report)))
+            monitor.check()
+            write_files(out, result_files(result, resolved, files))
+        except (KeyboardInterrupt, Stopped):
+            raise Stopped(_stopped(progress, out)) from None
+    monitor.tell(FilesWritten(out, (*RESULT_FILES, "figures/")))
+    return RunResult(result, report, out)
+
+
+@dataclass
+class _Early:
+    """Draws what the likelihood does not change while that runs, and remembers what it took for it."""
+
+    reference: Reference
+    painter: Painters
+    known: Observed | None = None
+
+    def draw(self, draft: Identification) -> None:
+        self.known = observed(draft, dict(self.reference.signals()))
+        self.painter.begin(early_pictures(self.known, searched(draft)))
+
+
+def draw_again(folder: Path, out: Path, monitor: Monitor = SILENT) -> None:
+    """Draw report.html and its figures again from the report.json of a folder.
+
+    Args:
+        folder: results of an earlier run.
+        out: folder for report.html and the figures.
+        monitor: whom to tell, and whom to ask whether to stop.
+
+    Raises:
+        InputError: there is no report to draw, or the folder cannot be written.
+    """
+    stored = read_report(folder / "report.json")
+    check_writable(out)
+    monitor.tell(StageBegan("report"))
+    with painters() as painter:
+        files = report_files(stored, painter.paint(pictures(stored)))
+    monitor.check()
+    write_files(out, {name: content for name, content in files.items() if name != "report.json"})
+    monitor.tell(FilesWritten(out, ("report.html", "figures/")))
+
+
+def _placed(study: Study, folder: Path) -> Study:
+    """Return the study with its files relative to the working directory."""
+    files = tuple(str(folder / f) for f in study.data.files)
+    return msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, files=files))
+
+
+def _refuse_own_sources(study: Study, resolved: Study, folder: Path, out: Path, source: Path | None) -> None:
+    """Refuse to overwrite what the results are made from; a study that is its own resolved form may be."""
+    read = [folder / f for f in study.data.files]
+    if source is not None:
+        own = source.suffix.lower() == ".toml" and source.read_text(encoding="utf-8") == study_toml(resolved)
+        read += [] if own else [source]
+    refuse_overwriting([out / name for name in RESULT_FILES], read)
+
+
+def _stopped(progress: Sequence[Progress], out: Path) -> str:
+    """Say what is kept of a run that was stopped."""
+    said = "stopped before any result was written"
+    last = next((p for p in reversed(progress) if p.stage == "recordings"), None)
+    if last is None or not (out / FACTORS).is_dir():
+        return said
+    return f"{said}; {last.done} of {last.total} {last.part}s are kept: the same command goes on from there"

@@ -1,0 +1,99 @@
+"""What a run tells, shown on a terminal: results on standard output, everything else on standard error."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from odescope.errors import InputError
+from odescope.events import Event, FilesWritten, Note, Progress, StageBegan
+
+
+@contextmanager
+def shown() -> Iterator[Callable[[Event], None]]:
+    """Yield what shows events: where a run stands on one line, if standard error is a terminal, and what it found."""
+    status = None
+    if sys.stderr.isatty():
+        from rich.console import Console
+
+        status = Console(stderr=True).status("starting")
+        status.start()
+
+    def tell(event: Event) -> None:
+        line, out, err = standing(event), found(event), remark(event)
+        if status is not None and line:
+            status.update(line)
+        if out or err:
+            if status is not None:
+                status.stop()  # it would take standard output for its own
+            if err:
+                print(err, file=sys.stderr)
+            if out:
+                say(out + "\n")
+            if status is not None:
+                status.start()
+
+    try:
+        yield tell
+    finally:
+        if status is not None:
+            status.stop()
+
+
+def standing(event: Event) -> str:
+    """Return where an event says that the run stands; nothing if it does not say."""
+    if isinstance(event, StageBegan):
+        return event.stage
+    if isinstance(event, Progress):
+        left = "" if event.seconds_left is None else f", {span(event.seconds_left)} left"
+        counted = event.part if event.total == 1 else f"{event.done} of {event.total} {plural(event.part)}"
+        return f"{event.stage}: {counted}{left}"
+    return ""
+
+
+def found(event: Event) -> str:
+    """Return the equations, if an event brings them."""
+    from odescope.pipeline.identification import EquationsReady
+
+    if not isinstance(event, EquationsReady):
+        return ""
+    from odescope.export.languages.text import to_text
+
+    return to_text(event.result.model, 6)
+
+
+def remark(event: Event) -> str:
+    """Return what is worth a line of its own that stays."""
+    if isinstance(event, Note):
+        return f"note: {event.text}"
+    return f"wrote {event.folder}/: {', '.join(event.names)}" if isinstance(event, FilesWritten) else ""
+
+
+def plural(part: str) -> str:
+    """Return the plural of "chunk", "search" and the like."""
+    return part + ("es" if part.endswith(("s", "x", "ch", "sh")) else "s")
+
+
+def span(seconds: float) -> str:
+    """Return a time in the two largest of its units."""
+    minutes, rest = divmod(max(round(seconds), 0), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def say(text: str) -> None:
+    """Write to standard output; a reader that has seen enough, such as head, is no error.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in the buffer goes there
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise InputError(f"cannot write to standard output: {error.strerror or error}") from error

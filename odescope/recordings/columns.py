@@ -1,0 +1,127 @@
+"""The used columns of a table, in Arrow, by their names in the file: where every format and every frame ends up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from odescope.arrays import FloatArray, IntArray
+from odescope.errors import InputError, nearest
+from odescope.recordings.layout import Layout
+from odescope.recordings.text_files import NUMBER
+
+if TYPE_CHECKING:
+    from pyarrow import ChunkedArray, Table
+
+Columns: TypeAlias = "Mapping[str, ChunkedArray]"
+
+
+def check_columns(labels: Sequence[str], available: Sequence[str], source: str) -> None:
+    """Refuse labels that are not the name of exactly one column, and say which columns there are.
+
+    Args:
+        labels: wanted.
+        available: the names of the columns.
+        source: where these are, for messages.
+    """
+    for label in labels:
+        count = available.count(label)
+        if count > 1:
+            raise InputError(f"{source} has {count} columns named {label!r}; rename all but one")
+        if not count:
+            hint = nearest(label, available)
+            columns = ", ".join(available[:12]) + ", ..." * (len(available) > 12)
+            listed = f" Its columns are: {columns}" if hint.startswith("did you mean") else ""
+            bare = available and all(NUMBER.fullmatch(name) for name in available)
+            header = "; its first line holds numbers, where column names are expected" if bare else ""
+            raise InputError(f"no column {label!r} in {source}{header}; {hint}{listed}")
+
+
+def from_table(table: Table, layout: Layout) -> Columns:
+    """Return the used columns of an Arrow table, the codes of categories replaced by what they stand for."""
+    import pyarrow as pa
+
+    columns = {label: table.column(label) for label in layout.used}
+    return {
+        label: column.cast(column.type.value_type) if pa.types.is_dictionary(column.type) else column
+        for label, column in columns.items()
+    }
+
+
+def from_arrays(arrays: Mapping[str, object], source: str) -> Columns:
+    """Return arrays (N,), (N, 1) or (1, N) of one length as Arrow columns."""
+    columns = {label: _arrow_column(array, label, source) for label, array in arrays.items()}
+    lengths = {label: len(column) for label, column in columns.items()}
+    if len(set(lengths.values())) > 1:
+        shown = ", ".join(f"{label!r} {length}" for label, length in lengths.items())
+        raise InputError(f"the columns in {source} differ in length: {shown}")
+    return columns
+
+
+def _arrow_column(data: object, label: str, source: str) -> ChunkedArray:
+    import pyarrow as pa
+
+    if isinstance(data, np.ma.MaskedArray):
+        data = np.ma.filled(data.astype(np.float64), np.nan)  # asarray would drop the mask without a word
+    try:
+        array = np.asarray(data)
+        array = array.ravel() if array.ndim == 2 and 1 in array.shape else array
+        native = array.astype(array.dtype.newbyteorder("="), copy=False)
+        column = pa.chunked_array([pa.array(native)]) if array.ndim == 1 else None
+    except (pa.ArrowException, ValueError, TypeError) as error:
+        raise InputError(f"{label!r} in {source} is not a column of numbers: {first_line(error)}") from error
+    if column is None:
+        raise InputError(f"{label!r} in {source} is an array of shape {array.shape}, expected a single column")
+    return column
+
+
+def numbers(column: ChunkedArray, label: str, source: str) -> FloatArray:
+    """Return a column as float64 (N,), NaN where a cell is missing.
+
+    Args:
+        column: of any numeric kind.
+        label: its name, for messages.
+        source: where it came from, for messages.
+
+    Raises:
+        InputError: it does not hold numbers.
+    """
+    import pyarrow as pa
+
+    kind, types = column.type, pa.types
+    numeric = (types.is_integer, types.is_floating, types.is_boolean, types.is_decimal, types.is_null)
+    if not any(is_kind(kind) for is_kind in numeric):
+        raise InputError(f"column {label!r} in {source} holds {kind}, expected numbers; convert it first")
+    try:
+        # Through DLPack, because to_numpy imports pandas where it is installed, half a second for nothing.
+        filled = column.cast(pa.float64()).fill_null(float("nan")).combine_chunks()
+        return np.array(np.from_dlpack(filled), dtype=np.float64)
+    except pa.ArrowException as error:
+        raise InputError(f"column {label!r} in {source} does not fit 64-bit floats: {first_line(error)}") from error
+
+
+def recording_codes(columns: Columns, layout: Layout, source: str) -> tuple[list[str], IntArray]:
+    """Return the labels of the recordings, in order of first appearance, and the index (N,) into them of each row.
+
+    Args:
+        columns: of the table.
+        layout: says which of them labels recordings.
+        source: where the table came from, for messages.
+
+    Raises:
+        InputError: a row without a label.
+    """
+    if layout.recording is None:
+        return [""], np.zeros(len(columns[layout.numeric[0]]), dtype=np.int64)
+    labels = columns[layout.recording].combine_chunks().dictionary_encode()
+    names = [str(name) for name in labels.dictionary.to_pylist()]
+    if labels.null_count or "" in names or "nan" in names:
+        raise InputError(f"column {layout.recording!r} in {source} has empty cells: every row needs its recording")
+    return names, labels.indices.to_numpy().astype(np.int64)
+
+
+def first_line(error: BaseException) -> str:
+    """Return the first line of what an error says."""
+    return (str(error).splitlines() or [type(error).__name__])[0]

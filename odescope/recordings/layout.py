@@ -1,0 +1,64 @@
+"""Layout: which columns of a file mean what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from odescope.errors import InputError, nearest
+from odescope.recordings.gaps import Gaps
+from odescope.recordings.uniform import LARGEST_JITTER
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Which columns of a file mean what, and what to do about gaps and jitter.
+
+    `columns` and `units` are pairs (name in odescope, column in the file) and (name, unit); `angles` and `held` hold
+    names in odescope; `time` and `recording` are columns in the file, or `recording` a folder's key (lap=7/a.parquet).
+
+    Raises:
+        InputError: not exactly one of `time` and `sample_period`, no column, a tolerance or period out of range.
+    """
+
+    time: str | None = None
+    sample_period: float | None = None
+    columns: tuple[tuple[str, str], ...] = ()
+    units: tuple[tuple[str, str], ...] = ()
+    angles: frozenset[str] = frozenset()
+    held: frozenset[str] = frozenset()
+    recording: str | None = None
+    gaps: Gaps = "refuse"
+    jitter: float = 0.05
+
+    def __post_init__(self) -> None:
+        if (self.time is None) == (self.sample_period is None):
+            raise InputError("[data] needs exactly one of time (a column's name) and sample_period (a number)")
+        if self.sample_period is not None and not 0 < self.sample_period < float("inf"):
+            raise InputError(f"sample_period must be a positive number, got {self.sample_period!r}")
+        if not self.columns:
+            raise InputError("no column to read: name at least one coordinate")
+        if self.gaps not in ("refuse", "split"):
+            raise InputError(f"gaps must be 'refuse' or 'split', got {self.gaps!r}")
+        if not 0 <= self.jitter <= LARGEST_JITTER:
+            raise InputError(f"jitter must be between 0 and {LARGEST_JITTER} sample periods, got {self.jitter!r}")
+        for name in (*(name for name, _ in self.units), *self.angles, *self.held):
+            if name not in self.names:
+                raise InputError(
+                    f"the layout names {name!r}, which is not among its columns; {nearest(name, self.names)}"
+                )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the columns in odescope."""
+        return tuple(name for name, _ in self.columns)
+
+    @property
+    def numeric(self) -> tuple[str, ...]:
+        """The file's columns that must hold numbers, each once."""
+        time = () if self.time is None else (self.time,)
+        return tuple(dict.fromkeys((*time, *(column for _, column in self.columns))))
+
+    @property
+    def used(self) -> tuple[str, ...]:
+        """The file's columns that are read at all, each once."""
+        return tuple(dict.fromkeys((*self.numeric, *(() if self.recording is None else (self.recording,)))))

@@ -1,0 +1,107 @@
+"""A table of columns becomes records ready for use, whether it is a whole file, a frame in memory or a chunk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from odescope.arrays import IntArray
+from odescope.errors import InputError
+from odescope.recordings.chunks import Chunk
+from odescope.recordings.columns import Columns, numbers, recording_codes
+from odescope.recordings.gaps import SHORTEST_RUN, RawRun, gapless, record_of
+from odescope.recordings.layout import Layout
+from odescope.recordings.record import Stretch
+from odescope.recordings.uniform import uniform, unwrap
+
+
+def stretches(columns: Columns, layout: Layout, source: str, chunk: Chunk | None = None) -> Iterator[Stretch]:
+    """Yield the recordings of a table, split or refused at gaps, angles unwrapped, time uniform.
+
+    The rows of one label are one recording. In a chunk of a file only those are that follow each other: a label that
+    comes back later is another recording; and gaps, angles and jitter are judged by what the chunk holds.
+
+    Args:
+        columns: the used columns of the table.
+        layout: what they mean. With a sample period, time counts from the recording's first row, in a chunk from the
+            file's.
+        source: where the table came from, for messages.
+        chunk: the rows of a file that the table holds; None: all there are.
+
+    Raises:
+        InputError: there are no rows, or the columns do not serve.
+    """
+    count = len(columns[layout.numeric[0]])
+    check_rows(count, source)
+    labels, codes = recording_codes(columns, layout, source)
+    if chunk is None:
+        chunk = Chunk(Path(source), 0, count, 0, 0, count)
+        groups = np.split(np.argsort(codes, kind="stable"), np.cumsum(np.bincount(codes))[:-1])
+    else:
+        starts = np.concatenate(([0], np.flatnonzero(np.diff(codes)) + 1))
+        _refuse_mixed(labels, codes[starts], starts, layout, chunk)
+        groups = np.split(np.arange(count), starts[1:])
+        labels = [labels[codes[group[0]]] for group in groups]
+    for run in _raw_runs(columns, layout, source, zip(labels, groups, strict=True), chunk.window[0]):
+        yield from _between_gaps(run, chunk, layout)
+
+
+def check_rows(rows: int, source: str) -> None:
+    """Refuse a table without rows."""
+    if not rows:
+        raise InputError(f"{source} holds column names but no rows of data")
+
+
+def _raw_runs(
+    columns: Columns, layout: Layout, source: str, groups: Iterable[tuple[str, IntArray]], before: int
+) -> Iterator[RawRun]:
+    """Yield the run of each label and its row indices (n,); `before` rows of the file come before the table."""
+    found = {label: numbers(columns[label], label, source) for label in layout.numeric}
+    values = np.column_stack([found[column] for _, column in layout.columns])
+    units = dict(layout.units)
+    counted = np.arange(len(values), dtype=np.float64) * (layout.sample_period or 0.0)
+    for label, rows in groups:
+        yield RawRun(
+            t=counted[: len(rows)] if layout.time is None else found[layout.time][rows],
+            values=values[rows],
+            names=layout.names,
+            units=tuple(units.get(name) for name in layout.names),
+            source=f"{source} ({layout.recording} {label})" if layout.recording is not None else source,
+            rows=before + rows + 1,
+            labels=tuple(column for _, column in layout.columns),
+        )
+
+
+def _refuse_mixed(names: list[str], codes: IntArray, starts: IntArray, layout: Layout, chunk: Chunk) -> None:
+    """Refuse runs (n,) too short to work with where their label comes back: read at once, they would be one recording.
+
+    The first and the last may only be cut short.
+    """
+    short = np.flatnonzero(np.diff(starts)[1:] < SHORTEST_RUN) + 1
+    again = short[np.bincount(codes)[codes[short]] > 1]
+    if len(again):
+        label, row = names[codes[again[0]]], chunk.window[0] + int(starts[again[0]]) + 1
+        raise InputError(
+            f"recording {label!r} in {chunk.path.name} is in several places, with only a few rows from data row {row}"
+            f" on: in a file that is read in chunks the rows of a recording must follow each other; sort it by"
+            f" {layout.recording!r}, then by time"
+        )
+
+
+def _between_gaps(run: RawRun, chunk: Chunk, layout: Layout) -> Iterator[Stretch]:
+    """Yield what is left of a run between its gaps, as far as it holds some of the chunk's own rows."""
+    rows, (start, stop) = run.rows - 1, chunk.window
+    if rows[-1] < chunk.first or rows[0] >= chunk.stop:
+        return
+    if layout.sample_period is not None and not chunk.whole:
+        run = replace(run, t=rows * np.float64(layout.sample_period))
+    cut_before, cut_after = bool(rows[0] == start > 0), bool(rows[-1] + 1 == stop < chunk.size)
+    for samples in gapless(run, layout.gaps, partial=cut_before or cut_after):
+        first, last = np.searchsorted(rows[samples], (chunk.first, chunk.stop)).tolist()
+        if first < last:
+            begins, ends = not (cut_before and samples[0] == 0), not (cut_after and samples[-1] + 1 == len(rows))
+            record = unwrap(record_of(run, samples), layout.angles)
+            yield Stretch(uniform(record, layout.jitter, layout.held), first, last, begins, ends)

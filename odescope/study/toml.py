@@ -1,0 +1,74 @@
+"""A study as a TOML file: reading it, writing it, and its files as seen from another folder."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from pathlib import Path
+
+import msgspec
+import tomli_w
+
+from odescope.errors import InputError
+from odescope.study.messages import explained
+from odescope.study.options import Study
+from odescope.study.pieces import own_pieces, put_in, tables
+
+
+def read_study(path: Path) -> Study:
+    """Return the study of a TOML file.
+
+    Raises:
+        InputError: the file is missing or no TOML, a key is unknown (the nearest is named), or a value does not fit.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read the study {path}: {getattr(error, 'strerror', None) or error}") from error
+    try:
+        return parse_study(text)
+    except InputError as error:
+        raise InputError(f"{path.name}: {error}") from error
+
+
+def parse_study(text: str) -> Study:
+    """Return the study that a TOML text spells; errors as `read_study`."""
+    try:
+        raw = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"it is not TOML: {error}") from error
+    plain, own = own_pieces(raw)
+    try:
+        study = put_in(msgspec.convert(plain, Study), own)
+    except (msgspec.ValidationError, RecursionError) as error:
+        raise InputError(explained(error, plain)) from error
+    study.measured()
+    study.driven()
+    return study
+
+
+def study_toml(study: Study) -> str:
+    """Return the study as TOML with every default spelled out.
+
+    What a file cannot name stands as a comment: read back, the default takes its place.
+    """
+    said, unsaid = tables(study)
+    return "".join(f"# {u.comment}\n" for u in unsaid) + tomli_w.dumps(said)
+
+
+def moved(study: Study, old: Path, new: Path) -> Study:
+    """Return the study with its file paths made relative to another folder.
+
+    Args:
+        study: its paths are relative to `old`.
+        old: folder.
+        new: folder that they are to be relative to.
+    """
+    files = []
+    for file in study.data.files:
+        target = (old / file).resolve()
+        try:
+            files.append(Path(os.path.relpath(target, new.resolve())).as_posix())
+        except ValueError:  # another drive, on Windows
+            files.append(target.as_posix())
+    return msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, files=tuple(files)))
