@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import hashlib
 import sys
 from collections.abc import Iterator
@@ -81,7 +82,8 @@ def _name(kind: type) -> str:
 def _state(value: object) -> object:
     """Return of what an object would be made again, as pickle asks for it; nothing is pickled here."""
     try:
-        made = value.__reduce_ex__(4)
+        reducer = copyreg.dispatch_table.get(type(value))
+        made = value.__reduce_ex__(4) if reducer is None else reducer(value)
     except Exception as error:  # whatever a class of one's own, or of C, may say
         raise InputError(
             f"store: an object of class {_name(type(value))} cannot be compared with that of another run ({error});"

@@ -78,7 +78,13 @@ def _check_wraps(coordinate: Coordinate, records: Records) -> None:
 
 
 def check_radians(name: str, column: FloatArray, source: str) -> None:
-    """Refuse an angle (N,) that wraps by 360; `name` and `source` are for the message."""
+    """Refuse an angle that wraps by 360.
+
+    Args:
+        name: of the angle.
+        column: (N,) its values, in radians as it should be.
+        source: where it came from, for the message.
+    """
     jumps = np.abs(np.diff(column))
     rows = np.flatnonzero(np.abs(jumps - 360) < 60)
     if len(rows):

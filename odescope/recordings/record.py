@@ -172,14 +172,27 @@ def _float_array(data: object, what: str, dimensions: int, source: str) -> Float
 
 
 def check_finite(fine: BoolArray, names: tuple[str, ...], rows: IntArray, source: str) -> None:
-    """Refuse a table (N, c) that is not fine everywhere; rows (N,) are the numbers that messages call its rows by."""
+    """Refuse a table that is not finite everywhere.
+
+    Args:
+        fine: (N, c), whether a value is.
+        names: of the columns.
+        rows: (N,) the numbers that the message calls rows by.
+        source: where the table came from, for the message.
+    """
     if not fine.all():
         row, column = np.argwhere(~fine)[0]
         raise InputError(f"{names[column]!r} is not a finite number in data row {rows[row]}{within(source)}")
 
 
 def check_increasing(t: FloatArray, rows: IntArray, source: str) -> None:
-    """Refuse a time (N,) that goes back or repeats; rows (N,) are the numbers that messages call its samples by."""
+    """Refuse a time that goes back or repeats.
+
+    Args:
+        t: (N,) the time.
+        rows: (N,) the numbers that the message calls its samples by.
+        source: where it came from, for the message.
+    """
     stuck = np.flatnonzero(np.diff(t) <= 0)
     if len(stuck):
         k = stuck[0]

@@ -45,7 +45,13 @@ class Cutoff(Protocol):
     """Chooses a cutoff frequency from the records of one channel."""
 
     def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:
-        """Return the cutoff in hertz for the derivative of that order."""
+        """Return the cutoff in hertz.
+
+        Args:
+            channel: (N,) a record.
+            period: of the samples, in seconds.
+            order: of the derivative that is wanted.
+        """
         ...
 
 

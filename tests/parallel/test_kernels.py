@@ -169,18 +169,3 @@ def test_the_folder_of_a_user_tells_versions_and_places_apart(installed: Path, m
     monkeypatch.setattr(kernels, "PACKAGE", installed / "elsewhere" / "odescope")
     folders.add(kernels.user_folder())
     assert len(folders) == 3
-
-
-def test_machine_code_that_names_a_class_that_is_gone_is_passed_over(program: Path) -> None:
-    """An index of machine code names the classes of arguments, and cannot be read where one was renamed."""
-    text = (
-        "from typing import NamedTuple\nfrom odescope.parallel.kernels import kernel\n"
-        "class Pair(NamedTuple):\n    a: float\n    b: float\n"
-        "@kernel()\ndef total(pair):\n    return pair.a + pair.b\n"
-    )
-    for name in ("Pair", "Couple"):
-        (program / "pairs.py").write_text(text.replace("Pair", name))
-        kernels._source.cache_clear()
-        sys.modules.pop("pairs", None)
-        module = importlib.import_module("pairs")
-        assert module.total(getattr(module, name)(1.0, 2.0)) == 3.0

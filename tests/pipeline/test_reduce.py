@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import threading
+import time
 from dataclasses import dataclass, field
 
 import msgspec
@@ -12,14 +14,17 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from logs import oscillator, write
+from machines import until
 from pyarrow import parquet
 
-from odescope.errors import InputError
-from odescope.events import Progress
+from odescope import Derivatives
+from odescope.errors import InputError, Stopped
+from odescope.events import Monitor, Progress
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.model.scores import Streamed
 from odescope.parallel.workers import Threads
 from odescope.pipeline.identification import identify
+from odescope.pipeline.reduce import reduce_all
 from odescope.pipeline.sample import LEAST_ROWS, SAMPLED, rows_in_memory
 from odescope.pipeline.store import Reduced, Store
 from odescope.study.options import Data, Driven, Filtering, Measured, Study
@@ -85,14 +90,14 @@ class Counted:
 def counted(monkeypatch):
     from contextlib import contextmanager
 
-    hands = Counted()
+    workers = Counted()
 
     @contextmanager
     def opened(cluster):
-        yield hands
+        yield workers
 
     monkeypatch.setattr("odescope.pipeline.identification.open_workers", opened)
-    return hands
+    return workers
 
 
 # what comes out
@@ -230,6 +235,86 @@ def test_what_no_longer_fits_is_computed_anew(tmp_path, folder, counted):
         kept.write_text("[]")
     identify(other, store=store)
     assert any("chunks" in json.loads(kept.read_text()) for kept in store.rglob("sample.json"))
+
+
+class Gaussian:
+    """A differentiator of one's own, as docs/extending.md teaches it."""
+
+    def __init__(self, width, held=None):
+        self.width, self.held = width, held
+
+    def derivatives(self, channel, period, order):
+        from scipy.ndimage import gaussian_filter1d
+
+        width = self.width / period
+        values = tuple(
+            np.array([gaussian_filter1d(s, width, order=k, mode="nearest") / period**k for k in range(order + 1)])
+            for s in channel
+        )
+        noise = float(np.std(np.concatenate([s - v[0] for s, v in zip(channel, values, strict=True)])))
+        return Derivatives(values, noise, cutoff=1.0 / (2 * np.pi * self.width))
+
+
+def test_a_differentiator_of_ones_own_is_kept_and_told_from_another(tmp_path, folder, counted):
+    study, store = study_of(folder / "log.parquet"), tmp_path / "factors"
+    narrow, wide = (msgspec.structs.replace(study, signals=Filtering(differentiator=Gaussian(w))) for w in (0.2, 0.25))
+    expected = coefficients(identify(narrow, store=store))
+    assert [expected[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.1)
+    counted.asked.clear()
+    again = msgspec.structs.replace(study, signals=Filtering(differentiator=Gaussian(0.2)))
+    assert coefficients(identify(again, store=store)) == pytest.approx(expected, rel=1e-12)
+    assert counted.chunks == 0
+    assert coefficients(identify(wide, store=store)) != pytest.approx(expected, rel=1e-6)
+    assert counted.chunks == CHUNKS
+    with pytest.raises(InputError, match=r"store: an object of class _thread\.lock cannot be compared"):
+        identify(
+            msgspec.structs.replace(study, signals=Filtering(differentiator=Gaussian(0.2, threading.Lock()))),
+            store=store,
+        )
+
+
+def test_a_differentiator_of_ones_own_gives_in_chunks_what_it_gives_at_once(folder):
+    options = {"signals": Filtering(differentiator=Gaussian(0.2))}
+    at_once = coefficients(identify(study_of(folder / "log.parquet", memory=1000.0, **options)))
+    in_chunks = coefficients(identify(study_of(folder / "log.parquet", **options)))
+    assert at_once.keys() == in_chunks.keys()
+    for term, value in at_once.items():
+        assert in_chunks[term] == pytest.approx(value, rel=5e-3)
+
+
+def test_a_stop_ends_the_pass_within_a_second_and_keeps_what_is_done(tmp_path, folder):
+    """Nothing runs on behind it either."""
+    study = study_of(folder / "log.parquet")
+    settled = _settled(study, tmp_path / "factors")
+    stopped_at = []
+
+    def stop():
+        done = len(list(tmp_path.rglob("*.npz")))
+        if done >= 5 and not stopped_at:
+            stopped_at.append((done, time.monotonic()))
+        return bool(stopped_at)
+
+    with pytest.raises(Stopped):
+        reduce_all(*settled, Threads(2), Monitor(stop=stop))
+    (done, at) = stopped_at[0]
+    assert time.monotonic() - at < 1.0
+    until(lambda: threading.active_count() == 1 or not any("ThreadPool" in t.name for t in threading.enumerate()), 1.0)
+    assert done <= len(list(tmp_path.rglob("*.npz"))) <= done + 1
+
+
+def _settled(study, folder):
+    """Return the sample, the plan and the problems of a study, as `identify` settles them."""
+    caught = []
+
+    def catch(*arguments):
+        caught.append(arguments[:3])
+        raise Interrupted
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("odescope.pipeline.identification.reduce_all", catch)
+        with pytest.raises(Interrupted):
+            identify(study, store=folder)
+    return caught[0]
 
 
 def test_factors_kept_are_those_computed(tmp_path, folder):
