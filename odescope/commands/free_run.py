@@ -34,6 +34,14 @@ def free_runs(
     Each recording starts from its own first sample: from the states given as NAME=VALUE, the rest fitted to the first
     stretch of the measured coordinates.
 
+    Args:
+        model_path: a model file.
+        data_path: the recordings whose inputs drive it.
+        time: column that holds the time in seconds; by default as identified, else t, time and the like.
+        sample_period: in seconds, where no column holds the time.
+        recording: column that splits the file into recordings.
+        initial: NAME=VALUE of states at the first sample.
+
     Raises:
         InputError: a file cannot be read, a column is missing, or a given state is none of the model's.
     """
