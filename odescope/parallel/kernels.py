@@ -27,7 +27,7 @@ import odescope
 
 PACKAGE = Path(odescope.__file__).parent
 
-Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
 
 def kernel(*fastmath: str) -> Callable[[Kernel], Kernel]:
@@ -48,7 +48,7 @@ def kernel(*fastmath: str) -> Callable[[Kernel], Kernel]:
     return compile_lazily
 
 
-def compiled(function: Callable[..., Any]) -> bool:
+def compiled(function: Callable[..., object]) -> bool:
     """Tell whether machine code of a kernel, as it reads now, is kept for this processor."""
     cache = getattr(function, "_cache", None)
     if cache is None:

@@ -134,7 +134,7 @@ def test_a_start_with_a_pole_inside_the_data_is_left_or_ends_as_no_fit(states, s
         assert np.abs(error).max() < 4.0
         return
     # Stuck: the segments were not joined, the misfit is plain to see, and no terms were invented against it.
-    assert found.gap == np.inf
+    assert found.width == np.inf
     assert found.scale > 10.0
     assert set(ended) <= set(present)
     assert not found.clear

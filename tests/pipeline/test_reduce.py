@@ -311,7 +311,7 @@ def _settled(study, folder):
         raise Interrupted
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("odescope.pipeline.identification.reduce_all", catch)
+        patch.setattr("odescope.pipeline.stages.reduce_all", catch)
         with pytest.raises(Interrupted):
             identify(study, store=folder)
     return caught[0]

@@ -10,7 +10,7 @@ from pages import ATTACK, Page, identified, samples
 from odescope.errors import InputError
 from odescope.model.relation import RelationTerm
 from odescope.model.scores import FreeRun
-from odescope.pipeline.identification import identify
+from odescope.pipeline.identification import DraftReady, identify
 from odescope.report import read_report, summary, to_html, to_json_text
 from odescope.report.assemble import model_of
 from odescope.report.console import trust_text
@@ -157,9 +157,9 @@ def test_what_to_trust_is_said_in_words(page, result):
 def test_what_is_known_before_the_likelihood_stage_can_be_shown_like_a_result():
     data, _ = samples(count=1000)
     study = Study(data=Data(time="t"), coordinates={"x": Measured(), "y": Measured()}, inputs={"u": Driven()})
-    drafts = []
-    result = identify(study, data, draft=drafts.append)
-    (draft,) = drafts
+    told = []
+    result = identify(study, data, watch=told.append)
+    (draft,) = (event.result for event in told if isinstance(event, DraftReady))
     assert draft.model.scores is None
     assert set(draft.notes) <= set(result.notes)
     assert draft._repr_html_().count("<math") == 2
