@@ -18,8 +18,8 @@ from odescope.parallel.kernels import compiled
 from odescope.pipeline.identification import DraftReady, Identification, identify
 from odescope.report.assemble import observed, read_report, summary
 from odescope.report.data import Observed, Report, TableRow
-from odescope.report.figures.paint import Painters, painters
-from odescope.report.figures.pictures import early_pictures, pictures
+from odescope.report.figures.catalogue import early_pictures, pictures
+from odescope.report.figures.processes import Painters, painters
 from odescope.report.page import report_files
 from odescope.report.searches import searched
 from odescope.study.options import Study

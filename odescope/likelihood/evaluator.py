@@ -11,8 +11,8 @@ from itertools import pairwise
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.likelihood.block_cholesky import eliminate, substitute
 from odescope.likelihood.budget import Budget
-from odescope.likelihood.elimination import eliminate, substitute
 from odescope.likelihood.kernel import LANES, Averages, Sums, integrate
 from odescope.likelihood.program import Program
 from odescope.likelihood.segments import Segments

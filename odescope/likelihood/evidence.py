@@ -12,7 +12,7 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray
 from odescope.likelihood.evaluator import scaled
 from odescope.likelihood.fit import SINGULAR, Fit
-from odescope.likelihood.searcher import Searcher
+from odescope.likelihood.search_space import SearchSpace
 
 TOLD_APART = 1e-6  # share of a candidate's information that the present terms leave to it, at least
 
@@ -83,16 +83,16 @@ class Evidence:
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def weigh(searcher: Searcher, found: Fit, information: FloatArray, blocks: FloatArray) -> Evidence:
+def weigh(space: SearchSpace, found: Fit, information: FloatArray, blocks: FloatArray) -> Evidence:
     """Return the evidence in a reduced information matrix, checked against the spread between blocks of the record.
 
     Args:
-        searcher: candidates and their penalties.
+        space: candidates and their penalties.
         found: a fit of some of them.
         information: (f, f) of all free parts, initial states eliminated.
         blocks: (b, f) gradients of the blocks of the record, which sum to the whole; a single row is no check.
     """
-    free = searcher.free
+    free = space.free
     here = np.isin(free, found.present)
     rest = project(information, blocks, here)
     own, spread = np.diag(rest.inverse), np.maximum(rest.left, 1e-300)
@@ -100,9 +100,9 @@ def weigh(searcher: Searcher, found: Fit, information: FloatArray, blocks: Float
         own = np.maximum(own, between(rest.influence))
         spread = np.maximum(spread, between(rest.slopes))
     variances = own / rest.scale[here] ** 2
-    scores, limits = np.zeros(len(searcher.parts)), np.zeros(len(searcher.parts))
+    scores, limits = np.zeros(len(space.parts)), np.zeros(len(space.parts))
     scores[free[~here]] = rest.scores(spread)
-    reach = np.sqrt(searcher.penalty[free[~here]] * spread) / np.maximum(rest.left, 1e-300) / rest.scale[~here]
+    reach = np.sqrt(space.penalty[free[~here]] * spread) / np.maximum(rest.left, 1e-300) / rest.scale[~here]
     limits[free[~here]] = np.where(rest.told, reach, np.inf)
     diagonal = np.sqrt(np.maximum(np.diag(rest.inverse), 1e-300))
     return Evidence(

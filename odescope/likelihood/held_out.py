@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.likelihood.searcher import Searcher
+from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 
 FIFTH = 5  # one record in so many is held out; of fewer records, that part of each
@@ -31,13 +31,13 @@ def without_held_out(segments: Segments) -> Segments:
     return replace(segments, start=begin[keep], count=segments.count[keep], joined=joined[keep])
 
 
-def free_run_error(searcher: Searcher, theta: FloatArray) -> float:
+def free_run_error(space: SearchSpace, theta: FloatArray) -> float:
     """Return the mean squared error of free runs over what is held out, saturating at 1.
 
     They begin at smoothed states within every stretch, away from its edges where smoothing is poor, and last until its
     end; errors are in units of the channel's variance over all records.
     """
-    segments = searcher.segments
+    segments = space.segments
     measured = segments.measured
     windows = [
         (low + (2 * k + 1) * (high - low) // (2 * WINDOWS + 2), high)
@@ -52,8 +52,8 @@ def free_run_error(searcher: Searcher, theta: FloatArray) -> float:
         joined=np.zeros(len(start), dtype=np.bool_),
         noise=np.maximum(measured.std(axis=0), 1e-300),
     )
-    program, kept = searcher.program(np.flatnonzero(theta))
+    program, kept = space.program(np.flatnonzero(theta))
     none = np.zeros(0, dtype=np.int64)
-    cost = searcher.on(loose).evaluator.integrate(program, theta[kept], none, segments.filtered[start]).cost
+    cost = space.on(loose).evaluator.integrate(program, theta[kept], none, segments.filtered[start]).cost
     error = cost / (loose.count * measured.shape[1])
     return float(np.mean(np.where(np.isfinite(error), error / (1.0 + error), 1.0)))

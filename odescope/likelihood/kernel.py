@@ -14,6 +14,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.tape import run_tape
+from odescope.model.linear_solve import solve_in_place
 from odescope.parallel.kernels import kernel
 
 LANES = 32  # segments side by side: states, sensitivities and tape of 32 lanes stay in a first- or second-level cache
@@ -168,30 +169,16 @@ def _invert(a, inv, targets, lanes):
             inv[0, 0, lane], inv[1, 1, lane] = a[1, 1, lane] * d, a[0, 0, lane] * d
             inv[0, 1, lane], inv[1, 0, lane] = -a[0, 1, lane] * d, -a[1, 0, lane] * d
         return
-    m = np.empty((targets, 2 * targets))
+    left, right = np.empty((targets, targets)), np.empty((targets, targets))
     for lane in range(lanes):
         for i in range(targets):
             for j in range(targets):
-                m[i, j] = a[i, j, lane]
-                m[i, targets + j] = 1.0 if i == j else 0.0
-        for k in range(targets):
-            pivot = k
-            for i in range(k + 1, targets):
-                if abs(m[i, k]) > abs(m[pivot, k]):
-                    pivot = i
-            for j in range(2 * targets):
-                m[k, j], m[pivot, j] = m[pivot, j], m[k, j]
-            scale = 1.0 / m[k, k]
-            for j in range(2 * targets):
-                m[k, j] *= scale
-            for i in range(targets):
-                if i != k:
-                    f = m[i, k]
-                    for j in range(2 * targets):
-                        m[i, j] -= f * m[k, j]
+                left[i, j] = a[i, j, lane]
+                right[i, j] = 1.0 if i == j else 0.0
+        solve_in_place(left, right)
         for i in range(targets):
             for j in range(targets):
-                inv[i, j, lane] = m[i, targets + j]
+                inv[i, j, lane] = right[i, j]
 
 
 @kernel("contract")

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.likelihood.elimination import state_covariances
+from odescope.likelihood.add_and_drop import Moves
+from odescope.likelihood.block_cholesky import state_covariances
 from odescope.likelihood.evidence import Evidence, in_blocks, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, without_held_out
-from odescope.likelihood.moves import Moves
 from odescope.likelihood.search import THIN, Outcome
-from odescope.likelihood.searcher import Move, Searcher
+from odescope.likelihood.search_space import Move, SearchSpace
 from odescope.likelihood.segments import Segments
 
 PIECES = (5, 2, 1)  # averages a segment: what a model lacks may change within a fraction of the shortest period
@@ -38,14 +38,14 @@ NO_WORSE = 1.02  # held-out error over the least: a term that buys less is left 
 
 @dataclass(frozen=True, eq=False)
 class Noisy:
-    """A model with process noise: the searcher's segments hold both noises, of an average and of a defect.
+    """A model with process noise: the space's segments hold both noises, of an average and of a defect.
 
     `marginal` is -2 log of the marginal likelihood less a constant; `held_out` the error of free runs on what the
     search did not see (`free_run_error`).
     """
 
     fit: Fit
-    searcher: Searcher
+    space: SearchSpace
     marginal: float
     evidence: Evidence
     held_out: float
@@ -54,43 +54,43 @@ class Noisy:
     @property
     def penalised(self) -> float:
         """Marginal cost plus the penalty of every term and, as Bayes' criterion has it, of every defect's width."""
-        segments = self.searcher.segments
+        segments = self.space.segments
         widths = len(segments.spread) * float(np.log(segments.samples))
-        return self.marginal + float(self.searcher.penalty[self.fit.present].sum()) + widths
+        return self.marginal + float(self.space.penalty[self.fit.present].sum()) + widths
 
     @property
     def window(self) -> float:
         """Length of a segment in seconds."""
-        return float(np.median(self.searcher.segments.count)) * self.searcher.segments.step
+        return float(np.median(self.space.segments.count)) * self.space.segments.step
 
     @property
     def unexplained(self) -> FloatArray:
         """Root mean square of what the model does not explain of each target, averaged over a segment, (targets,)."""
-        following = self.searcher.frame.following
+        following = self.space.frame.following
         states = [int(np.flatnonzero(following == -1 - t)[0]) for t in range(int((following < 0).sum()))]
-        rms: FloatArray = self.searcher.segments.spread[states] / self.window
+        rms: FloatArray = self.space.segments.spread[states] / self.window
         return rms
 
 
-def with_noise(searcher: Searcher, measurement: FloatArray, process: FloatArray) -> Searcher:
-    """Return the searcher that weighs by these standard deviations; its `spread` is then that of a defect.
+def with_noise(space: SearchSpace, measurement: FloatArray, process: FloatArray) -> SearchSpace:
+    """Return the space that weighs by these standard deviations; its `spread` is then that of a defect.
 
     Args:
-        searcher: data and candidates.
+        space: data and candidates.
         measurement: (c,) of an average.
         process: (n,) of a defect.
     """
-    return searcher.on(replace(searcher.segments, noise=measurement, spread=process))
+    return space.on(replace(space.segments, noise=measurement, spread=process))
 
 
-def estimate_noise(searcher: Searcher, found: Fit) -> tuple[Searcher, Fit, float]:
-    """Estimate both noises by expectation-maximisation around a structure; return searcher, fit and marginal cost."""
-    floor = LEAST_NOISE * searcher.segments.spread, LEAST_NOISE * searcher.segments.noise
-    process, measurement, marginal = _expected_squares(searcher, found)
+def estimate_noise(space: SearchSpace, found: Fit) -> tuple[SearchSpace, Fit, float]:
+    """Estimate both noises by expectation-maximisation around a structure; return space, fit and marginal cost."""
+    floor = LEAST_NOISE * space.segments.spread, LEAST_NOISE * space.segments.noise
+    process, measurement, marginal = _expected_squares(space, found)
     for _ in range(EM_ITERATIONS):
-        segments = searcher.segments
+        segments = space.segments
         moved = with_noise(
-            searcher,
+            space,
             np.maximum(segments.noise * np.clip(measurement / segments.noise, 1.0 / EM_STRIDE, EM_STRIDE), floor[1]),
             np.maximum(segments.spread * np.clip(process / segments.spread, 1.0 / EM_STRIDE, EM_STRIDE), floor[0]),
         )
@@ -100,20 +100,20 @@ def estimate_noise(searcher: Searcher, found: Fit) -> tuple[Searcher, Fit, float
         process, measurement, cost = _expected_squares(moved, again)
         if not cost < marginal:
             break
-        fall, searcher, found, marginal = marginal - cost, moved, again, cost
+        fall, space, found, marginal = marginal - cost, moved, again, cost
         if fall < EM_CONVERGED:
             break
-    return searcher, found, marginal
+    return space, found, marginal
 
 
-def _expected_squares(searcher: Searcher, found: Fit) -> tuple[FloatArray, FloatArray, float]:
+def _expected_squares(space: SearchSpace, found: Fit) -> tuple[FloatArray, FloatArray, float]:
     """Return root mean squares of defects (n,) and residuals (c,), as the posterior of the states expects them.
 
     And the marginal cost: -2 log of the likelihood, by Laplace's approximation over the states, less a constant.
     """
-    segments, evaluator = searcher.segments, searcher.evaluator
+    segments, evaluator = space.segments, space.evaluator
     n, none = found.x0.shape[1], np.zeros(0, dtype=np.int64)
-    program, kept = searcher.program(found.present)
+    program, kept = space.program(found.present)
     theta = found.theta[kept]
     integrated = evaluator.integrate(program, theta, none, found.x0)
     expansion = evaluator.expand(program, theta, none, found.x0, segments.spread, 0.0, integrated)
@@ -136,7 +136,7 @@ def _expected_squares(searcher: Searcher, found: Fit) -> tuple[FloatArray, Float
     for c in range(len(measurement)):
         alone = np.full(len(measurement), np.inf)
         alone[c] = 1.0
-        only = searcher.on(replace(segments, noise=alone)).evaluator.integrate(program, theta, none, found.x0)
+        only = space.on(replace(segments, noise=alone)).evaluator.integrate(program, theta, none, found.x0)
         taken = float(np.einsum("jik,jki->", only.hessian, own)) / segments.noise[c] ** 2
         measurement[c] = np.sqrt(only.cost.sum() / max(samples - taken, 1e-3 * samples))
     marginal = (
@@ -148,90 +148,90 @@ def _expected_squares(searcher: Searcher, found: Fit) -> tuple[FloatArray, Float
     return process, measurement, float(marginal)
 
 
-def robust_evidence(searcher: Searcher, found: Fit) -> Evidence | None:
+def robust_evidence(space: SearchSpace, found: Fit) -> Evidence | None:
     """Return evidence that does not take coloured defects for information, None where there is no expansion.
 
     By Fisher's identity the gradient of the marginal likelihood is that of the complete one at the smoothed states: a
     sum over segments. Sums over square-root-many blocks of segments are nearly independent, whatever the colour.
     """
-    segments, free = searcher.segments, searcher.free
+    segments, free = space.segments, space.free
     n = found.x0.shape[1]
-    integrated = searcher.evaluator.integrate(searcher.whole, found.theta, free, found.x0)
-    expansion = searcher.evaluator.expand(searcher.whole, found.theta, free, found.x0, segments.spread, 0.0, integrated)
+    integrated = space.evaluator.integrate(space.whole, found.theta, free, found.x0)
+    expansion = space.evaluator.expand(space.whole, found.theta, free, found.x0, segments.spread, 0.0, integrated)
     if expansion is None or not expansion.finite:
         return None
     gradient = integrated.gradient[:, n:].copy()
     joints = np.flatnonzero(segments.joined)
     weighted = (integrated.last[joints] - found.x0[joints + 1]) / segments.spread**2
     gradient[joints] += np.einsum("ji,jip->jp", weighted, integrated.jacobian[joints][:, :, n:])
-    return weigh(searcher, found, expansion.information, in_blocks(gradient))
+    return weigh(space, found, expansion.information, in_blocks(gradient))
 
 
-def cost_without_process_noise(searcher: Searcher, outcome: Outcome) -> float:
-    """Return the penalised marginal cost of a model that follows its record, on the cut that `searcher` has."""
-    segments = searcher.segments
-    strict = with_noise(searcher, segments.noise * np.sqrt(max(outcome.scale, 1.0)), segments.spread * outcome.width)
+def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
+    """Return the penalised marginal cost of a model that follows its record, on the cut that `space` has."""
+    segments = space.segments
+    strict = with_noise(space, segments.noise * np.sqrt(max(outcome.scale, 1.0)), segments.spread * outcome.width)
     found = strict.fit(outcome.fit.theta, outcome.fit.present, segments.initial, strict.segments.spread)
     if found is None:
         return np.inf
-    return _expected_squares(strict, found)[2] + float(searcher.penalty[found.present].sum())
+    return _expected_squares(strict, found)[2] + float(space.penalty[found.present].sum())
 
 
 def in_pieces(
-    cut: Callable[[int], Segments], searcher: Searcher, starts: Sequence[tuple[FloatArray, IntArray]]
-) -> Searcher:
-    """Return the searcher on segments so short that shorter ones would describe a first start hardly better.
+    cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[tuple[FloatArray, IntArray]]
+) -> SearchSpace:
+    """Return the space on segments so short that shorter ones would describe a first start hardly better.
 
     Noise that acts within a segment would be taken for measurement noise, and bias the coefficients as errors in
     variables do. All lengths describe the same samples, so their marginal costs compare.
 
     Args:
         cut: cuts the data into segments of so many averages.
-        searcher: candidates.
+        space: candidates.
         starts: as for the search; the first that can be followed is judged.
     """
     best, least = None, np.inf
     for length in PIECES:
         segments = cut(length)
-        width = segments.spread.size + len(searcher.free)
+        width = segments.spread.size + len(space.free)
         if best is not None and 8.0 * len(segments.start) * width**2 > LARGEST_TABLE:
             break
-        pieces = searcher.on(segments)
+        pieces = space.on(segments)
         fits = (pieces.fit(theta, present, segments.initial, segments.spread) for theta, present in starts)
         found = next((f for f in fits if f is not None), None)
         cost = np.inf if found is None else estimate_noise(pieces, found)[2]
         if best is not None and not cost < least - WORTH_FINER * segments.samples:
             break
         best, least = pieces, cost
-        if searcher.budget.over:
+        if space.budget.over:
             break
     assert best is not None
     return best
 
 
-def search_with_process_noise(searcher: Searcher, starts: Sequence[tuple[FloatArray, IntArray]]) -> Noisy | None:
+def search_with_process_noise(space: SearchSpace, starts: Sequence[tuple[FloatArray, IntArray]]) -> Noisy | None:
     """Return the best model with process noise that searches end at, or None where none can start.
 
     Some of the data are held out from the searches; along the way back from their ends, term by term, free runs of
     that say where to stop. The best is then fitted to all.
 
     Args:
-        searcher: data cut into short segments (`in_pieces`), and candidates.
+        space: data cut into short segments (`in_pieces`), and candidates.
         starts: (parts,) coefficients to begin with, 1 in held parts, and the parts present.
     """
-    seen = searcher.on(without_held_out(searcher.segments))
+    seen = space.on(without_held_out(space.segments))
     ends = []
     for theta, present in starts:
         end = _search(seen, theta, present)
         if end is not None:
             ends.append(end)
             seen = end[0]  # the next start begins with the noise that this one found
-        if searcher.budget.over:
+        if space.budget.over:
             break
     if not ends:
         return None
     seen, here, _, trail = min(ends, key=lambda end: end[2])
-    begun = with_noise(searcher, seen.segments.noise, seen.segments.spread)
+    begun = with_noise(space, seen.segments.noise, seen.segments.spread)
     found = begun.fit(here.theta, here.present, begun.segments.initial, begun.segments.spread)
     if found is None:
         return None
@@ -243,9 +243,9 @@ def search_with_process_noise(searcher: Searcher, starts: Sequence[tuple[FloatAr
 
 
 def _search(
-    seen: Searcher, theta: FloatArray, present: IntArray
-) -> tuple[Searcher, Fit, float, tuple[Move, ...]] | None:
-    """Return the end of one search: the searcher with its noise, the fit, its penalised cost, the trail."""
+    seen: SearchSpace, theta: FloatArray, present: IntArray
+) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]] | None:
+    """Return the end of one search: the space with its noise, the fit, its penalised cost, the trail."""
     here = seen.fit(theta, np.sort(present), seen.segments.initial, seen.segments.spread)
     if here is None:
         return None
@@ -265,8 +265,8 @@ class _BlockSpread:
 
     trials, binding = STEPS, True
 
-    def __init__(self, searcher: Searcher) -> None:
-        self._searcher = searcher
+    def __init__(self, space: SearchSpace) -> None:
+        self._searcher = space
         self._last: tuple[Fit, Evidence | None] | None = None
 
     def evidence(self, here: Fit) -> Evidence | None:
@@ -286,11 +286,11 @@ class _BlockSpread:
         return None if evidence is None else evidence.scores
 
 
-def _settle(searcher: Searcher, here: Fit, trail: list[Move]) -> Fit:
+def _settle(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
     """Drop and add by the robust evidence until nothing moves."""
-    moves = Moves(searcher, _BlockSpread(searcher), 1.0, 1.0, trail)
+    moves = Moves(space, _BlockSpread(space), 1.0, 1.0, trail)
     for _ in range(STEPS):
-        if searcher.budget.over:
+        if space.budget.over:
             break
         moved = moves.drop(here) or moves.add(here)
         if moved is None:
@@ -299,16 +299,16 @@ def _settle(searcher: Searcher, here: Fit, trail: list[Move]) -> Fit:
     return here
 
 
-def _shortest(searcher: Searcher, here: Fit, trail: list[Move]) -> Fit:
+def _shortest(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
     """Return the shortest model, on the way back from `here`, whose free run of what it has not seen is no worse."""
     path, left_out = [here], list[Move]()
-    judge = _BlockSpread(searcher)
-    moves = Moves(searcher, judge, 1.0, 1.0, left_out)
-    while len(path[-1].present) > 1 and not searcher.budget.over:
+    judge = _BlockSpread(space)
+    moves = Moves(space, judge, 1.0, 1.0, left_out)
+    while len(path[-1].present) > 1 and not space.budget.over:
         wald = judge.wald(path[-1])
         if wald is None:
             break
-        thin = wald / searcher.penalty[path[-1].present]
+        thin = wald / space.penalty[path[-1].present]
         place = int(np.argmin(thin))
         if thin[place] > THIN:
             break
@@ -316,9 +316,9 @@ def _shortest(searcher: Searcher, here: Fit, trail: list[Move]) -> Fit:
         shorter = moves.without(path[-1], k)
         if shorter is None:
             break
-        left_out.append(searcher.move(1.0, "leave out", k, float(wald[place]), shorter))
+        left_out.append(space.move(1.0, "leave out", k, float(wald[place]), shorter))
         path.append(shorter)
-    errors = np.array([free_run_error(searcher, f.theta) for f in path])
+    errors = np.array([free_run_error(space, f.theta) for f in path])
     last = int(np.flatnonzero(errors <= NO_WORSE * errors.min())[-1])
     trail.extend(left_out[:last])
     return path[last]

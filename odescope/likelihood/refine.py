@@ -23,7 +23,7 @@ from odescope.likelihood.process_noise import (
 )
 from odescope.likelihood.program import Frame
 from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, search
-from odescope.likelihood.searcher import Searcher, candidate_parts
+from odescope.likelihood.search_space import SearchSpace, candidate_parts
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
 from odescope.model.relation import Relation, RelationTerm
 from odescope.parallel.workers import Threads, Workers
@@ -55,7 +55,7 @@ class Refinement:
 
     `outcome` is the search for a model that follows the record to within its noise. Where there is none, `process` is
     the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and
-    `searcher` are those of the relations, `evidence` what the record says of every term. Not `finished` if the budget
+    `space` are those of the relations, `evidence` what the record says of every term. Not `finished` if the budget
     ended a search, `late` if the clock did; `spent` is in units of the budget.
     """
 
@@ -64,7 +64,7 @@ class Refinement:
     process: Noisy | None
     rejected: Noisy | None
     fit: Fit
-    searcher: Searcher
+    space: SearchSpace
     evidence: Evidence | None
     starts: int
     finished: bool
@@ -104,7 +104,7 @@ def refine(
         differentiator: that the signals were found with.
         options: how many starts, at what budget.
         monitor: told what goes on, and asked whether to stop.
-        workers: who searches from the starts.
+        workers: where it is searched from the starts.
 
     Raises:
         Stopped: the run is to end.
@@ -116,55 +116,55 @@ def refine(
     frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs])
     deadline = None if options.seconds is None else time.time() + options.seconds
     budget = Budget(options.budget, monitor, deadline)
-    searcher = Searcher(Evaluator(cut(SEGMENT), 1, budget), candidate_parts([p.terms for p in problems]), frame)
-    if len(searcher.held) < searcher.relations:
+    space = SearchSpace(Evaluator(cut(SEGMENT), 1, budget), candidate_parts([p.terms for p in problems]), frame)
+    if len(space.held) < space.relations:
         return None  # a library without the bare target has nothing that could be 1 throughout a search
-    begun = [searcher.start(relations) for relations in starts][: options.starts]
-    begun.append(searcher.start([_forward(problem) for problem in problems]))
-    searcher = _fine_enough(searcher, begun)
-    outcomes = _searches(searcher, begun, searcher.start(plain), monitor, workers)
+    begun = [space.start(relations) for relations in starts][: options.starts]
+    begun.append(space.start([_forward(problem) for problem in problems]))
+    space = _fine_enough(space, begun)
+    outcomes = _searches(space, begun, space.start(plain), monitor, workers)
     if not outcomes:
         return None
     budget.spent += sum(o.spent for o in outcomes)
-    return _judged(cut, searcher, begun, outcomes)
+    return _judged(cut, space, begun, outcomes)
 
 
 def _judged(
-    cut: Callable[[int], Segments], searcher: Searcher, begun: Sequence[Start], outcomes: Sequence[Outcome]
+    cut: Callable[[int], Segments], space: SearchSpace, begun: Sequence[Start], outcomes: Sequence[Outcome]
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
     best = min(outcomes, key=lambda o: o.rank)
     if _joined(best):
-        searcher, best = _finer(searcher, best)
+        space, best = _finer(space, best)
     process, adopted = None, False
-    chance = CHANCE * np.sqrt(2.0 / searcher.segments.samples)  # of white residuals alone
+    chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:
-        searcher.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
-        process, adopted = _with_process_noise(cut, searcher, best, begun)
+        space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
+        process, adopted = _with_process_noise(cut, space, best, begun)
     evidence: Evidence | None
     if process is not None and adopted:
-        found, last, evidence = process.fit, process.searcher, process.evidence
+        found, last, evidence = process.fit, process.space, process.evidence
         errors = np.sqrt(evidence.variances)
     else:
-        found, last, evidence = best.fit, searcher, _evidence(searcher, best)
+        found, last, evidence = best.fit, space, _evidence(space, best)
         errors = np.sqrt(found.variances * best.scale)
     return Refinement(
-        relations=searcher.relations_of(found, errors),
+        relations=space.relations_of(found, errors),
         outcome=best,
         process=process if adopted else None,
         rejected=None if adopted else process,
         fit=found,
-        searcher=last,
+        space=last,
         evidence=evidence,
         starts=len(outcomes),
-        finished=best.finished and not searcher.budget.over,
-        late=best.late or searcher.budget.late,
-        spent=searcher.budget.spent,
+        finished=best.finished and not space.budget.over,
+        late=best.late or space.budget.late,
+        spent=space.budget.spent,
     )
 
 
 def _searches(
-    searcher: Searcher, begun: Sequence[Start], plain: Start, monitor: Monitor, workers: Workers
+    space: SearchSpace, begun: Sequence[Start], plain: Start, monitor: Monitor, workers: Workers
 ) -> list[Outcome]:
     """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails.
 
@@ -172,10 +172,11 @@ def _searches(
     """
     share = JOINED_SHARE / len(begun)
     # A monitor speaks to whoever started the run, not to a worker elsewhere.
-    budget = replace(searcher.budget.part(share), monitor=Monitor()) if workers.remote else searcher.budget.part(share)
+    budget = replace(space.budget.part(share), monitor=Monitor()) if workers.remote else space.budget.part(share)
     outcomes, failed = list[Outcome](), False
     monitor.tell(Progress("likelihood", "search", 0, len(begun)))
-    for number, found in enumerate(workers.map(_search, begun, searcher.within(budget), alone=True), start=1):
+    ends = workers.map(_search, begun, space.within(budget), alone=True, check=monitor.check)
+    for number, found in enumerate(ends, start=1):
         monitor.check()
         monitor.tell(Progress("likelihood", "search", number, len(begun)))
         if found is None:
@@ -186,25 +187,25 @@ def _searches(
             break
     if failed:
         monitor.tell(Progress("likelihood", "search from plain relations", 0, 1))
-        found = _search(_shorter(searcher, plain, outcomes), searcher.within(searcher.budget.part(share)))
+        found = _search(_shorter(space, plain, outcomes), space.within(space.budget.part(share)))
         if found is not None:
             outcomes.append(found)
     return outcomes
 
 
-def _search(start: Start, searcher: Searcher) -> Outcome | None:
+def _search(start: Start, space: SearchSpace) -> Outcome | None:
     """Search with a budget of one's own."""
-    return search(searcher.within(searcher.budget.part(1.0)), *start)
+    return search(space.within(space.budget.part(1.0)), *start)
 
 
-def _shorter(searcher: Searcher, plain: Start, outcomes: Sequence[Outcome]) -> Start:
+def _shorter(space: SearchSpace, plain: Start, outcomes: Sequence[Outcome]) -> Start:
     """Return each relation as it is plain or as the best search left it, whichever has fewer terms."""
     if not outcomes:
         return plain
     best = min(outcomes, key=lambda o: o.rank).fit
-    theta, owner = plain[0].copy(), np.array([p.relation for p in searcher.parts])
+    theta, owner = plain[0].copy(), np.array([p.relation for p in space.parts])
     present = list[int]()
-    for r in range(searcher.relations):
+    for r in range(space.relations):
         own, other = plain[1][owner[plain[1]] == r], best.present[owner[best.present] == r]
         if len(other) < len(own):
             theta[own] = 0.0
@@ -215,11 +216,11 @@ def _shorter(searcher: Searcher, plain: Start, outcomes: Sequence[Outcome]) -> S
 
 
 def _with_process_noise(
-    cut: Callable[[int], Segments], searcher: Searcher, best: Outcome, begun: Sequence[Start]
+    cut: Callable[[int], Segments], space: SearchSpace, best: Outcome, begun: Sequence[Start]
 ) -> tuple[Noisy | None, bool]:
     """Return the model with process noise, None where no start can be followed, and whether the record needs it."""
     starts = [*begun, *([(best.fit.theta, best.fit.present)] if np.isfinite(best.width) else [])]
-    pieces = in_pieces(cut, searcher, starts)
+    pieces = in_pieces(cut, space, starts)
     process = search_with_process_noise(pieces, starts)
     if process is None:
         return None, False
@@ -230,13 +231,13 @@ def _with_process_noise(
     return process, found < max(NO_WORSE_THAN_PROPOSED * proposed, NEGLIGIBLE)
 
 
-def _evidence(searcher: Searcher, outcome: Outcome) -> Evidence | None:
+def _evidence(space: SearchSpace, outcome: Outcome) -> Evidence | None:
     """Return the evidence at the end of a search without process noise, variances at the residuals' level."""
-    fit, defect_std = outcome.fit, searcher.segments.spread * outcome.width
-    expansion = searcher.evaluator.expand(searcher.whole, fit.theta, searcher.free, fit.x0, defect_std)
+    fit, defect_std = outcome.fit, space.segments.spread * outcome.width
+    expansion = space.evaluator.expand(space.whole, fit.theta, space.free, fit.x0, defect_std)
     if expansion is None or not expansion.finite:
         return None
-    return weigh(searcher, fit, expansion.information / outcome.scale, expansion.gradient[None] / outcome.scale)
+    return weigh(space, fit, expansion.information / outcome.scale, expansion.gradient[None] / outcome.scale)
 
 
 def _forward(problem: Problem) -> Relation:
@@ -248,29 +249,29 @@ def _forward(problem: Problem) -> Relation:
     return Relation(tuple(RelationTerm(problem.terms[j], float(xi[j])) for j in (problem.left, *path[-1])))
 
 
-def _fine_enough(searcher: Searcher, starts: Sequence[Start]) -> Searcher:
+def _fine_enough(space: SearchSpace, starts: Sequence[Start]) -> SearchSpace:
     """Halve the steps of RK4 until that no longer matters to the first start that can be followed in loose segments."""
-    loose = np.full_like(searcher.segments.spread, np.inf)
+    loose = np.full_like(space.segments.spread, np.inf)
     for theta, present in starts:
-        found = searcher.fit(theta, present, searcher.segments.initial, loose)
+        found = space.fit(theta, present, space.segments.initial, loose)
         if found is not None:
-            return _halve(searcher, found, loose)[0]
-    return searcher
+            return _halve(space, found, loose)[0]
+    return space
 
 
-def _finer(searcher: Searcher, outcome: Outcome) -> tuple[Searcher, Outcome]:
+def _finer(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace, Outcome]:
     """Halve the steps until that no longer matters at the end of a search."""
-    searcher, found = _halve(searcher, outcome.fit, searcher.segments.spread * outcome.width)
-    return searcher, replace(outcome, fit=found)
+    space, found = _halve(space, outcome.fit, space.segments.spread * outcome.width)
+    return space, replace(outcome, fit=found)
 
 
-def _halve(searcher: Searcher, found: Fit, defect_std: FloatArray) -> tuple[Searcher, Fit]:
-    """Return searcher and fit with steps so short that halving them moves no coefficient by its standard error.
+def _halve(space: SearchSpace, found: Fit, defect_std: FloatArray) -> tuple[SearchSpace, Fit]:
+    """Return space and fit with steps so short that halving them moves no coefficient by its standard error.
 
     Where the cost itself hardly changes nothing is refitted. It always does where a term jumps, such as dry friction.
     """
-    while searcher.evaluator.substeps < FINEST:
-        finer = searcher.finer(2 * searcher.evaluator.substeps)
+    while space.evaluator.substeps < FINEST:
+        finer = space.finer(2 * space.evaluator.substeps)
         again = finer.fit(found.theta, found.present, found.x0, defect_std, iterations=0)
         if again is not None and abs(again.cost - found.cost) < STEP_ERROR:
             break
@@ -278,9 +279,9 @@ def _halve(searcher: Searcher, found: Fit, defect_std: FloatArray) -> tuple[Sear
         if refitted is None:
             break
         moved = (refitted.theta - found.theta)[found.present] ** 2
-        variances = refitted.variances * max(refitted.data_cost / searcher.segments.samples, 1.0)
+        variances = refitted.variances * max(refitted.data_cost / space.segments.samples, 1.0)
         same = abs(refitted.cost - found.cost) < STEP_SHARE * found.cost
-        searcher, found = finer, refitted
+        space, found = finer, refitted
         if same and bool(np.all(moved < STEP_MOVE**2 * variances)):
             break
-    return searcher, found
+    return space, found

@@ -12,10 +12,10 @@ import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
+from odescope.likelihood.add_and_drop import HOPELESS, Moves
 from odescope.likelihood.evidence import project
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.moves import HOPELESS, Moves
-from odescope.likelihood.searcher import Move, Searcher
+from odescope.likelihood.search_space import Move, SearchSpace
 
 WIDTHS = (np.inf, 1.0, 0.1, 0.01, 0.001)  # of the defects, in smoothing errors of each state
 NEAR_NOISE = 2.0  # residual variance over noise variance above which continuity is not tightened
@@ -82,7 +82,7 @@ class Outcome:
 class WhiteResiduals:
     """Statistics of a model that follows the record but for white noise; the penalised cost of a refit decides."""
 
-    searcher: Searcher
+    space: SearchSpace
     defect_std: FloatArray
     trials: int = TRIALS
     binding: bool = False
@@ -94,9 +94,9 @@ class WhiteResiduals:
 
     def scores(self, here: Fit) -> FloatArray:
         """Return the score statistic of every absent part, all from one evaluation with all parts on the tape."""
-        searcher, result = self.searcher, np.zeros(len(self.searcher.parts))
-        free = searcher.free
-        expansion = searcher.evaluator.expand(searcher.whole, here.theta, free, here.x0, self.defect_std)
+        space, result = self.space, np.zeros(len(self.space.parts))
+        free = space.free
+        expansion = space.evaluator.expand(space.whole, here.theta, free, here.x0, self.defect_std)
         if expansion is not None:
             present = np.isin(free, here.present)
             rest = project(expansion.information, expansion.gradient[None], present)
@@ -104,63 +104,63 @@ class WhiteResiduals:
         return result
 
 
-def search(searcher: Searcher, theta: FloatArray, present: IntArray) -> Outcome | None:
+def search(space: SearchSpace, theta: FloatArray, present: IntArray) -> Outcome | None:
     """Return where a search from these parts ends, or None where the start cannot be integrated.
 
     Args:
-        searcher: data, candidates, budget.
+        space: data, candidates, budget.
         theta: (parts,) coefficients to begin with, 1 in held parts.
         present: the parts to begin with, ascending.
 
     Raises:
         Stopped: the run is to end.
     """
-    segments, trail = searcher.segments, list[Move]()
-    here = searcher.fit(theta, present, segments.initial, segments.spread * np.inf)
+    segments, trail = space.segments, list[Move]()
+    here = space.fit(theta, present, segments.initial, segments.spread * np.inf)
     if here is None:
         return None
-    best = here, float(WIDTHS[0]), _scale(searcher, here, WIDTHS[0])
+    best = here, float(WIDTHS[0]), _scale(space, here, WIDTHS[0])
     for width in WIDTHS:
-        refitted = searcher.fit(here.theta, here.present, here.x0, segments.spread * width)
+        refitted = space.fit(here.theta, here.present, here.x0, segments.spread * width)
         if refitted is None:
             break
-        here = _settle(searcher, refitted, width, trail)
-        scale = _scale(searcher, here, width)
-        if width != WIDTHS[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or _torn(searcher, here)):
+        here = _settle(space, refitted, width, trail)
+        scale = _scale(space, here, width)
+        if width != WIDTHS[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or _torn(space, here)):
             break
         best = here, float(width), scale
         if scale > NEAR_NOISE:
             break  # nothing that is absent explains the record: joining segments would only invent terms
-        if searcher.budget.over:
+        if space.budget.over:
             break
-    budget = searcher.budget
-    return Outcome(*best, searcher.penalty, tuple(trail), not budget.over, budget.late, budget.spent)
+    budget = space.budget
+    return Outcome(*best, space.penalty, tuple(trail), not budget.over, budget.late, budget.spent)
 
 
-def _torn(searcher: Searcher, found: Fit) -> bool:
+def _torn(space: SearchSpace, found: Fit) -> bool:
     """Say whether the defects are larger than their width: the record does not support a tighter one."""
-    defects = int(searcher.segments.joined.sum()) * found.x0.shape[1]
+    defects = int(space.segments.joined.sum()) * found.x0.shape[1]
     return bool(defects > 0 and found.cost - found.data_cost > defects)
 
 
-def _scale(searcher: Searcher, found: Fit, width: float) -> float:
+def _scale(space: SearchSpace, found: Fit, width: float) -> float:
     """Return the residual variance over the noise variance, degrees of freedom of loose initial states counted."""
-    segments = searcher.segments
+    segments = space.segments
     states = found.x0.size if np.isinf(width) else found.x0.shape[1] * (1 + int((~segments.joined).sum()))
     freedom = max(segments.samples - states - len(found.present), 1)
     return max(found.data_cost / freedom, 1e-12)
 
 
-def _settle(searcher: Searcher, here: Fit, width: float, trail: list[Move]) -> Fit:
+def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move]) -> Fit:
     """Add, drop and go round weak terms at one width until nothing moves."""
-    judge = WhiteResiduals(searcher, searcher.segments.spread * width)
+    judge = WhiteResiduals(space, space.segments.spread * width)
     for round_ in range(ROUNDS):
-        scale = max(_scale(searcher, here, width), 1.0)
-        lost = round_ >= PATIENCE * searcher.relations and scale > HOPELESS
-        full = len(here.present) > MOST_TERMS * searcher.relations
-        if lost or full or searcher.budget.over:
+        scale = max(_scale(space, here, width), 1.0)
+        lost = round_ >= PATIENCE * space.relations and scale > HOPELESS
+        full = len(here.present) > MOST_TERMS * space.relations
+        if lost or full or space.budget.over:
             return here
-        moves = Moves(searcher, judge, width, scale, trail)
+        moves = Moves(space, judge, width, scale, trail)
         moved = moves.drop(here) or moves.add(here)
         if moved is None and width <= LOOK_BACK:
             moved = moves.look_back(here)

@@ -9,7 +9,7 @@ from importlib.metadata import version
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.likelihood.account import likelihood_scores
+from odescope.likelihood.findings import likelihood_scores
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Json, Model, without_delays

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from odescope.arrays import Table
 from odescope.events import Event, Monitor, Note, never, unheard
-from odescope.likelihood.account import doubts
+from odescope.likelihood.findings import doubts
 from odescope.likelihood.refine import Refinement
 from odescope.model.display import equations_html
 from odescope.model.model import Model

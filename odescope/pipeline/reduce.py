@@ -5,6 +5,7 @@ Cutoffs, delays, clipping, candidates and the weights of the rows are settled be
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Generator, Sequence
 from contextlib import closing
@@ -128,8 +129,10 @@ def _tasks(sample: Sample, plan: Plan) -> list[Task]:
     turns = {_place(c): k % FOLDS for k, c in enumerate(sample.chunks)}
     chunks = [c for file in sample.files for c in cut(file, sample.rows, overlap)]
     parts = pieces_a_block(len(chunks))
-    # The fold of the others is their own, whatever other files there are: what is kept of them stays what it is.
-    folds = [int(digest([str(c.path), c.first]), 16) % FOLDS for c in chunks]
+    # The fold of the others is their own, whatever other files there are and wherever these lie: what is kept of them
+    # stays what it is, and the same study gives the same model on every machine.
+    folder = Path(os.path.commonpath([f.path.parent for f in sample.files]))
+    folds = [int(digest([c.path.relative_to(folder).as_posix(), c.first]), 16) % FOLDS for c in chunks]
     return [Task(c, parts, turns.get(_place(c), fold)) for c, fold in zip(chunks, folds, strict=True)]
 
 

@@ -30,9 +30,8 @@ from odescope.recordings.checks import check_channels
 from odescope.recordings.coordinate import Input
 from odescope.recordings.readers import records_from
 from odescope.recordings.record import Records
-from odescope.regression.factor import Factor
 from odescope.regression.problem import Problem, pose
-from odescope.regression.proposers import Proposer, Support
+from odescope.regression.proposers import Support
 from odescope.selection.bootstrap import inclusion
 from odescope.selection.ranking import Candidate, rank
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
@@ -269,28 +268,8 @@ def search_all(work: Work, prepared: Prepared, problems: Sequence[Problem]) -> t
 
 def _swept(work: Work, problem: Problem) -> Sweep:
     """Return all the supports that are found for a target."""
-    return sweep(problem.factor, problem.terms, _nested(work.study, problem), _interruptible(work))
-
-
-@dataclass(frozen=True)
-class _Interruptible:
-    """A proposer that asks whether to stop before each left-hand side; a sweep over a rich library takes its time."""
-
-    proposer: Proposer
-    monitor: Monitor
-
-    def supports(self, factor: Factor, left: int, columns: Support) -> Iterator[Support]:
-        """Yield what the proposer yields.
-
-        Raises:
-            Stopped: the run is to end.
-        """
-        self.monitor.check()
-        return self.proposer.supports(factor, left, columns)
-
-
-def _interruptible(work: Work) -> tuple[Proposer, ...]:
-    return tuple(_Interruptible(p, work.monitor) for p in work.study.regression.proposers)
+    proposers, check = work.study.regression.proposers, work.monitor.check
+    return sweep(problem.factor, problem.terms, _nested(work.study, problem), proposers, check)
 
 
 def _nested(study: Study, problem: Problem) -> tuple[Support, ...]:
@@ -331,10 +310,8 @@ def draw_anew(work: Work, searches: Sequence[Search], chosen: Chosen) -> tuple[S
     with work.stage("bootstrap"):
         for search, candidate in zip(searches, chosen, strict=True):
             work.monitor.check()
-            nested = _nested(study, search.problem)
-            # Nobody on another machine could be asked whether to stop.
-            proposers = study.regression.proposers if work.workers.remote else _interruptible(work)
-            shares = inclusion(search.problem, candidate, nested, proposers, rng, work.workers)
+            nested, proposers = _nested(study, search.problem), study.regression.proposers
+            shares = inclusion(search.problem, candidate, nested, proposers, rng, work.workers, work.monitor.check)
             drawn.append(replace(search, inclusion=shares))
     return tuple(drawn)
 

@@ -213,7 +213,7 @@ def pieces_a_block(blocks: int) -> int:
 
 
 def factored(
-    rows: LibraryRows, signals: Signals, blocks: Sequence[Block], parts: int, hands: Workers
+    rows: LibraryRows, signals: Signals, blocks: Sequence[Block], parts: int, workers: Workers
 ) -> Iterator[tuple[int, Factor]]:
     """Yield the factors of so many pieces of every block, with the number of its fold.
 
@@ -222,11 +222,11 @@ def factored(
         signals: columns of every record.
         blocks: stretches of the records.
         parts: pieces a block.
-        hands: who factors.
+        workers: where it is factored.
     """
     for block, found in zip(
         blocks,
-        hands.map(lambda b: rows.factors(signals.columns[b.record][:, b.start : b.stop], parts), blocks),
+        workers.map(lambda b: rows.factors(signals.columns[b.record][:, b.start : b.stop], parts), blocks),
         strict=True,
     ):
         yield from ((block.fold, factor) for factor in found)

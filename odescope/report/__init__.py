@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 _HOMES = {
     "assemble": ("read_report", "summary", "to_json_text"),
     "page": ("to_html",),
-    "figures.plots": (
+    "figures.notebook": (
         "plot_accuracy",
         "plot_candidates",
         "plot_correlation",
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from odescope.report.assemble import read_report as read_report
     from odescope.report.assemble import summary as summary
     from odescope.report.assemble import to_json_text as to_json_text
-    from odescope.report.figures.plots import plot_accuracy as plot_accuracy
-    from odescope.report.figures.plots import plot_candidates as plot_candidates
-    from odescope.report.figures.plots import plot_correlation as plot_correlation
-    from odescope.report.figures.plots import plot_derivatives as plot_derivatives
-    from odescope.report.figures.plots import plot_free_run as plot_free_run
-    from odescope.report.figures.plots import plot_signals as plot_signals
-    from odescope.report.figures.plots import plot_spectra as plot_spectra
-    from odescope.report.figures.plots import plot_targets as plot_targets
+    from odescope.report.figures.notebook import plot_accuracy as plot_accuracy
+    from odescope.report.figures.notebook import plot_candidates as plot_candidates
+    from odescope.report.figures.notebook import plot_correlation as plot_correlation
+    from odescope.report.figures.notebook import plot_derivatives as plot_derivatives
+    from odescope.report.figures.notebook import plot_free_run as plot_free_run
+    from odescope.report.figures.notebook import plot_signals as plot_signals
+    from odescope.report.figures.notebook import plot_spectra as plot_spectra
+    from odescope.report.figures.notebook import plot_targets as plot_targets
     from odescope.report.page import to_html as to_html
 
 

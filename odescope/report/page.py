@@ -14,7 +14,7 @@ from odescope.model.relation import RelationTerm
 from odescope.model.scores import Likelihood, Step
 from odescope.report.assemble import model_of, to_json_text
 from odescope.report.data import Report
-from odescope.report.figures.pictures import Picture, draw_job, pictures
+from odescope.report.figures.catalogue import Picture, draw_job, pictures
 from odescope.report.numerals import raised as exponent_digits
 
 if TYPE_CHECKING:

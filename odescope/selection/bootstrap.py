@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.parallel.workers import Workers
+from odescope.parallel.workers import Workers, nothing
 from odescope.regression.factor import Factor, merge
 from odescope.regression.problem import Problem
 from odescope.regression.proposers import Proposer, Support
@@ -41,7 +41,8 @@ def inclusion(
     nested: Sequence[Support],
     proposers: Sequence[Proposer],
     rng: np.random.Generator,
-    hands: Workers,
+    workers: Workers,
+    check: Callable[[], None] = nothing,
 ) -> FloatArray:
     """Return the share of replicates whose best relation holds each term, (m,).
 
@@ -54,12 +55,13 @@ def inclusion(
         nested: the sets of columns of the sweep; the smallest and the largest that hold the relation are searched.
         proposers: searched with.
         rng: draws the pieces.
-        hands: who searches.
+        workers: where it is searched.
+        check: called several times a second; what it raises ends the search.
     """
     drawn, count = _drawn(problem, chosen, nested, proposers), len(problem.pieces)
     draws = [np.bincount(rng.integers(count, size=count), minlength=count) for _ in range(REPLICATES)]
     chosen_in = np.zeros(len(problem.terms))
-    for support in hands.map(_best, draws, drawn):
+    for support in workers.map(_best, draws, drawn, check=check):
         chosen_in[list(support)] += 1.0
     return chosen_in / REPLICATES
 

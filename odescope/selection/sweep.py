@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from odescope.arrays import BoolArray, IntArray
 from odescope.library.expression import Term
 from odescope.library.product import Product
-from odescope.parallel.workers import Threads
+from odescope.parallel.workers import Threads, nothing
 from odescope.regression.factor import Factor
 from odescope.regression.proposers import Proposer, Support
 
@@ -54,7 +54,13 @@ class Sweep:
         return Sweep(tuple(self.supports[k] for k in keep), tuple(self.guesses[k] for k in keep), self.width)
 
 
-def sweep(factor: Factor, terms: Sequence[Product], nested: Sequence[Support], proposers: Sequence[Proposer]) -> Sweep:
+def sweep(
+    factor: Factor,
+    terms: Sequence[Product],
+    nested: Sequence[Support],
+    proposers: Sequence[Proposer],
+    check: Callable[[], None] = nothing,
+) -> Sweep:
     """Return all supports that the proposers find with each column in turn as the left-hand side, (15).
 
     Args:
@@ -62,6 +68,7 @@ def sweep(factor: Factor, terms: Sequence[Product], nested: Sequence[Support], p
         terms: the library's m products.
         nested: sets of columns to search in, the whole library among them (see `nested_libraries`).
         proposers: searched with, one after the other.
+        check: called several times a second; what it raises ends the sweep.
     """
     place = {term: j for j, term in enumerate(terms)}
     found: dict[Support, dict[int, None]] = {}
@@ -75,7 +82,7 @@ def sweep(factor: Factor, terms: Sequence[Product], nested: Sequence[Support], p
             for support in p.supports(factor, guess, columns)
         ]
 
-    for guess, supports in enumerate(Threads().map(search, range(factor.width))):
+    for guess, supports in enumerate(Threads().map(search, range(factor.width), check=check)):
         for support in dict.fromkeys(supports):
             primitive = _primitive((*support, guess), terms, place)
             found.setdefault(tuple(sorted(primitive.values())), {})[primitive[guess]] = None

@@ -10,7 +10,7 @@ from odescope.library.product import Product
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import weigh
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.searcher import Searcher, candidate_parts
+from odescope.likelihood.search_space import SearchSpace, candidate_parts
 
 SLOTS = 7  # of which the first is fixed
 PRESENT = np.array([1, 3, 6])
@@ -18,12 +18,12 @@ ABSENT = np.array([2, 4, 5])
 ROWS, BLOCKS = 4000, 80
 
 
-def searcher(count=SLOTS):
+def space(count=SLOTS):
     data = shots(np.zeros((50, 2)), drive(50), 0.05, 1.0, np.random.default_rng(0), np.ones(2))
     scope = Scope.of(list(SPRING.variables))
     texts = ["1", *(f"x**{k}" for k in range(1, count))]
     products = [Product("x_ddot" if k == 0 else None, parse_term(t, scope)) for k, t in enumerate(texts)]
-    return Searcher(Evaluator(data), candidate_parts([products]), SPRING.frame)
+    return SearchSpace(Evaluator(data), candidate_parts([products]), SPRING.frame)
 
 
 def regression(rng, theta=None, rows=ROWS, correlated=1, twin=None):
@@ -45,7 +45,7 @@ def judged(design, y, blocks, present=PRESENT):
     gradient = -(design * residual[:, None]).reshape(blocks, -1, SLOTS - 1).sum(axis=1)
     information = design.T @ design
     found = Fit(theta, present, np.zeros((1, 2)), 0.0, 0.0, information[np.ix_(present - 1, present - 1)], True)
-    return weigh(searcher(), found, information, gradient), fitted, information, gradient
+    return weigh(space(), found, information, gradient), fitted, information, gradient
 
 
 def test_without_blocks_everything_is_that_of_least_squares():
@@ -67,7 +67,7 @@ def test_without_blocks_everything_is_that_of_least_squares():
         error = np.sqrt(np.linalg.inv(more.T @ more)[-1, -1])
         assert evidence.scores[k] == pytest.approx((with_it[-1] / error) ** 2, rel=1e-6)
         # At its limit a term is so many standard errors away from zero that its statistic is its price.
-        assert (evidence.limits[k] / error) ** 2 == pytest.approx(searcher().penalty[k], rel=1e-6)
+        assert (evidence.limits[k] / error) ** 2 == pytest.approx(space().penalty[k], rel=1e-6)
     assert not evidence.scores[[0, *PRESENT]].any()
     assert not evidence.limits[[0, *PRESENT]].any()
 

@@ -12,7 +12,7 @@ from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import fit
 from odescope.likelihood.program import Part
 from odescope.likelihood.search import WhiteResiduals
-from odescope.likelihood.searcher import Searcher
+from odescope.likelihood.search_space import SearchSpace
 
 NOISE = 0.02
 SPREAD = np.array([0.01, 0.05])
@@ -30,8 +30,8 @@ def evaluator(states, seed, noise=NOISE):
     return Evaluator(data, substeps=2)
 
 
-def searcher(states, seed):
-    return Searcher(
+def space(states, seed):
+    return SearchSpace(
         evaluator(states, seed),
         SPRING.parts,
         SPRING.frame,
@@ -89,7 +89,7 @@ def chopped(theta, x0, parts=4):
 
 
 def test_a_tight_fit_is_the_maximum_likelihood_of_the_whole_record(states):
-    found = fitted(searcher(states, 0))
+    found = fitted(space(states, 0))
     estimate, errors, cost = whole_record(states, 0, SPRING_PRESENT)
     assert np.abs((found.theta[SPRING_PRESENT] - estimate) / errors).max() < 0.02
     np.testing.assert_allclose(np.sqrt(found.variances), errors, rtol=0.01)
@@ -97,7 +97,7 @@ def test_a_tight_fit_is_the_maximum_likelihood_of_the_whole_record(states):
 
 
 def test_a_poor_start_ends_where_a_good_one_does(states):
-    it = searcher(states, 1)
+    it = space(states, 1)
     theta = SPRING.theta * 1.0
     theta[SPRING_PRESENT] *= [0.7, 1.5, 0.5, 1.3]
     good, poor = (fitted(it, start, gap=LOOSE) for start in (SPRING.theta, theta))
@@ -107,7 +107,7 @@ def test_a_poor_start_ends_where_a_good_one_does(states):
 
 @pytest.mark.parametrize("wrong", [0.5, 0.7, 1.2, 1.5])
 def test_narrow_gaps_do_not_keep_a_poor_start_from_its_end(states, wrong):
-    it = searcher(states, 0)
+    it = space(states, 0)
     good, theta = fitted(it), SPRING.theta.copy()
     theta[SPRING_PRESENT] *= wrong
     # Steps judged before the joints have closed crawl: from 0.7 and 1.2 they stop at twice this cost.
@@ -115,7 +115,7 @@ def test_narrow_gaps_do_not_keep_a_poor_start_from_its_end(states, wrong):
 
 
 def test_the_gap_of_a_tight_fit_is_small(states):
-    it = searcher(states, 2)
+    it = space(states, 2)
     found = fitted(it)
     loose = fitted(it, gap=LOOSE)
     assert loose.cost == loose.data_cost < found.data_cost
@@ -124,7 +124,7 @@ def test_the_gap_of_a_tight_fit_is_small(states):
 
 
 def test_standard_errors_are_the_scatter_over_seeds(states):
-    runs = [fitted(searcher(states, seed)) for seed in range(100, 180)]
+    runs = [fitted(space(states, seed)) for seed in range(100, 180)]
     errors = np.array([r.theta[SPRING_PRESENT] - SPRING.theta[SPRING_PRESENT] for r in runs])
     stated = np.sqrt(np.mean([r.variances for r in runs], axis=0))
     np.testing.assert_allclose(np.sqrt(np.mean(errors**2, axis=0)), stated, rtol=0.25)
@@ -139,7 +139,7 @@ def test_scores_of_absent_terms_are_chi_squared_with_one_degree_of_freedom(state
     absent = np.array([5, 6, 7, 8, 9])
     scores = []
     for seed in range(150):
-        it = searcher(states, seed)
+        it = space(states, seed)
         scores.append(WhiteResiduals(it, gap).scores(fitted(it, gap=gap)))
     scores = np.array(scores)
     assert np.all(scores[:, [0, *SPRING_PRESENT]] == 0.0)
@@ -154,7 +154,7 @@ def test_scores_of_absent_terms_are_chi_squared_with_one_degree_of_freedom(state
 def test_score_fall_of_the_cost_and_wald_agree_for_a_weak_term(size):
     theta = SPRING.theta.copy()
     theta[X_SQUARED] = size
-    it = searcher(spring_run(theta), 4)
+    it = space(spring_run(theta), 4)
     without = fitted(it)
     score = WhiteResiduals(it, TIGHT).scores(without)[X_SQUARED]
     with_it = fitted(it, without.theta, np.array([*SPRING_PRESENT, X_SQUARED]))
@@ -167,7 +167,7 @@ def test_score_fall_of_the_cost_and_wald_agree_for_a_weak_term(size):
 
 
 def test_a_start_that_cannot_be_integrated_gives_none(states):
-    it = searcher(states, 5)
+    it = space(states, 5)
     theta = SPRING.theta.copy()
     theta[3] = -1e6
     assert it.fit(theta, SPRING_PRESENT, it.segments.initial, LOOSE) is None
@@ -184,7 +184,7 @@ def with_terms(it, *texts):
 
 
 def test_terms_that_no_data_tell_apart_have_large_variances(states):
-    it, theta = with_terms(searcher(states, 0), "sin(x)**2", "cos(x)**2")
+    it, theta = with_terms(space(states, 0), "sin(x)**2", "cos(x)**2")
     twins = [7, 10, 11]  # 1 = sin^2 + cos^2
     apart = fitted(it, theta, np.array([*SPRING_PRESENT, 7, 10]))
     found = it.fit(theta, np.array([*SPRING_PRESENT, *twins]), it.segments.initial, TIGHT)
@@ -196,7 +196,7 @@ def test_terms_that_no_data_tell_apart_have_large_variances(states):
 
 
 def test_a_term_whose_sensitivities_overflow_is_refused_and_hides_no_other(states):
-    it, theta = with_terms(searcher(states, 0), "exp(300*x)")
+    it, theta = with_terms(space(states, 0), "exp(300*x)")
     assert it.fit(theta, np.array([*SPRING_PRESENT, 10]), it.segments.initial, TIGHT) is None
     lacks = np.array([1, 2, 4])
     found = it.fit(theta, lacks, it.segments.initial, LOOSE)
@@ -206,7 +206,7 @@ def test_a_term_whose_sensitivities_overflow_is_refused_and_hides_no_other(state
 
 
 def test_fits_repeat_to_the_last_bit(states):
-    one, two = (fitted(searcher(states, 6)) for _ in range(2))
+    one, two = (fitted(space(states, 6)) for _ in range(2))
     assert np.array_equal(one.theta, two.theta)
     assert np.array_equal(one.x0, two.x0)
     assert one.cost == two.cost

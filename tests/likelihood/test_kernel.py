@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from small_systems import CART, RING, UPTAKE, drive
 
-from odescope.likelihood.elimination import eliminate, substitute
+from odescope.likelihood.block_cholesky import eliminate, substitute
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.kernel import Sums
 from odescope.likelihood.segments import Segments

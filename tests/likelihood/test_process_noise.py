@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from small_systems import CART, SPRING, System, drive
 
 from odescope.likelihood import process_noise as module
-from odescope.likelihood.elimination import eliminate, state_covariances
+from odescope.likelihood.block_cholesky import eliminate, state_covariances
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import weigh
 from odescope.likelihood.fit import Fit, fit
@@ -26,7 +26,7 @@ from odescope.likelihood.process_noise import (
 )
 from odescope.likelihood.refine import FINEST, _evidence, _halve
 from odescope.likelihood.search import Outcome
-from odescope.likelihood.searcher import Searcher
+from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate
 
@@ -122,8 +122,8 @@ def white_kicks(rng, q, lengths):
     return kicks
 
 
-def searcher(system, segments, substeps=2, budget=None):
-    return Searcher(
+def space(system, segments, substeps=2, budget=None):
+    return SearchSpace(
         Evaluator(segments, substeps, budget),
         system.parts,
         system.frame,
@@ -131,13 +131,13 @@ def searcher(system, segments, substeps=2, budget=None):
 
 
 def spring(seed, count=600, sigma=SIGMA, q=Q, kicks=None, believed=None):
-    """Return the searcher of a kicked linear spring with white noise."""
+    """Return the space of a kicked linear spring with white noise."""
     rng = np.random.default_rng(seed)
     kicks = white_kicks(rng, np.array(q), (count,)) if kicks is None else kicks
     states = kicked(SPRING, LINEAR, drive(count), kicks, [0.5, 0.0])
     measured = states[:, :1] + sigma * rng.standard_normal((count, 1))
     believed = q if believed is None else believed
-    return searcher(SPRING, cut(states, measured, drive(count), sigma, believed, (count,)))
+    return space(SPRING, cut(states, measured, drive(count), sigma, believed, (count,)))
 
 
 def fitted(it, theta=LINEAR, present=PRESENT, gap=None):
@@ -157,7 +157,7 @@ def masses(seed, sigma, q, lengths):
         ]
     )
     measured = states[:, [0, 1]] + sigma * rng.standard_normal((len(states), 2))
-    return searcher(MASSES, cut(states, measured, nodes, sigma, q, lengths))
+    return space(MASSES, cut(states, measured, nodes, sigma, q, lengths))
 
 
 # posterior
@@ -216,7 +216,7 @@ def test_covariances_of_a_record_are_blocks_of_the_dense_inverse(system):
     rng = np.random.default_rng(0)
     lengths, gap = (20, 33), np.array([0.02, 0.03, 0.1, 0.2])
     x0, nodes = 0.3 * rng.standard_normal((53, 4)), drive(53)
-    it = searcher(system, cut(x0, x0[:, :2], nodes, [0.02, 0.05], gap, lengths)).evaluator
+    it = space(system, cut(x0, x0[:, :2], nodes, [0.02, 0.05], gap, lengths)).evaluator
     theta, joined, start = system.theta, it.segments.joined, it.segments.initial
     assert not joined.all()
     for free in (NONE, system.free):
@@ -506,7 +506,7 @@ def test_without_process_noise_half_of_the_terms_at_their_limit_are_detected(slo
 
     def evidence(states, seed):
         measured = states[:, :1] + SIGMA * np.random.default_rng(seed).standard_normal((count, 1))
-        it = searcher(SPRING, cut(states, measured, drive(count), SIGMA, spread, (count,), 25))
+        it = space(SPRING, cut(states, measured, drive(count), SIGMA, spread, (count,), 25))
         found = fitted(it, gap=gap * spread)
         return it.penalty[slot], _evidence(it, Outcome(found, gap, 1.0, it.penalty, (), True, False, 0.0))
 
@@ -530,7 +530,7 @@ def test_with_process_noise_terms_at_twice_their_limit_are_detected():
         rng = np.random.default_rng(seed)
         states = curved(with_term(5, 2.0 * limit), white_kicks(rng, Q, (600,)))
         measured = states[:, :1] + SIGMA * rng.standard_normal((600, 1))
-        it = searcher(SPRING, cut(states, measured, drive(600), SIGMA, Q, (600,)))
+        it = space(SPRING, cut(states, measured, drive(600), SIGMA, Q, (600,)))
         scores.append(robust_evidence(it, fitted(it)).scores[5])
     assert np.mean(np.array(scores) > it.penalty[5]) > 0.8
 
@@ -641,7 +641,7 @@ def test_the_search_finds_the_pendulum_under_a_white_torque_and_its_size(when):
         states = pendulum(drive(count), torque, kicks)
         measured = states[:, :1] + 0.005 * rng.standard_normal((count, 1))
         # Wider to begin with than what there is, as the smoothing errors of the stage are.
-        it = searcher(PENDULUM, cut(states, measured, drive(count), 0.005, [0.05, 2.0], (count,)), 1)
+        it = space(PENDULUM, cut(states, measured, drive(count), 0.005, [0.05, 2.0], (count,)), 1)
         theta = PENDULUM.theta.copy()
         theta[[1, 2, 6, 7]] = [8.0, 0.6, 0.2, 0.5]
         found.append(search_with_process_noise(it, [(theta, np.array([1, 2, 3, 6, 7]))]))
@@ -653,22 +653,22 @@ def test_the_search_finds_the_pendulum_under_a_white_torque_and_its_size(when):
     for n in right:
         error = (n.fit.theta - PENDULUM.theta)[PENDULUM_PRESENT]
         assert np.all(np.abs(error) < 4.5 * np.sqrt(n.evidence.variances))
-        prices = n.searcher.penalty[PENDULUM_PRESENT].sum() + 2 * np.log(n.searcher.segments.samples)
+        prices = n.space.penalty[PENDULUM_PRESENT].sum() + 2 * np.log(n.space.segments.samples)
         assert n.penalised == pytest.approx(n.marginal + prices)
         if when == "a kick a segment":
-            assert n.searcher.segments.noise[0] == pytest.approx(0.005, rel=0.15)
+            assert n.space.segments.noise[0] == pytest.approx(0.005, rel=0.15)
 
 
 # steps of RK4
 
 
 def coarse(sigma):
-    """Return the searcher of a spring sampled so rarely that one step a sample is far too long."""
+    """Return the space of a spring sampled so rarely that one step a sample is far too long."""
     step, count = 0.5, 400
     nodes = drive(count, step)
     states = kicked(SPRING, LINEAR, nodes, np.zeros((count, 2)), [0.5, 0.0], step)
     measured = states[:, :1] + sigma * np.random.default_rng(0).standard_normal((count, 1))
-    return searcher(SPRING, cut(states, measured, nodes, sigma, [0.01, 0.05], (count,), 25, step), 1)
+    return space(SPRING, cut(states, measured, nodes, sigma, [0.01, 0.05], (count,), 25, step), 1)
 
 
 def test_steps_are_halved_until_that_moves_no_coefficient():

@@ -13,7 +13,7 @@ from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.program import Part
 from odescope.likelihood.search import search
-from odescope.likelihood.searcher import Searcher
+from odescope.likelihood.search_space import SearchSpace
 
 NOISE = 0.02
 SPREAD = np.array([0.01, 0.05])
@@ -24,9 +24,9 @@ def states():
     return spring_run()
 
 
-def searcher(states, seed, noise=NOISE, budget=None):
+def space(states, seed, noise=NOISE, budget=None):
     data = shots(states, drive(), SPRING_STEP, noise, np.random.default_rng(seed), SPREAD)
-    return Searcher(
+    return SearchSpace(
         Evaluator(data, 2, budget),
         SPRING.parts,
         SPRING.frame,
@@ -54,7 +54,7 @@ STARTS = {
 @pytest.mark.parametrize("name", STARTS)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_truth_is_found_from_starts_that_lack_terms_or_have_more(states, name, seed):
-    found = search(searcher(states, seed), *begin(STARTS[name]))
+    found = search(space(states, seed), *begin(STARTS[name]))
     assert found is not None
     assert sorted(found.fit.present) == SPRING_PRESENT.tolist()
     assert found.finished
@@ -64,14 +64,14 @@ def test_the_truth_is_found_from_starts_that_lack_terms_or_have_more(states, nam
 
 
 def test_all_starts_end_in_the_same_fit(states):
-    ends = [search(searcher(states, 3), *begin(present)) for present in STARTS.values()]
+    ends = [search(space(states, 3), *begin(present)) for present in STARTS.values()]
     for end in ends[1:]:
         np.testing.assert_allclose(end.fit.theta, ends[0].fit.theta, atol=0.03 * np.sqrt(end.fit.variances.max()))
         assert end.fit.cost == pytest.approx(ends[0].fit.cost, abs=0.1)
 
 
 def test_the_trail_says_what_moved(states):
-    found = search(searcher(states, 0), *begin(STARTS["dropped and invented"]))
+    found = search(space(states, 0), *begin(STARTS["dropped and invented"]))
     now = set(STARTS["dropped and invented"])
     names = {part: k for k, part in enumerate(SPRING.parts)}
     for move in found.trail:
@@ -84,7 +84,7 @@ def test_the_trail_says_what_moved(states):
 @pytest.mark.parametrize("seed", [3, 5])
 def test_a_look_alike_that_came_first_gives_way(states, seed):
     # So noisy that x**3 does not earn its penalty beside x**5, nor x**5 fail to earn its own alone.
-    it = searcher(states, seed, noise=0.2)
+    it = space(states, seed, noise=0.2)
     fifth = Part(0, Product(None, parse_term("x**5", Scope.of(["x"]))))
     it = replace(it, parts=tuple(fifth if k == 5 else part for k, part in enumerate(it.parts)))
     good, poor = (search(it, *begin(present)) for present in ([1, 2, 3, 4], [1, 2, 4, 5]))
@@ -93,7 +93,7 @@ def test_a_look_alike_that_came_first_gives_way(states, seed):
 
 
 def test_all_penalties_are_those_of_one_prior_and_simple_terms_are_cheaper(states):
-    it = searcher(states, 0)
+    it = space(states, 0)
     share = np.exp(0.5 * (np.log(it.segments.measured.size) - it.penalty))
     assert share[it.free].sum() == pytest.approx(1.0)
     penalty = {part.product.text: p for part, p in zip(it.parts, it.penalty, strict=True)}
@@ -104,12 +104,12 @@ def test_all_penalties_are_those_of_one_prior_and_simple_terms_are_cheaper(state
 
 @pytest.mark.slow
 def test_over_seeds_the_truth_is_found_and_nothing_else(states):
-    ends = [search(searcher(states, seed), *begin(STARTS["one dropped"])) for seed in range(1000, 1060)]
+    ends = [search(space(states, seed), *begin(STARTS["one dropped"])) for seed in range(1000, 1060)]
     assert sum(sorted(e.fit.present) == SPRING_PRESENT.tolist() for e in ends) >= 59
 
 
 def test_searches_repeat_to_the_last_bit(states):
-    one, two = (search(searcher(states, 5), *begin(STARTS["almost nothing"])) for _ in range(2))
+    one, two = (search(space(states, 5), *begin(STARTS["almost nothing"])) for _ in range(2))
     assert np.array_equal(one.fit.theta, two.fit.theta)
     assert one.trail == two.trail
 
@@ -117,7 +117,7 @@ def test_searches_repeat_to_the_last_bit(states):
 def test_a_start_that_blows_up_gives_none_without_a_warning(states):
     theta, present = begin([1, 2, 3, 4])
     theta[3] = -1e8
-    assert search(searcher(states, 0), theta, present) is None
+    assert search(space(states, 0), theta, present) is None
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -126,7 +126,7 @@ def test_a_start_with_a_pole_inside_the_data_is_left_or_ends_as_no_fit(states, s
     """The denominator 1 + theta x^2 vanishes where |x| is at that quantile."""
     theta, present = begin([1, 2, 3, 4, 8])
     theta[8] = -1.0 / np.quantile(states[:, 0] ** 2, share)
-    found = search(searcher(states, seed), theta, present)
+    found = search(space(states, seed), theta, present)
     ended = sorted(found.fit.present)
     if share == 0.5 or found.scale < 2.0:  # a pole in the middle is always left
         assert ended == SPRING_PRESENT.tolist()
@@ -142,8 +142,8 @@ def test_a_start_with_a_pole_inside_the_data_is_left_or_ends_as_no_fit(states, s
 
 def test_where_the_budget_is_spent_the_fit_so_far_is_returned_and_every_run_ends_alike(states):
     start = begin(STARTS["almost nothing"])
-    whole = search(searcher(states, 0, budget=Budget()), *start)
-    ends = [search(searcher(states, 0, budget=Budget(0.2 * whole.spent)), *start) for _ in range(2)]
+    whole = search(space(states, 0, budget=Budget()), *start)
+    ends = [search(space(states, 0, budget=Budget(0.2 * whole.spent)), *start) for _ in range(2)]
     for end in ends:
         assert not end.finished
         assert not end.late
@@ -154,7 +154,7 @@ def test_where_the_budget_is_spent_the_fit_so_far_is_returned_and_every_run_ends
 
 
 def test_the_clock_ends_a_search_only_where_it_is_asked_to_and_then_it_says_so(states):
-    end = search(searcher(states, 0, budget=Budget(deadline=time.time())), *begin([1, 2, 3, 4]))
+    end = search(space(states, 0, budget=Budget(deadline=time.time())), *begin([1, 2, 3, 4]))
     assert not end.finished
     assert end.late
 
@@ -163,5 +163,5 @@ def test_a_search_stops_at_the_next_evaluation_that_is_told_to(states):
     asked = iter([False] * 5)
     monitor = Monitor(stop=lambda: next(asked, True))
     with pytest.raises(Stopped):
-        search(searcher(states, 0, budget=Budget(monitor=monitor)), *begin([1, 2, 3, 4]))
+        search(space(states, 0, budget=Budget(monitor=monitor)), *begin([1, 2, 3, 4]))
     assert next(asked, "none left") == "none left"

@@ -7,8 +7,8 @@ from pages import identified, samples
 import odescope
 from odescope import report
 from odescope.errors import InputError
-from odescope.report.figures.paint import painters
-from odescope.report.figures.pictures import draw_job, pictures
+from odescope.report.figures.catalogue import draw_job, pictures
+from odescope.report.figures.processes import painters
 from odescope.report.figures.style import plain, product, saved
 
 

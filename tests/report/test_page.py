@@ -15,7 +15,7 @@ from odescope.report import read_report, summary, to_html, to_json_text
 from odescope.report.assemble import model_of
 from odescope.report.console import trust_text
 from odescope.report.data import Report, TableRow
-from odescope.report.figures.pictures import pictures
+from odescope.report.figures.catalogue import pictures
 from odescope.report.page import in_time, number, with_error
 from odescope.study.options import Data, Driven, Measured, Study
 

@@ -12,7 +12,7 @@ from pages import Page
 from odescope import Derivatives, identify, read_study, to_json
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.report import summary, to_html
-from odescope.report.figures.pictures import pictures
+from odescope.report.figures.catalogue import pictures
 from odescope.report.page import report_files
 from odescope.study.options import Candidates, Data, Driven, Filtering, Measured, Regression, Study
 from odescope.study.toml import parse_study

@@ -9,7 +9,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.searcher import Move, Searcher
+from odescope.likelihood.search_space import Move, SearchSpace
 
 LOOK_ALIKE = 40.0  # times its penalty: a part that earns more is in its place
 DETOUR = 6  # additions and drops until a search without a part has to be better than that with it
@@ -43,7 +43,7 @@ class Moves:
     """Moves at one size of the defects.
 
     Attributes:
-        searcher: data and candidates.
+        space: data and candidates.
         judge: see there.
         width: of the defects, in smoothing errors of each state.
         scale: residual variance, the unit of costs and statistics.
@@ -51,7 +51,7 @@ class Moves:
         barred: parts that may not come (back).
     """
 
-    searcher: Searcher
+    space: SearchSpace
     judge: Judge
     width: float
     scale: float
@@ -61,26 +61,26 @@ class Moves:
     @property
     def defect_std(self) -> FloatArray:
         """Standard deviations of the defects, (n,)."""
-        return self.searcher.segments.spread * self.width
+        return self.space.segments.spread * self.width
 
     def penalised(self, found: Fit) -> float:
         """Cost and the penalties of the present parts."""
-        return found.cost / self.scale + float(self.searcher.penalty[found.present].sum())
+        return found.cost / self.scale + float(self.space.penalty[found.present].sum())
 
     def without(self, here: Fit, k: int) -> Fit | None:
         """Return the fit without a present part."""
         theta = here.theta.copy()
         theta[k] = 0.0
-        return self.searcher.fit(theta, here.present[here.present != k], here.x0, self.defect_std)
+        return self.space.fit(theta, here.present[here.present != k], here.x0, self.defect_std)
 
     def having(self, here: Fit, k: int) -> Fit | None:
         """Return the fit with an absent part."""
         present: IntArray = np.union1d(here.present, [k])
-        return self.searcher.fit(here.theta, present, here.x0, self.defect_std)
+        return self.space.fit(here.theta, present, here.x0, self.defect_std)
 
     def drop(self, here: Fit) -> Fit | None:
         """Drop a part that is not worth its penalty; of look-alikes that are worthless together, only one is."""
-        wald, penalty = self.judge.wald(here), self.searcher.penalty[here.present]
+        wald, penalty = self.judge.wald(here), self.space.penalty[here.present]
         if wald is None:
             return None
         wald = wald / self.scale
@@ -103,7 +103,7 @@ class Moves:
             return None
         scores = scores / self.scale
         scores[list(self.barred)] = 0.0
-        earned = scores - self.searcher.penalty
+        earned = scores - self.space.penalty
         for k in np.argsort(earned)[::-1][: self.judge.trials].tolist():
             if earned[k] < 0.0:
                 return None
@@ -127,14 +127,14 @@ class Moves:
         wald = wald / self.scale
         for weak in np.argsort(wald):
             k = int(here.present[weak])
-            if wald[weak] > LOOK_ALIKE * self.searcher.penalty[k]:
+            if wald[weak] > LOOK_ALIKE * self.space.penalty[k]:
                 return None
             detour = replace(self, trail=[], barred={k})
             there = detour.without(here, k)
             if there is not None:
                 detour._note("drop", k, float(wald[weak]), there)
             for _ in range(DETOUR):
-                if there is None or there.cost > HOPELESS * here.cost or self.searcher.budget.over:
+                if there is None or there.cost > HOPELESS * here.cost or self.space.budget.over:
                     break
                 if self.penalised(there) < self.penalised(here) - GAIN:
                     self.trail.extend(detour.trail)
@@ -143,4 +143,4 @@ class Moves:
         return None
 
     def _note(self, action: str, k: int, statistic: float, after: Fit) -> None:
-        self.trail.append(self.searcher.move(self.width, action, k, statistic, after))
+        self.trail.append(self.space.move(self.width, action, k, statistic, after))

@@ -10,11 +10,11 @@ import pytest
 from small_systems import System
 
 from odescope import Study, from_json, identify, to_json
-from odescope.likelihood.account import likelihood_scores, missing_physics
 from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.findings import likelihood_scores, missing_physics
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.process_noise import Noisy, estimate_noise, robust_evidence
-from odescope.likelihood.searcher import Searcher
+from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate
 from odescope.study.options import Candidates, Data, Driven, Measured
@@ -153,7 +153,7 @@ def unexplained(seed, count=2000, **options):
         measured, nodes, states, start, np.full(len(start), PIECE), start < start[-1], np.array([NOISE]),
         np.array([0.02, 0.3]), STEP, 1, ((0, count),),
     )  # fmt: skip
-    it = Searcher(
+    it = SearchSpace(
         Evaluator(segments),
         PENDULUM.parts,
         PENDULUM.frame,

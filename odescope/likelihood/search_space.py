@@ -42,7 +42,7 @@ def candidate_parts(libraries: Sequence[Sequence[Product]]) -> tuple[Part, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Searcher:
+class SearchSpace:
     """Everything a search needs that does not change on the way."""
 
     evaluator: Evaluator
@@ -90,16 +90,16 @@ class Searcher:
         """The program of all parts."""
         return Program.of(self.parts, self.frame)
 
-    def on(self, segments: Segments) -> Searcher:
-        """Return the searcher for other segments."""
+    def on(self, segments: Segments) -> SearchSpace:
+        """Return the space for other segments."""
         return replace(self, evaluator=Evaluator(segments, self.evaluator.substeps, self.budget))
 
-    def within(self, budget: Budget) -> Searcher:
-        """Return the searcher with another budget."""
+    def within(self, budget: Budget) -> SearchSpace:
+        """Return the space with another budget."""
         return replace(self, evaluator=Evaluator(self.segments, self.evaluator.substeps, budget))
 
-    def finer(self, substeps: int) -> Searcher:
-        """Return the searcher with so many steps of RK4 a sample."""
+    def finer(self, substeps: int) -> SearchSpace:
+        """Return the space with so many steps of RK4 a sample."""
         return replace(self, evaluator=Evaluator(self.segments, substeps, self.budget))
 
     def program(self, present: IntArray) -> tuple[Program, IntArray]:

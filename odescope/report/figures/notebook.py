@@ -8,8 +8,8 @@ from odescope.errors import InputError, nearest
 from odescope.pipeline.identification import Identification
 from odescope.report.at_work import at_work
 from odescope.report.data import Searched
-from odescope.report.figures.charts import draw_chart, draw_spectra
-from odescope.report.figures.grids import draw_accuracy, draw_candidates, draw_correlation
+from odescope.report.figures.draw_grids import draw_accuracy, draw_candidates, draw_correlation
+from odescope.report.figures.draw_lines import draw_chart, draw_spectra
 from odescope.report.recorded import Truth, derivatives_chart, signals_chart, spectra
 from odescope.report.searches import searched
 

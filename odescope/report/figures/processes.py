@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from queue import SimpleQueue
 from typing import IO
 
-from odescope.report.figures.pictures import Picture, draw_job
+from odescope.report.figures.catalogue import Picture, draw_job
 
 MOST = 3  # processes
 Drawn = dict[str, tuple[str, bytes]]  # name of a figure -> SVG, PNG
@@ -61,7 +61,7 @@ class Painters:
 @contextmanager
 def painters() -> Iterator[Painters]:
     """Start the processes, and end them at the end."""
-    command = [sys.executable, "-m", "odescope.report.figures.paint"]
+    command = [sys.executable, "-m", "odescope.report.figures.processes"]
     idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
     running = []
     count = min(MOST, os.cpu_count() or 1)
@@ -100,8 +100,6 @@ def _serve() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that waits for this one decides
     if hasattr(os, "nice"):
         os.nice(10)  # the answer is waited for first
-    import odescope.report.figures.charts
-    import odescope.report.figures.grids  # noqa: F401
 
     while (job := _receive(sys.stdin.buffer)) is not None:
         svg, png = draw_job(job)

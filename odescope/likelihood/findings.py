@@ -82,7 +82,7 @@ def _correlations(refinement: Refinement, evidence: Evidence, targets: Sequence[
 
 def _limits(refinement: Refinement, evidence: Evidence, targets: Sequence[str]) -> tuple[Limit, ...]:
     """Return the limit of every absent term, the simplest first."""
-    parts, penalty = refinement.searcher.parts, refinement.searcher.penalty
+    parts, penalty = refinement.space.parts, refinement.space.penalty
     absent = sorted(np.flatnonzero(evidence.limits), key=lambda k: float(penalty[k]))
     return tuple(
         Limit(
@@ -99,7 +99,7 @@ def doubts(refinement: Refinement, targets: Sequence[str]) -> Doubts:
     process, evidence, present = refinement.process, refinement.evidence, refinement.fit.present
     thin = list[tuple[str, str, float]]()
     if refinement.follows and evidence is not None:
-        weak = evidence.wald < THIN * refinement.searcher.penalty[present]
+        weak = evidence.wald < THIN * refinement.space.penalty[present]
         thin = [
             (*name, float(np.sqrt(wald)))
             for name, wald, is_weak in zip(_present(refinement, targets), evidence.wald, weak, strict=True)
@@ -115,7 +115,7 @@ def doubts(refinement: Refinement, targets: Sequence[str]) -> Doubts:
 
 def _present(refinement: Refinement, targets: Sequence[str]) -> list[tuple[str, str]]:
     """Return every coefficient that was fitted, by its term and its target."""
-    parts = [refinement.searcher.parts[k] for k in refinement.fit.present]
+    parts = [refinement.space.parts[k] for k in refinement.fit.present]
     return [(part.product.text, targets[part.relation]) for part in parts]
 
 
@@ -129,15 +129,15 @@ def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
     The gaps of the highest state of every coordinate are what its target lacks, summed over a segment. What goes with
     the sign of a velocity is dry friction; what goes with the rate of an input is a delay.
     """
-    searcher, segments = process.searcher, process.searcher.segments
-    names, following = searcher.frame.variables, searcher.frame.following
-    program, kept = searcher.program(process.fit.present)
+    space, segments = process.space, process.space.segments
+    names, following = space.frame.variables, space.frame.following
+    program, kept = space.program(process.fit.present)
     none = np.zeros(0, dtype=np.int64)
-    last = searcher.evaluator.integrate(program, process.fit.theta[kept], none, process.fit.x0).last
+    last = space.evaluator.integrate(program, process.fit.theta[kept], none, process.fit.x0).last
     joints = np.flatnonzero(segments.joined)
     begin = process.fit.x0[joints + 1]
     lacking = begin - last[joints]
-    present = [searcher.parts[k].product.term for k in kept]
+    present = [space.parts[k].product.term for k in kept]
     velocities = [int(np.flatnonzero(following == j)[0]) for j in range(len(following)) if (following == j).any()]
     moving = [int(following[v]) for v in velocities if not _has_sign(present, names[following[v]])]
     rates = np.diff(segments.inputs[segments.start, 0], axis=0, append=0.0)[joints]

@@ -42,14 +42,14 @@ class Picture:
 
 def draw(kind: Kind, data: Drawable) -> Figure:
     """Return the figure of a kind for its data."""
-    from odescope.report.figures import charts, grids
+    from odescope.report.figures import draw_grids, draw_lines
 
     how: dict[Kind, Any] = {
-        "chart": charts.draw_chart,
-        "spectra": charts.draw_spectra,
-        "correlation": grids.draw_correlation,
-        "candidates": grids.draw_candidates,
-        "accuracy": grids.draw_accuracy,
+        "chart": draw_lines.draw_chart,
+        "spectra": draw_lines.draw_spectra,
+        "correlation": draw_grids.draw_correlation,
+        "candidates": draw_grids.draw_candidates,
+        "accuracy": draw_grids.draw_accuracy,
     }
     figure: Figure = how[kind](data)
     return figure
