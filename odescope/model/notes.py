@@ -80,8 +80,8 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
         yield f"{scores.left_out} recordings are shorter than a period of the cutoff and were left out"
     if (read := scores.streamed) is not None:
         yield (
-            f"{read.rows:,} rows were read in {read.portions} portions: all of them count in the regression;"
-            f" cutoffs, ranking, likelihood and report rest on {read.sampled} of the portions"
+            f"{read.rows:,} rows were read in {read.portions} chunks: all of them count in the regression;"
+            f" cutoffs, ranking, likelihood and report rest on {read.sampled} of the chunks"
         )
     for name, found in scores.delays.items():
         if found.delay:
