@@ -44,8 +44,8 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=1_000_000)
     options = parser.parse_args()
     names = [f"a{k}" for k in range(SIGNALS)]
-    library = list(Library.of(names, Scope.of(names)).powers(2))[:CANDIDATES]
-    tape, columns = write_tape(names, library), signals(options.samples)
+    library = Library.of(names, Scope.of(names)).powers(2).products(())[:CANDIDATES]
+    tape, columns = write_tape(names, [p.term for p in library]), signals(options.samples)
     proposers, everything = (EnergyThreshold(),), (tuple(range(CANDIDATES)),)
 
     def blocks(begin: int, end: int) -> Iterator[np.ndarray]:
@@ -62,7 +62,7 @@ def main() -> None:
         factored = time.perf_counter()
         found = sweep(factor, library, everything, proposers)
         swept = time.perf_counter()
-    law = tuple(sorted(library.index(t) for t in Library.of(("a0", "a1*a2", "a12"), Scope.of(names))))
+    law = tuple(sorted(library.index(t) for t in Library.of(("a0", "a1*a2", "a12"), Scope.of(names)).products(())))
     print(
         json.dumps(
             {

@@ -21,8 +21,8 @@ from timing import Row, Timing, alternate, command, duration, once, slope
 
 from odescope.commands.demo import cart_pendulum, simulate_log, true_signals
 from odescope.library.candidates import Library
-from odescope.library.expression import Name, Term
 from odescope.library.parse import Scope
+from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.recordings.readers import records_from
 from odescope.regression.factor import Factor, factorise
@@ -45,12 +45,12 @@ ALL = (EnergyThreshold(),)
 class Matrix:
     """A library on samples, (N, m), and the columns of the true relation of its target."""
 
-    terms: tuple[Term, ...]
+    terms: tuple[Product, ...]
     theta: np.ndarray
     truth: tuple[int, ...]
 
 
-def everything(factor: Factor, terms: Sequence[Term]) -> Sweep:
+def everything(factor: Factor, terms: Sequence[Product]) -> Sweep:
     return sweep(factor, terms, (tuple(range(len(terms))),), ALL)
 
 
@@ -68,12 +68,10 @@ def cart_matrix(target: str, kind: str) -> Matrix:
         signals = dict(zip(found.names, found.joined(), strict=True))
     skipped = (len(signals["x"]) - SAMPLES) // 2
     columns = np.ascontiguousarray([v[skipped : skipped + SAMPLES] for v in signals.values()])
-    library = tuple(STUDY.candidates(target))
-    theta = np.ascontiguousarray(evaluate(write_tape(tuple(signals), library), columns).T)
+    library = STUDY.candidates(target).products((target,))
+    theta = np.ascontiguousarray(evaluate(write_tape(tuple(signals), [p.expanded for p in library]), columns).T)
     relation = next(r for r in cart_pendulum(FRICTION).relations if r.terms[0].factor == target)
-    target_term = Term.of(((Name(target), 1),))
-    terms = {t.term * target_term if t.factor else t.term for t in relation.terms}
-    return Matrix(library, theta, tuple(sorted(library.index(t) for t in terms)))
+    return Matrix(library, theta, tuple(sorted(library.index(t.product) for t in relation.terms)))
 
 
 def sindy_pi(theta: np.ndarray, guesses: list[int]) -> np.ndarray:
@@ -151,7 +149,7 @@ def answer(target: str, kind: str, quick: bool) -> tuple[str, ...]:
     return target, kind, str(len(found.supports)), held, f"{dense:.0f} of 34", theirs
 
 
-def monomials(samples: int, degree: int) -> tuple[tuple[Term, ...], np.ndarray]:
+def monomials(samples: int, degree: int) -> tuple[tuple[Product, ...], np.ndarray]:
     """Return the monomials of Lorenz's states, each brought to the unit interval, with the noise of 1 %."""
     run = solve_ivp(
         lambda _, s: [10 * (s[1] - s[0]), s[0] * (28 - s[2]) - s[1], s[0] * s[1] - 8 / 3 * s[2]],
@@ -163,8 +161,8 @@ def monomials(samples: int, degree: int) -> tuple[tuple[Term, ...], np.ndarray]:
     states = run.y / np.abs(run.y).max(axis=1, keepdims=True)
     states += 0.01 * np.random.default_rng(0).standard_normal(states.shape)
     names = ("x", "y", "z")
-    terms = Library.of(names, Scope.of(names)).powers(degree).terms
-    return terms, np.ascontiguousarray(evaluate(write_tape(names, terms), states).T)
+    terms = Library.of(names, Scope.of(names)).powers(degree).products(())
+    return terms, np.ascontiguousarray(evaluate(write_tape(names, [p.term for p in terms]), states).T)
 
 
 def stlsq(theta: np.ndarray, guesses: Sequence[int]) -> None:
@@ -264,9 +262,9 @@ def growth(repeats: int) -> list[tuple[str, str, str, float]]:
         mixed = rng.standard_normal((5000, m)) @ (np.eye(m) + 0.1 * rng.standard_normal((m, m)))
         factor, terms = (
             factorise([mixed]),
-            Library.of([f"a{k}" for k in range(m)], Scope.of([f"a{k}" for k in range(m)])),
+            Library.of([f"a{k}" for k in range(m)], Scope.of([f"a{k}" for k in range(m)])).products(()),
         )
-        return lambda: everything(factor, tuple(terms))
+        return lambda: everything(factor, terms)
 
     curve("sweep over m (all guesses, all thresholds)", (20, 28, 40, 56, 80), of_width)
     curve(

@@ -95,6 +95,7 @@ def run(path: Path) -> None:
     """Identify a log by regression and likelihood; print rows, seconds of the pass and in all, and peak memory."""
     import msgspec
 
+    from odescope.model.scores import Streamed
     from odescope.parallel.memory import peak_bytes
     from odescope.pipeline.identification import identify
     from odescope.study.options import Data
@@ -103,7 +104,7 @@ def run(path: Path) -> None:
     begin = time.perf_counter()
     result = identify(study)
     seconds = time.perf_counter() - begin
-    streamed = result.model.scores.get("streamed", {"rows": result.records.samples, "portions": 0})
+    streamed = result.model.scores.streamed or Streamed(result.records.samples, 0, 0)
     truth = {t.text: t.coefficient for r in cart_pendulum().relations for t in r.terms}
     found = {t.text: t.coefficient for r in result.model.relations for t in r.terms}
     exact = [{t.text for t in r.terms} for r in result.model.relations] == [
@@ -113,8 +114,8 @@ def run(path: Path) -> None:
     print(
         json.dumps(
             {
-                "rows": streamed["rows"],
-                "chunks": streamed["portions"],
+                "rows": streamed.rows,
+                "chunks": streamed.portions,
                 "pass": result.seconds.get("recordings"),
                 "seconds": seconds,
                 "megabytes": peak_bytes() / 1e6,

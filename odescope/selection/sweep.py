@@ -114,6 +114,8 @@ def _primitive(support: Support, terms: Sequence[Product], place: Mapping[Produc
     powers = {atom: min(terms[j].term.power_of(atom) for j in support) for atom, _ in first.term.factors}
     inverse = Term.of((atom, -power) for atom, power in powers.items() if power > 0)
     factors = {terms[j].factor for j in support}
+    if not inverse.factors and (len(factors) > 1 or None in factors):
+        return dict(zip(support, support, strict=True))
     quotients = {
         j: place.get(Product(terms[j].factor if len(factors) > 1 else None, terms[j].term * inverse)) for j in support
     }
