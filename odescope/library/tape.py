@@ -15,7 +15,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.expression import Combination, Power, Term
-from odescope.library.functions import FUNCTIONS, call
+from odescope.library.functions import call, code_of
 from odescope.library.printer import Language, print_combination, print_term
 from odescope.parallel.kernels import kernel
 
@@ -84,7 +84,7 @@ class _Writer:
         """Instructions as a language, in which what is said of a part is the slot that holds its value."""
         return Language(
             name=lambda name, power: self.power(self.names[name], power),
-            call=lambda function, slot, power: self.power(self.emit(FUNCTIONS[function].code, slot), power),
+            call=lambda function, slot, power: self.power(self.emit(code_of(function), slot), power),
             group=self.power,
             product=self.product,
             sum=self.sum,
@@ -102,7 +102,7 @@ def write_tape(names: Sequence[str], expressions: Sequence[Term | Combination]) 
     return Tape(len(names), Instructions(code, left, right, constant), np.array(outputs, dtype=np.int64))
 
 
-@kernel()
+@kernel(inline=True)
 def run_tape(instructions: Instructions, work: FloatArray, lanes: int) -> None:
     """Run the instructions over work (slots, >= lanes), whose first rows hold the inputs: the one interpreter.
 
@@ -110,41 +110,38 @@ def run_tape(instructions: Instructions, work: FloatArray, lanes: int) -> None:
         instructions: or a plain tuple of the same four arrays.
         work: (slots, >= lanes); one row is one slot, one column one sample. One column is as fast as scalars.
         lanes: columns to compute.
-
-    Raises:
-        ValueError: an instruction has a code that is neither one of the tape's nor a function's.
     """
     code, left, right, constant = instructions
     first = work.shape[0] - code.shape[0]
     for k in range(code.shape[0]):
-        op, a, out = code[k], work[left[k]], work[first + k]
+        op, a, out = code[k], left[k], first + k
         if op == CONSTANT:
             for i in range(lanes):
-                out[i] = constant[k]
+                work[out, i] = constant[k]
         elif op == ADD:
-            b = work[right[k]]
+            b = right[k]
             for i in range(lanes):
-                out[i] = a[i] + b[i]
+                work[out, i] = work[a, i] + work[b, i]
         elif op == MULTIPLY:
-            b = work[right[k]]
+            b = right[k]
             for i in range(lanes):
-                out[i] = a[i] * b[i]
+                work[out, i] = work[a, i] * work[b, i]
         elif op == SCALE:
             for i in range(lanes):
-                out[i] = constant[k] * a[i]
+                work[out, i] = constant[k] * work[a, i]
         elif op == INTEGER_POWER:
             n = abs(right[k])
             for i in range(lanes):
-                value = a[i]
+                value = work[a, i]
                 for _ in range(n - 1):
-                    value *= a[i]
-                out[i] = value if right[k] > 0 else 1.0 / value
+                    value *= work[a, i]
+                work[out, i] = value if right[k] > 0 else 1.0 / value
         elif op == REAL_POWER:
             for i in range(lanes):
-                out[i] = a[i] ** constant[k]
+                work[out, i] = work[a, i] ** constant[k]
         else:
             for i in range(lanes):
-                out[i] = call(op, a[i])
+                work[out, i] = call(op, work[a, i])
 
 
 @kernel()

@@ -69,7 +69,7 @@ _C = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
 _E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 
 
-@kernel()
+@kernel(inline=True)
 def _derivative(equations, x, work, a, b, out):
     """Write x' (n,) to `out`; work (slots, 1) holds the inputs, a (T, T) and b (T, 1) are scratch."""
     n, targets = x.shape[0], b.shape[0]

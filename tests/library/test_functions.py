@@ -63,10 +63,9 @@ def test_a_free_run_and_exported_code_compute_the_function_of_its_name(function)
 
 def test_a_row_without_a_branch_is_refused(monkeypatch):
     monkeypatch.setitem(FUNCTIONS, "sinh", Function("sinh", 99, "cosh(z)", r"\sinh"))
-    tape = write_tape(["x"], [term("sinh")])
-    with pytest.raises(ValueError, match="without a branch"):
-        evaluate(tape, np.ones((1, 3)))
+    with pytest.raises(ValueError, match="no branch"):
+        write_tape(["x"], [term("sinh")])
     relation = Relation((RelationTerm(Product("x_dot"), 1.0), RelationTerm(Product(None, term("sinh")), 1.0)))
     model = Model((Coordinate("x"),), (), (relation,))
-    with pytest.raises(ValueError, match="without a branch"):
+    with pytest.raises(ValueError, match="no branch"):
         simulate(model, np.arange(3.0), np.empty((3, 0)), np.ones(1))
