@@ -88,7 +88,11 @@ class Term:
 
     def power_of(self, atom: Atom) -> Power:
         """Return the power of `atom` in this product, 0 where it is absent."""
-        return next((power for own, power in self.factors if own == atom), 0)
+        return self._powers.get(atom, 0)
+
+    @cached_property
+    def _powers(self) -> dict[Atom, Power]:
+        return dict(self.factors)
 
 
 @dataclass(frozen=True)
