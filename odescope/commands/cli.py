@@ -198,13 +198,13 @@ def report(
         draw_again(folder, folder if out is None else out, Monitor(tell))
 
 
-@app.command(short_help="Write a model as text, LaTeX or Python.")
+@app.command(short_help="Write a model as text, as code, or for a page or paper.")
 def export(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")],
     to: Annotated[str, typer.Option(metavar="|".join(names()), help="What to write.")] = "text",
     out: Annotated[Path | None, typer.Option(help="File to write.", show_default="standard output")] = None,
 ) -> None:
-    """Write a model as text, as LaTeX, as MathML, or as a Python module that imports numpy alone."""
+    """Write a model as text, as LaTeX or MathML for people, or as code: a Python module that imports numpy alone."""
     from odescope.commands.files import refuse_overwriting, write_file
     from odescope.commands.terminal import say
     from odescope.export.model_file import read_model

@@ -198,19 +198,20 @@ def _each(
     with closing(workers.map(reduce, [todo[k] for k in missing], plan, check=monitor.check)) as computed:
         for k, (task, key) in enumerate(zip(todo, keys, strict=True)):
             monitor.check()
+            left = None
             if done < len(missing) and missing[done] == k:
                 found = next(computed)
                 done += 1
                 left = (time.monotonic() - begin) / done * (len(missing) - done)
                 if store is not None:
                     store.write(key, found)
-                monitor.tell(Progress("recordings", "chunk", k + 1, len(todo), left))
             else:
                 assert store is not None  # it holds what is not missing
                 kept = store.read(key)
                 found = reduce(task, plan) if kept is None else kept
                 if kept is None:  # damaged
                     store.write(key, found)
+            monitor.tell(Progress("recordings", "chunk", k + 1, len(todo), left))
             yield found
     if store is not None:
         store.prune(keys)

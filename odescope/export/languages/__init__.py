@@ -10,7 +10,7 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
-from odescope.errors import InputError, nearest
+from odescope.errors import InputError
 
 if TYPE_CHECKING:
     from odescope.model.model import Model
@@ -29,6 +29,6 @@ def writer(language: str) -> Callable[[Model], str]:
     """
     known = names()
     if language not in known:
-        raise InputError(f"cannot export to {language!r}; {nearest(language, known)}")
+        raise InputError(f"cannot export to {language!r}; the languages are {', '.join(known)}")
     found: Callable[[Model], str] = import_module(f"{__name__}.{language}").write
     return found
