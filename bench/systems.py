@@ -128,7 +128,7 @@ def attempt(job: tuple[str, float, int]) -> dict[str, str]:
         return dict.fromkeys(case.truth, f"none: {error.stage}")
     outcome = {}
     for search, chosen in zip(result.searches, result.chosen, strict=True):
-        found = {search.problem.terms[j].text for j in chosen.support}
+        found = {search.problem.terms[j].expanded.text for j in chosen.support}
         truth = case.truth[chosen.target]
         extra, missing = sorted(found - truth), sorted(truth - found)
         outcome[chosen.target] = "" if found == truth else f"missing {missing}, extra {extra}"

@@ -46,11 +46,12 @@ def candidates_csv(result: Identification) -> str:
     for search, chosen in zip(result.searches, result.chosen, strict=True):
         terms = search.problem.terms
         for rank, c in enumerate(search.ranked.candidates, start=1):
-            support = " + ".join(terms[j].text for j in c.support)
+            # As terms of the library, their factors in canonical order: what programs compare.
+            support = " + ".join(terms[j].expanded.text for j in c.support)
             writer.writerow(
                 (
                     c.target,
-                    terms[c.guess].text,
+                    terms[c.guess].expanded.text,
                     support,
                     len(c.support),
                     len(c.guesses),
