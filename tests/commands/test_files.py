@@ -58,7 +58,7 @@ def evaluated(text, column):
 
 def test_what_a_row_says_is_true_of_its_relation(result):
     (search,) = result.searches
-    terms = [t.text for t in search.problem.terms]
+    terms = [t.expanded.text for t in search.problem.terms]
     signals = result.signals.joined()
     column = {name: signals[result.signals.row(name)] for name in result.signals.names}
     for row, candidate in zip(
