@@ -1,101 +1,28 @@
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+from identification_cases import (
+    DEMO,
+    REGRESSED,
+    assert_recovers,
+    band,
+    noisy,
+    runge_kutta,
+    study_of,
+)
 
-from odescope.commands.demo import cart_pendulum, simulate_log, table_two
-from odescope.errors import InputError, NoModelError
+from odescope.commands.demo import cart_pendulum, table_two
+from odescope.errors import InputError
 from odescope.events import Event, StageBegan
 from odescope.export.model_file import from_json, to_json
 from odescope.library.tape import evaluate, write_tape
-from odescope.likelihood.search import LikelihoodSearch
 from odescope.pipeline.identification import identify
 from odescope.recordings.record import Record, Records
-from odescope.study.options import Candidates, Data, Driven, Measured, Regression, Study
-
-ROOT = Path(__file__).parents[2]
-TIME = Data(time="t")
-REGRESSED = LikelihoodSearch(enabled=False)  # what is tested here is the path up to the model of the regression
-
-
-def study_of(**options):
-    return Study(**{"data": TIME, "likelihood": REGRESSED, **options})
-
-
-def load_bench(name):
-    """Import a bench by its path: benches are scripts, not a package."""
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, ROOT / "bench" / f"{name}.py")
-        sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[name])
-    return sys.modules[name]
-
-
-def band(rng, count, period, cutoff):
-    """White noise cut at a frequency, of variance 1."""
-    spectrum = np.fft.rfft(rng.standard_normal(count))
-    spectrum[np.fft.rfftfreq(count, period) > cutoff] = 0.0
-    wave = np.fft.irfft(spectrum, count)
-    return wave / wave.std()
-
-
-def runge_kutta(f, t, start, u, zero=False, steps=2):
-    """The classical method, `steps` a sample, the input linear between samples or held: states (N, n)."""
-    state = np.array(start, dtype=float)
-    found = [state]
-    for k, width in enumerate(np.diff(t)):
-        h, slope = width / steps, 0.0 if zero else (u[k + 1] - u[k]) / width
-        for s in range(steps):
-            now = s * h
-            a = f(state, u[k] + slope * now)
-            b = f(state + h / 2 * a, u[k] + slope * (now + h / 2))
-            c = f(state + h / 2 * b, u[k] + slope * (now + h / 2))
-            d = f(state + h * c, u[k] + slope * (now + h))
-            state = state + h / 6 * (a + 2 * b + 2 * c + d)
-        found.append(state)
-    return np.array(found)
-
-
-def noisy(rng, values, size):
-    return values + size * values.std() * rng.standard_normal(len(values))
-
-
-def relations(result):
-    return {
-        target: {t.text: t.coefficient for t in relation.terms}
-        for target, relation in zip(result.model.targets, result.model.relations, strict=True)
-    }
-
-
-def assert_recovers(result, truth, rel):
-    found = relations(result)
-    assert found.keys() == truth.keys()
-    for target, terms in truth.items():
-        assert found[target].keys() == terms.keys(), target
-        for term, value in terms.items():
-            assert found[target][term] == pytest.approx(value, rel=rel), f"{term} of {target}"
-
-
-# the paper's pendulum on a cart
-
-
-@pytest.fixture(scope="module")
-def log():
-    log = simulate_log(0, 1)
-    return {"t": log.t, "x": log.measured[:, 0], "phi": log.measured[:, 1], "u": log.force}
-
-
-DEMO = study_of(
-    coordinates={"x": Measured(order=2, cyclic=True, unit="m"), "phi": Measured(order=2, angle=True)},
-    inputs={"u": Driven()},
-    library=Candidates(preset="paper"),
-)
+from odescope.study.options import Candidates, Data, Driven, Measured
 
 
 @pytest.fixture(scope="module")
@@ -208,14 +135,6 @@ def test_a_wrapped_angle_is_the_same_angle(log, demo):
         np.testing.assert_allclose(
             [t.coefficient for t in mine.terms], [t.coefficient for t in theirs.terms], rtol=1e-6
         )
-
-
-# other systems
-
-
-@pytest.fixture(scope="module")
-def systems():
-    return load_bench("systems")
 
 
 def regressed(case):
@@ -369,6 +288,8 @@ def decays():
 
 
 DECAY = study_of(coordinates={"x": Measured()})
+
+
 DECAY_TRUTH = {"x_dot": {"x_dot": 1.0, "x": 0.5, "x**3": 0.2}}
 
 
@@ -405,177 +326,3 @@ def test_the_order_of_coordinates_does_not_change_the_equations(systems):
     (data,) = systems.noisy(case, 0.001, np.random.default_rng(1))
     turned = msgspec.structs.replace(regressed(case), coordinates={n: Measured() for n in "zxy"})
     assert_recovers(identify(turned, data), {t: TRUTHS["lorenz"][t] for t in ("z_dot", "x_dot", "y_dot")}, rel=0.02)
-
-
-# dependent candidates
-
-
-def test_an_identity_left_in_is_named_in_the_notes(log):
-    kept = slice(0, 40_000, 5)
-    data = {name: values[kept] for name, values in log.items()}
-    terms = ("1", "u", "x_dot", "cos(phi)**2", "sin(phi)**2", "phi_dot*cos(phi)", "phi_dot**2*sin(phi)")
-    terms += ("sin(phi)*cos(phi)", "x_ddot", "x_ddot*cos(phi)**2", "u*cos(phi)", "x_dot*cos(phi)", "sin(phi)")
-    terms += ("phi_ddot", "phi_ddot*cos(phi)**2", "phi_dot", "phi_dot**2*sin(phi)*cos(phi)")
-    result = identify(msgspec.structs.replace(DEMO, library=Candidates(terms=terms)), data)
-    assert result.notes[0] == "left out of the library: sin(phi)**2, on these data a combination of 1, cos(phi)**2"
-    for row in table_two(cart_pendulum(), result.model):
-        if row.found is not None and row.truth is not None:
-            assert row.found == pytest.approx(row.truth, rel=0.03)
-
-
-def test_a_constant_input_is_refused_by_name():
-    t = 0.01 * np.arange(500)
-    with pytest.raises(InputError, match="'u' is constant in all recordings"):
-        identify(
-            study_of(coordinates={"x": Measured()}, inputs={"u": Driven()}),
-            {"t": t, "x": np.exp(-t), "u": np.full(500, 2.0)},
-        )
-
-
-# what supports no model
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("seed", range(3))
-def test_noise_alone_is_no_signal(order, seed):
-    rng = np.random.default_rng(seed)
-    study = study_of(coordinates={"x": Measured(order=order)})
-    with pytest.raises(NoModelError, match=r"the signals stage came out empty: x holds nothing above its noise") as e:
-        identify(study, {"t": 0.01 * np.arange(3000), "x": rng.standard_normal(3000)})
-    assert (e.value.stage, e.value.exit_code) == ("signals", 3)
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("seed", range(3))
-def test_a_random_walk_has_no_law(order, seed):
-    rng = np.random.default_rng(seed)
-    study = study_of(coordinates={"x": Measured(order=order), "y": Measured(order=order)})
-    walks = {name: np.cumsum(rng.standard_normal(3000)) for name in "xy"}
-    with pytest.raises(NoModelError, match="the selection stage came out empty") as e:
-        identify(study, {"t": 0.01 * np.arange(3000), **walks})
-    assert e.value.stage == "selection"
-    assert "none is left" in str(e.value) or "less than the 50% asked for" in str(e.value)
-
-
-@pytest.fixture(scope="module")
-def driven():
-    """x' = -x + u."""
-    rng, t = np.random.default_rng(3), 0.02 * np.arange(2000)
-    u = band(rng, len(t), 0.02, 1.0)
-    x = runge_kutta(lambda s, u: u - s, t, (0.0,), u)[:, 0]
-    return {"t": t, "x": noisy(rng, x, 0.001), "u": u}
-
-
-DRIVEN = study_of(coordinates={"x": Measured()}, inputs={"u": Driven()})
-
-
-def test_a_driver_that_was_not_recorded_leaves_no_model(driven):
-    assert_recovers(identify(DRIVEN, driven), {"x_dot": {"x_dot": 1.0, "x": 1.0, "u": -1.0}}, rel=0.01)
-    with pytest.raises(NoModelError, match="or something that drives the system was not recorded") as e:
-        identify(msgspec.structs.replace(DRIVEN, inputs={}), driven)
-    assert e.value.stage == "selection"
-
-
-def test_a_library_without_the_right_terms_leaves_no_model(driven):
-    wrong = Candidates(terms=("x**2", "x**3", "x*u", "x_dot"))
-    with pytest.raises(NoModelError, match=r"Either the library\s+lacks the right terms"):
-        identify(msgspec.structs.replace(DRIVEN, library=wrong), driven)
-
-
-def test_a_candidate_that_is_not_finite_on_the_data_is_named(driven):
-    study = msgspec.structs.replace(DRIVEN, library=Candidates(basis=("x", "u", "log(x)"), degree=1))
-    with pytest.raises(InputError, match=r"the candidate log\(x\) has no finite value on \d+ samples"):
-        identify(study, driven)
-
-
-def test_more_candidates_than_samples_are_refused(driven):
-    study = msgspec.structs.replace(DRIVEN, library=Candidates(basis=("x", "u"), degree=12))
-    few = {name: values[:120] for name, values in driven.items()}
-    with pytest.raises(InputError, match=r"\d+ samples cannot decide between \d+ candidate terms for x_dot: record"):
-        identify(study, few)
-
-
-def test_candidates_too_large_to_square_are_refused_by_name(driven):
-    study = msgspec.structs.replace(DRIVEN, library=Candidates(basis=("x", "u", "exp(x)"), degree=1))
-    large = {**driven, "x": 400.0 + driven["x"]}
-    with pytest.raises(InputError, match=r"exp\(x\)"):
-        identify(study, large)
-
-
-def test_a_study_without_a_state_in_its_library_is_refused(driven):
-    study = msgspec.structs.replace(DRIVEN, library=Candidates(terms=("u", "x_dot")))
-    with pytest.raises(InputError, match="no candidate term contains a state"):
-        identify(study, driven)
-
-
-def test_two_relations_that_say_the_same_determine_nothing():
-    """The one law of a' = u - a, b' = -u - b without u is a' + b' = -(a + b), whichever target it is sought for."""
-    rng, t = np.random.default_rng(9), 0.01 * np.arange(4000)
-    u = band(rng, len(t), 0.01, 0.8)
-    s = runge_kutta(lambda s, u: np.array([u, -u]) - s, t, (3.0, 1.0), u)
-    study = study_of(
-        coordinates={"a": Measured(), "b": Measured()},
-        library=Candidates(terms=("a", "b", "a_dot", "b_dot"), coupled=True),
-    )
-    with pytest.raises(NoModelError, match="the model stage came out empty: the best relations of the targets do not"):
-        identify(study, {"t": t, "a": noisy(rng, s[:, 0], 1e-3), "b": noisy(rng, s[:, 1], 1e-3)})
-
-
-def test_nested_search_can_be_switched_off_and_still_finds_a_plain_law(driven):
-    study = msgspec.structs.replace(DRIVEN, regression=Regression(nested=False))
-    assert_recovers(identify(study, driven), {"x_dot": {"x_dot": 1.0, "x": 1.0, "u": -1.0}}, rel=0.01)
-
-
-# the issue's tables: 20 seeds
-
-
-@pytest.fixture(scope="module")
-def table():
-    bench = load_bench("demo_table")
-    return {level: [bench.run((seed, level, 0.01)) for seed in range(20)] for level in (1, 2)}
-
-
-@pytest.mark.slow
-def test_level_1_is_exact_in_18_of_20(table):
-    for k, target in enumerate(("x_ddot", "phi_ddot")):
-        outcomes = [run[k] for run in table[1]]
-        assert {o.target for o in outcomes} == {target}
-        exact = [o for o in outcomes if not o.missing and not o.extra]
-        assert len(exact) >= 18, target
-        assert max(o.error for o in exact) < 0.02, target
-
-
-@pytest.mark.slow
-def test_level_2_is_exact_but_for_joint_friction(table):
-    cart, pendulum = ([run[k] for run in table[2]] for k in (0, 1))
-    assert sum(not o.missing and not o.extra for o in pendulum) >= 17
-    assert sum(not o.extra and o.missing <= {"phi_dot*cos(phi)"} for o in cart) >= 13
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["michaelis-menten", "lorenz", "predator-prey"])
-def test_other_systems_over_seeds(systems, name):
-    found = [systems.attempt((name, 0.001, seed)) for seed in range(10)]
-    for target in systems.CASES[name].truth:
-        assert sum(outcome[target] == "" for outcome in found) >= 9, target
-
-
-def test_searches_begin_from_as_many_proposals_as_asked_for_and_the_best_end_is_taken(systems):
-    """At 40 and 50 % noise no search is clear: all proposals are tried, beside the forward selection.
-
-    On the first of these logs the first proposal and the forward selection both end at a worse model than the second.
-    """
-    case = systems.CASES["predator-prey"]
-    data = systems.noisy(case, 0.4, np.random.default_rng(7))
-    few, more = (
-        identify(msgspec.structs.replace(case.study, likelihood=LikelihoodSearch(starts=n)), data) for n in (1, 4)
-    )
-    assert few.model.scores.likelihood.starts == 2
-    assert more.refinement.outcome.penalised < few.refinement.outcome.penalised - 5.0
-    case = systems.CASES["michaelis-menten"]
-    data = systems.noisy(case, 0.5, np.random.default_rng(7))
-    few, more = (
-        identify(msgspec.structs.replace(case.study, likelihood=LikelihoodSearch(starts=n)), data) for n in (2, 4)
-    )
-    assert [r.model.scores.likelihood.starts for r in (few, more)] == [3, 5]
-    assert more.refinement.outcome.penalised < few.refinement.outcome.penalised + 1e-3

@@ -1,0 +1,268 @@
+"""What terms process noise lets a record show, and the search beside it."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from process_cases import (
+    LENGTH,
+    LINEAR,
+    NONE,
+    PRESENT,
+    SIGMA,
+    STEP,
+    Q,
+    cut,
+    fitted,
+    kicked,
+    space,
+    spring,
+    white_kicks,
+)
+from small_systems import SPRING, System, drive
+
+from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.held_out import free_run_error, held_out, without_held_out
+from odescope.likelihood.process_noise import (
+    cost_without_process_noise,
+    estimate_noise,
+    robust_evidence,
+    search_with_process_noise,
+)
+from odescope.likelihood.refine import FINEST, _evidence, _halve
+from odescope.likelihood.search import Outcome
+from odescope.recordings.coordinate import Coordinate
+
+
+def curved(theta, kicks, count=600):
+    """Return states of the spring with more terms, by RK4 in numpy."""
+    x, v, rows = 0.5, 0.0, []
+    _, k, c, cube, b, square, speed, *_ = (float(t) for t in theta)
+
+    def rate(x, v, u):
+        return -(k * x + c * v + cube * x**3 + b * u + square * x * x + speed * v * v)
+
+    h = STEP / 2
+    for kick, (first, middle, last) in zip(kicks.tolist(), drive(count)[:, :, 0].tolist(), strict=True):
+        x, v = x + kick[0], v + kick[1]
+        rows.append((x, v))
+        for s in (0.0, 0.5):
+            u = [
+                first * (1 - r) * (1 - 2 * r) + middle * 4 * r * (1 - r) + last * r * (2 * r - 1)
+                for r in (s, s + 0.25, s + 0.5)
+            ]
+            a1 = rate(x, v, u[0])
+            a2 = rate(x + h / 2 * v, v + h / 2 * a1, u[1])
+            v2 = v + h / 2 * a1
+            a3 = rate(x + h / 2 * v2, v + h / 2 * a2, u[1])
+            v3 = v + h / 2 * a2
+            a4 = rate(x + h * v3, v + h * a3, u[2])
+            v4 = v + h * a3
+            x, v = x + h / 6 * (v + 2 * v2 + 2 * v3 + v4), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+    return np.array(rows)
+
+
+def with_term(slot, size):
+    theta = LINEAR.copy()
+    theta[slot] = size
+    return theta
+
+
+@pytest.mark.parametrize("slot", [5, 6], ids=["x**2", "x_dot**2"])
+def test_without_process_noise_half_of_the_terms_at_their_limit_are_detected(slot):
+    count, spread, gap = 300, np.array([0.01, 0.05]), 1e-3
+
+    def evidence(states, seed):
+        measured = states[:, :1] + SIGMA * np.random.default_rng(seed).standard_normal((count, 1))
+        it = space(SPRING, cut(states, measured, drive(count), SIGMA, spread, (count,), 25))
+        found = fitted(it, gap=gap * spread)
+        return it.penalty[slot], _evidence(it, Outcome(found, gap, 1.0, it.penalty, (), True, False, 0.0))
+
+    still = np.zeros((count, 2))
+    limit = evidence(curved(LINEAR, still, count), 0)[1].limits[slot]
+    share = {}
+    for size in (1 / 3, 1.0, 2.0):
+        states = curved(with_term(slot, size * limit), still, count)
+        found = [evidence(states, 500 + seed) for seed in range(24)]
+        share[size] = np.mean([e.scores[slot] > price for price, e in found])
+    assert share[1 / 3] <= 0.1
+    assert abs(share[1.0] - 0.5) < 3 * np.sqrt(0.25 / 24)
+    assert share[2.0] >= 0.95
+
+
+def test_with_process_noise_terms_at_twice_their_limit_are_detected():
+    it = spring(0)
+    limit = robust_evidence(it, fitted(it)).limits[5]
+    scores = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        states = curved(with_term(5, 2.0 * limit), white_kicks(rng, Q, (600,)))
+        measured = states[:, :1] + SIGMA * rng.standard_normal((600, 1))
+        it = space(SPRING, cut(states, measured, drive(600), SIGMA, Q, (600,)))
+        scores.append(robust_evidence(it, fitted(it)).scores[5])
+    assert np.mean(np.array(scores) > it.penalty[5]) > 0.8
+
+
+def test_only_a_record_with_kicks_is_better_described_with_process_noise():
+    costs = []
+    for seed in range(5):
+        for q in (Q, np.zeros(2)):
+            it = spring(600 + seed, q=q, believed=Q)
+            strict = 1e-3
+            joined = fitted(it, gap=strict * Q)
+            outcome = Outcome(joined, strict, joined.data_cost / it.segments.samples, it.penalty, (), True, False, 0.0)
+            with_it = estimate_noise(it, fitted(it))[2] + it.penalty[PRESENT].sum()
+            costs.append((cost_without_process_noise(it, outcome), with_it))
+    costs = np.array(costs)
+    assert np.all(costs[::2, 0] > costs[::2, 1] + 100.0)
+    # Widths that are there to be fitted gain a little, never much, where there is nothing to fit.
+    assert np.all(np.abs(costs[1::2, 0] - costs[1::2, 1]) < 6.0)
+
+
+@pytest.mark.parametrize("lengths", [(100, 27), (30, 20, 25, 40, 35, 10), (12,) * 11])
+def test_what_searches_see_and_what_is_held_out_have_nothing_in_common(lengths):
+    total = sum(lengths)
+    segments = cut(np.zeros((total, 2)), np.zeros((total, 1)), drive(total), SIGMA, Q, lengths)
+    seen = without_held_out(segments)
+    covered = np.concatenate([np.arange(s, s + c) for s, c in zip(seen.start, seen.count, strict=True)])
+    out = np.concatenate([np.arange(low, high) for low, high in held_out(segments)])
+    assert not set(covered) & set(out)
+    assert 0.1 < len(out) / total < 0.25
+    # Between them no more than the segment that holds the edge is lost.
+    assert total - len(covered) - len(out) < LENGTH * len(held_out(segments))
+    follows = np.append(seen.start[1:] == (seen.start + seen.count)[:-1], False)
+    borders = {high for _, high in segments.runs}
+    np.testing.assert_array_equal(
+        seen.joined, follows & ~np.array([e in borders for e in (seen.start + seen.count).tolist()])
+    )
+
+
+def test_the_free_run_error_is_that_of_runs_by_hand_and_least_at_the_truth():
+    count = 600
+    it = spring(0, count, q=np.zeros(2), believed=Q)
+    states, measured = it.segments.filtered, it.segments.measured[:, 0]
+    nodes, errors = drive(count), []
+    wrong = LINEAR * np.where(np.arange(len(LINEAR)) == 1, 1.1, 1.0)
+    for begin in (492, 516, 540, 564):
+        run = kicked(SPRING, wrong, nodes[begin:], np.zeros((count - begin, 2)), states[begin])[:, 0]
+        e = np.mean((run - measured[begin:]) ** 2) / measured.var()
+        errors.append(e / (1 + e))
+    assert free_run_error(it, wrong) == pytest.approx(np.mean(errors), rel=1e-4)
+    assert free_run_error(it, LINEAR) < 0.05 * np.mean(errors)
+
+
+PENDULUM = System(
+    (Coordinate("th", 2, angle=True),),
+    ("u",),
+    (
+        (0, 0, "1", 1.0),
+        (0, -1, "sin(th)", 9.0),
+        (0, -1, "th_dot", 0.4),
+        (0, -1, "u", -2.0),
+        (0, -1, "1", 0.0),
+        (0, -1, "th_dot**3", 0.0),
+        (0, -1, "u*cos(th)", 0.0),
+        (0, -1, "sin(th)*cos(th)", 0.0),
+        (0, 0, "cos(th)**2", 0.0),
+    ),
+    (0,),
+    None,
+)
+
+
+PENDULUM_PRESENT = [1, 2, 3]
+
+
+def pendulum(nodes, torque, kicks):
+    """Return states of the pendulum under kicks (N,) of its velocity and a torque (N,) that holds over each step."""
+    th, v, rows, h = 0.3, 0.0, [], STEP / 2
+    steps = zip(torque.tolist(), kicks.tolist(), nodes[:, :, 0].tolist(), strict=True)
+    for w, kick, (first, middle, last) in steps:
+        v += kick
+        rows.append((th, v))
+        quarters = [0.375 * first + 0.75 * middle - 0.125 * last, -0.125 * first + 0.75 * middle + 0.375 * last]
+        for u in ((first, quarters[0], middle), (middle, quarters[1], last)):
+            a = 2.0 * u[0] - 9.0 * math.sin(th) - 0.4 * v + w
+            v2 = v + h / 2 * a
+            b = 2.0 * u[1] - 9.0 * math.sin(th + h / 2 * v) - 0.4 * v2 + w
+            v3 = v + h / 2 * b
+            c = 2.0 * u[1] - 9.0 * math.sin(th + h / 2 * v2) - 0.4 * v3 + w
+            v4 = v + h * c
+            d = 2.0 * u[2] - 9.0 * math.sin(th + h * v3) - 0.4 * v4 + w
+            th, v = th + h / 6 * (v + 2 * v2 + 2 * v3 + v4), v + h / 6 * (a + 2 * b + 2 * c + d)
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("when", ["a kick a segment", "a torque a sample"])
+def test_the_search_finds_the_pendulum_under_a_white_torque_and_its_size(when):
+    count, size, found = 1500, 2.0, []
+    for seed in range(5):
+        rng = np.random.default_rng(700 + seed)
+        kicks, torque = np.zeros(count), np.zeros(count)
+        if when == "a kick a segment":
+            kicks[LENGTH::LENGTH] = LENGTH * STEP * size * rng.standard_normal(count // LENGTH - 1)
+        else:
+            torque = math.sqrt(LENGTH) * size * rng.standard_normal(count)
+        states = pendulum(drive(count), torque, kicks)
+        measured = states[:, :1] + 0.005 * rng.standard_normal((count, 1))
+        # Wider to begin with than what there is, as the smoothing errors of the stage are.
+        it = space(PENDULUM, cut(states, measured, drive(count), 0.005, [0.05, 2.0], (count,)), 1)
+        theta = PENDULUM.theta.copy()
+        theta[[1, 2, 6, 7]] = [8.0, 0.6, 0.2, 0.5]
+        found.append(search_with_process_noise(it, [(theta, np.array([1, 2, 3, 6, 7]))]))
+    right = [n for n in found if n.fit.present.tolist() == PENDULUM_PRESENT]
+    assert len(right) >= 4
+    # A kick at the joint is what the model has; torque within segments also moves their states.
+    unexplained = np.array([n.unexplained[0] for n in found])
+    assert np.all(np.abs(unexplained / size - 1.0) < (0.15 if when == "a kick a segment" else 0.3))
+    for n in right:
+        error = (n.fit.theta - PENDULUM.theta)[PENDULUM_PRESENT]
+        assert np.all(np.abs(error) < 4.5 * np.sqrt(n.evidence.variances))
+        prices = n.space.penalty[PENDULUM_PRESENT].sum() + 2 * np.log(n.space.segments.samples)
+        assert n.penalised == pytest.approx(n.marginal + prices)
+        if when == "a kick a segment":
+            assert n.space.segments.noise[0] == pytest.approx(0.005, rel=0.15)
+
+
+def coarse(sigma):
+    """Return the space of a spring sampled so rarely that one step a sample is far too long."""
+    step, count = 0.5, 400
+    nodes = drive(count, step)
+    states = kicked(SPRING, LINEAR, nodes, np.zeros((count, 2)), [0.5, 0.0], step)
+    measured = states[:, :1] + sigma * np.random.default_rng(0).standard_normal((count, 1))
+    return space(SPRING, cut(states, measured, nodes, sigma, [0.01, 0.05], (count,), 25, step), 1)
+
+
+def test_steps_are_halved_until_that_moves_no_coefficient():
+    it = coarse(0.005)
+    gap = 0.01 * it.segments.spread
+    rough = fitted(it, gap=gap)
+    finer, found = _halve(it, rough, gap)
+    assert 1 < finer.evaluator.substeps <= FINEST
+    best = replace(it, evaluator=Evaluator(it.segments, 32)).fit(LINEAR, PRESENT, found.x0, gap)
+
+    def moved(fit: Fit):
+        return np.abs((fit.theta - best.theta)[PRESENT] / np.sqrt(best.variances)).max()
+
+    assert moved(rough) > 5.0
+    assert moved(found) < 0.1
+
+
+def test_steps_that_are_short_enough_stay_and_so_does_the_fit():
+    it = spring(0)
+    found = fitted(it)
+    same, kept = _halve(it, found, it.segments.spread)
+    assert same is it
+    assert kept is found
+
+
+def test_programs_of_present_slots_alone_and_of_all_slots_cost_the_same():
+    it = spring(0)
+    found = fitted(it)
+    program, kept = it.program(found.present)
+    gap = it.segments.spread
+    short = it.evaluator.expand(program, found.theta[kept], NONE, found.x0, gap)
+    whole = it.whole
+    assert short.cost == pytest.approx(it.evaluator.expand(whole, found.theta, NONE, found.x0, gap).cost, rel=1e-12)

@@ -1,0 +1,19 @@
+"""Fixtures that several files of tests share."""
+
+from __future__ import annotations
+
+import pytest
+from identification_cases import load_bench
+
+from odescope.commands.demo import simulate_log
+
+
+@pytest.fixture(scope="module")
+def log():
+    log = simulate_log(0, 1)
+    return {"t": log.t, "x": log.measured[:, 0], "phi": log.measured[:, 1], "u": log.force}
+
+
+@pytest.fixture(scope="module")
+def systems():
+    return load_bench("systems")
