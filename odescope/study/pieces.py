@@ -226,8 +226,8 @@ def _offered(place: Place, kind: type) -> EntryPoint | None:
             try:
                 if entry.load() is kind:
                     return entry
-            except Exception:
-                continue
+            except (ImportError, AttributeError):
+                continue  # an entry that names nothing offers nothing; who names it in a file is told
     return None
 
 
