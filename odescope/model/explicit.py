@@ -55,7 +55,7 @@ def explicit(relations: Sequence[Relation], targets: Sequence[str]) -> tuple[Quo
         if len(rows) > LARGEST_BLOCK:
             raise InputError(f"{len(rows)} coupled targets have no readable explicit form; use the relations")
         matrix = [[relations[r].part(t) for t in block] for r in rows]
-        right = [_scaled(relations[r].part(None), -1.0) for r in rows]
+        right = [relations[r].right for r in rows]
         denominator = _determinant(matrix)
         if not denominator.parts:
             raise InputError(f"the relations for {', '.join(block)} are not independent")
@@ -96,7 +96,3 @@ def _determinant(matrix: Sequence[Sequence[Combination]]) -> Combination:
 
 def _product(first: Combination, second: Combination) -> Combination:
     return Combination.of((a * b, t * u) for a, t in first.parts for b, u in second.parts)
-
-
-def _scaled(combination: Combination, factor: float) -> Combination:
-    return Combination(tuple((factor * c, t) for c, t in combination.parts))

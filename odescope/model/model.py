@@ -9,7 +9,6 @@ from functools import cached_property
 import msgspec
 
 from odescope.errors import InputError
-from odescope.library.expression import Combination
 from odescope.library.tape import Tape, write_tape
 from odescope.model.display import equations_html, equations_latex
 from odescope.model.explicit import Quotient, explicit
@@ -71,7 +70,7 @@ class Model:
     def tape(self) -> Tape:
         """Tape of A, row by row, then b: (T * T + T) outputs."""
         matrix = [r.part(target) for r in self.relations for target in self.targets]
-        right = [Combination.of((-c, t) for c, t in r.part(None).parts) for r in self.relations]
+        right = [r.right for r in self.relations]
         return write_tape(self.variables, [*matrix, *right])
 
     @cached_property

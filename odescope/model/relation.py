@@ -50,3 +50,8 @@ class Relation:
     def part(self, factor: str | None) -> Combination:
         """Return what multiplies `factor`."""
         return Combination.of((t.coefficient, t.term) for t in self.terms if t.factor == factor)
+
+    @property
+    def right(self) -> Combination:
+        """What stands on the right where the targets stand on the left: the terms without one, negated."""
+        return Combination(tuple((-c, term) for c, term in self.part(None).parts))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from odescope.library.expression import Combination, Power, signed_sum
+from odescope.library.expression import Power, signed_sum
 from odescope.library.printer import Language, print_combination
 from odescope.model.model import Model
+from odescope.recordings.coordinate import state_chain
 
 _TEMPLATE = '''"""Equations of motion, written by odescope.
 
@@ -50,13 +51,10 @@ def to_python(model: Model) -> str:
     own = {name: mark + name for name in ("np", "t", "a", "b", "state")} | {"given": f"{mark}inputs"}
     language = python_language(own["np"])
     matrix = [[print_combination(language, r.part(t)) for t in model.targets] for r in model.relations]
-    right = [
-        print_combination(language, Combination(tuple((-c, t) for c, t in r.part(None).parts))) for r in model.relations
-    ]
+    right = [print_combination(language, r.right) for r in model.relations]
     unpack, acting = f"    {_unpacked(model.states)} = {own['state']}\n", f"{mark}acting"
     if inputs:
         unpack += f"    {_unpacked(inputs)} = {acting}({own['t']}, {own['given']})\n"
-    levels = {c.derivative(k): c.derivative(k + 1) for c in model.coordinates for k in range(c.order)}
     return _TEMPLATE.format(
         states=", ".join(model.states),
         inputs=", ".join(inputs) or "none",
@@ -68,7 +66,7 @@ def to_python(model: Model) -> str:
         matrix="[" + ", ".join("[" + ", ".join(row) + "]" for row in matrix) + "]",
         right="[" + ", ".join(right) + "]",
         targets=_unpacked(model.targets),
-        following=", ".join(levels[s] for s in model.states),
+        following=", ".join(state_chain(model.coordinates).values()),
         **own,
     )
 
