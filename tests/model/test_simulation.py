@@ -2,26 +2,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from simulation_cases import A1, B1, BC, CART_COORDINATES, DECAY, I1, M1, MC, G, X, Y, build, free, lagrange
 
-from odescope.errors import InputError
-from odescope.library.parse import Scope, parse_term
-from odescope.library.product import Product
 from odescope.model.linear_solve import solve_in_place
-from odescope.model.model import Model
-from odescope.model.relation import Relation, RelationTerm
 from odescope.model.simulation import simulate
 from odescope.recordings.coordinate import Coordinate, Input
-
-
-def build(coordinates, inputs, *relations):
-    names = {c.derivative(k) for c in coordinates for k in range(c.order)} | {i.name for i in inputs}
-    scope = Scope.of(names)
-    rows = [[RelationTerm(Product(factor, parse_term(text, scope)), c) for factor, text, c in r] for r in relations]
-    return Model(tuple(coordinates), tuple(inputs), tuple(Relation(tuple(row)) for row in rows))
-
-
-def free(model, t, initial, **options):
-    return simulate(model, t, np.empty((len(t), 0)), np.asarray(initial, dtype=float), **options)
 
 
 def reference(slope, t, inputs, holds, initial):
@@ -36,34 +21,6 @@ def reference(slope, t, inputs, holds, initial):
         run = solve_ivp(driven, (t[k], t[k + 1]), states[-1], "DOP853", rtol=1e-12, atol=1e-13)
         states.append(run.y[:, -1])
     return np.array(states)
-
-
-X, Y = Coordinate("x"), Coordinate("y")
-DECAY = build([X], [], [("x_dot", "1", 1.0), (None, "x", 1.0)])
-
-# a pendulum on a cart: its raw Lagrange equations, and solved for the accelerations
-MC, M1, A1, I1, BC, B1, G = 1.2, 0.4, 0.3, 0.012, 3.0, 0.02, 9.81
-CART_COORDINATES = [Coordinate("x", order=2, cyclic=True), Coordinate("phi", order=2, angle=True)]
-
-
-def lagrange(hold):
-    return build(
-        CART_COORDINATES,
-        [Input("u", hold=hold)],
-        [
-            ("x_ddot", "1", MC + M1),
-            ("phi_ddot", "cos(phi)", M1 * A1),
-            (None, "u", -1.0),
-            (None, "x_dot", BC),
-            (None, "sin(phi)*phi_dot**2", -M1 * A1),
-        ],
-        [
-            ("phi_ddot", "1", I1 + M1 * A1**2),
-            ("x_ddot", "cos(phi)", M1 * A1),
-            (None, "phi_dot", B1),
-            (None, "sin(phi)", M1 * G * A1),
-        ],
-    )
 
 
 def solved(hold):
@@ -101,9 +58,6 @@ def cart_slope(x, u):
 
 def drive(seed, count, columns=1):
     return 3.0 * np.random.default_rng(seed).standard_normal((count, columns))
-
-
-# oracles
 
 
 @pytest.mark.parametrize("hold", ["linear", "zero"])
@@ -211,9 +165,6 @@ def test_the_small_solver_agrees_with_lapack_whatever_needs_pivoting(size):
     assert not np.all(np.isfinite(found))
 
 
-# closed forms
-
-
 @pytest.mark.parametrize("rtol", [1e-8, 1e9])
 def test_a_held_input_that_switches_is_exact(rtol):
     # x' = u, held: the states are sums, whatever the steps.
@@ -250,9 +201,6 @@ def test_a_linear_system_under_a_switched_input_is_its_matrix_exponential():
     assert found.states == pytest.approx(np.array(states), abs=1e-8)
 
 
-# order and tolerance
-
-
 def test_the_formula_is_of_order_five():
     # So loose a tolerance accepts every step, and no step is longer than the span between two samples.
     model = lagrange("linear")
@@ -283,9 +231,6 @@ def test_a_tighter_tolerance_reduces_the_error_in_proportion(samples):
     assert np.all(np.diff(errors) < 0.0)
     assert np.all(errors < 300.0 * tolerances)
     assert errors[0] / errors[-1] > 1e5
-
-
-# properties
 
 
 def test_a_run_cut_in_two_is_the_run():
@@ -319,94 +264,3 @@ def test_a_state_that_passes_zero_costs_no_small_steps():
     # x' = -x, started at 1: relative to the run, e^-40 is nothing; relative to itself it would fall short of 1e-10.
     states = free(DECAY, np.linspace(0.0, 40.0, 5), [1.0]).states[:, 0]
     assert states == pytest.approx(np.exp(-np.linspace(0.0, 40.0, 5)), abs=1e-7)
-
-
-# how a run ends early
-
-
-def test_a_blow_up_ends_the_run_where_it_happens():
-    # x' = x^2 from 1: x = 1 / (1 - t).
-    model = build([X], [], [("x_dot", "1", 1.0), (None, "x**2", -1.0)])
-    t = np.linspace(0.0, 3.0, 301)
-    found = free(model, t, [1.0])
-    assert "grew without bound" in found.ended
-    assert repr(float(found.t[-1])) in found.ended
-    assert 0.98 < found.t[-1] <= 1.0 + 1e-9
-    early = found.t < 0.95
-    assert found.states[early, 0] == pytest.approx(1.0 / (1.0 - found.t[early]), rel=1e-5)
-    assert found.states.shape == (len(found.t), 1)
-
-
-@pytest.mark.parametrize("start", [0.5, 1.0, 1.3, 2.0])
-@pytest.mark.parametrize("period", [0.01, 0.013, 0.3])
-def test_a_pole_ends_the_run_before_it(start, period):
-    # x x' = -1: x = sqrt(start^2 - 2 t), until t = start^2 / 2.
-    model = build([X], [], [("x_dot", "x", 1.0), (None, "1", 1.0)])
-    t = period * np.arange(1000)
-    found = free(model, t, [start])
-    assert found.ended is not None
-    pole = start**2 / 2.0
-    assert pole - 1.001 * period <= found.t[-1] <= pole * (1.0 + 1e-6)
-    early = found.t < pole - 0.02
-    assert found.states[early, 0] == pytest.approx(np.sqrt(start**2 - 2.0 * found.t[early]), rel=1e-5)
-
-
-def test_a_start_on_a_pole_ends_at_once():
-    model = build([X], [], [("x_dot", "x", 1.0), (None, "1", 1.0)])
-    found = free(model, np.linspace(0.0, 1.0, 11), [0.0])
-    assert found.t.tolist() == [0.0]
-    assert found.states.tolist() == [[0.0]]
-    assert "met a pole" in found.ended
-
-
-def test_leaving_the_domain_of_a_function_ends_the_run():
-    # x' = -1 - log(x) / 1e3: log has no value below zero, which the state reaches shortly after t = 1.
-    model = build([X], [], [("x_dot", "1", 1.0), (None, "1", 1.0), (None, "log(x)", 0.001)])
-    found = free(model, np.linspace(0.0, 3.0, 61), [1.0])
-    assert "met a pole" in found.ended
-    assert found.t[-1] == pytest.approx(1.0, abs=0.051)
-
-
-def test_stiffness_ends_the_run_and_says_so():
-    stiff = build([X], [], [("x_dot", "1", 1.0), (None, "x", 1e7), (None, "1", -1.0)])
-    found = free(stiff, np.linspace(0.0, 1.0, 101), [1.0])
-    assert "too stiff to follow after t = 0.0 s" in found.ended
-    assert len(found.t) == 1
-    mild = build([X], [], [("x_dot", "1", 1.0), (None, "x", 1e4), (None, "1", -1.0)])
-    assert free(mild, np.linspace(0.0, 1.0, 101), [1.0]).states[-1, 0] == pytest.approx(1e-4, rel=1e-3)
-
-
-def test_relations_that_contradict_each_other_end_the_run():
-    model = build(
-        [X, Y],
-        [],
-        [("x_dot", "1", 1.0), ("y_dot", "1", 2.0), (None, "1", 1.0)],
-        [("x_dot", "1", 2.0), ("y_dot", "1", 4.0), (None, "1", 1.0)],
-    )
-    assert len(free(model, np.linspace(0.0, 1.0, 5), [0.0, 0.0]).t) == 1
-
-
-# refusals
-
-
-@pytest.mark.parametrize(
-    ("t", "inputs", "initial", "message"),
-    [
-        ([0.0, 0.1, 0.2], np.zeros((2, 1)), np.zeros(4), r"inputs of shape \(3, 1\) and 4 initial states"),
-        ([0.0, 0.1, 0.2], np.zeros((3, 1)), np.zeros(3), r"4 initial states; shapes \(3, 1\) and \(3,\) came"),
-        ([0.0, 0.1, 0.2], np.array([[0.0], [np.nan], [0.0]]), np.zeros(4), "must be finite"),
-        ([0.0, 0.1, 0.2], np.zeros((3, 1)), np.array([0.0, np.inf, 0.0, 0.0]), "must be finite"),
-        ([0.0, np.nan, 0.2], np.zeros((3, 1)), np.zeros(4), "must be finite"),
-        ([0.0, 0.2, 0.1], np.zeros((3, 1)), np.zeros(4), "must ascend"),
-        ([0.0, 0.1, 0.1], np.zeros((3, 1)), np.zeros(4), "must ascend"),
-        ([], np.zeros((0, 1)), np.zeros(4), "at least one"),
-    ],
-)
-def test_what_does_not_fit_the_model_is_refused(t, inputs, initial, message):
-    with pytest.raises(InputError, match=message):
-        simulate(lagrange("linear"), np.array(t), inputs, initial)
-
-
-def test_one_sample_is_the_start():
-    found = free(DECAY, np.array([3.0]), [0.7])
-    assert (found.t.tolist(), found.states.tolist(), found.ended) == ([3.0], [[0.7]], None)

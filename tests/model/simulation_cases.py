@@ -1,0 +1,54 @@
+"""What the tests of simulation and simulation_ends share."""
+
+import numpy as np
+
+from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
+from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
+from odescope.model.simulation import simulate
+from odescope.recordings.coordinate import Coordinate, Input
+
+
+def build(coordinates, inputs, *relations):
+    names = {c.derivative(k) for c in coordinates for k in range(c.order)} | {i.name for i in inputs}
+    scope = Scope.of(names)
+    rows = [[RelationTerm(Product(factor, parse_term(text, scope)), c) for factor, text, c in r] for r in relations]
+    return Model(tuple(coordinates), tuple(inputs), tuple(Relation(tuple(row)) for row in rows))
+
+
+def free(model, t, initial, **options):
+    return simulate(model, t, np.empty((len(t), 0)), np.asarray(initial, dtype=float), **options)
+
+
+X, Y = Coordinate("x"), Coordinate("y")
+
+
+DECAY = build([X], [], [("x_dot", "1", 1.0), (None, "x", 1.0)])
+
+
+# a pendulum on a cart: its raw Lagrange equations, and solved for the accelerations
+MC, M1, A1, I1, BC, B1, G = 1.2, 0.4, 0.3, 0.012, 3.0, 0.02, 9.81
+
+
+CART_COORDINATES = [Coordinate("x", order=2, cyclic=True), Coordinate("phi", order=2, angle=True)]
+
+
+def lagrange(hold):
+    return build(
+        CART_COORDINATES,
+        [Input("u", hold=hold)],
+        [
+            ("x_ddot", "1", MC + M1),
+            ("phi_ddot", "cos(phi)", M1 * A1),
+            (None, "u", -1.0),
+            (None, "x_dot", BC),
+            (None, "sin(phi)*phi_dot**2", -M1 * A1),
+        ],
+        [
+            ("phi_ddot", "1", I1 + M1 * A1**2),
+            ("x_ddot", "cos(phi)", M1 * A1),
+            (None, "phi_dot", B1),
+            (None, "sin(phi)", M1 * G * A1),
+        ],
+    )
