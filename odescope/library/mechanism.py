@@ -1,0 +1,78 @@
+"""Mechanism: one coefficient and all that it multiplies, in one relation or in several.
+
+A term of an energy, a reaction, a tie are mechanisms of several parts; a plain candidate is one of a single part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from odescope.library.product import Product
+
+Kind = Literal["term", "kinetic", "potential", "dissipation", "force", "reaction", "tie"]
+
+
+@dataclass(frozen=True)
+class Part:
+    """share * product, in one relation."""
+
+    relation: int
+    product: Product
+    share: float = 1.0
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """coefficient * parts: what it adds to the relations, whose sums are zero.
+
+    Attributes:
+        kind: what it is a term of.
+        term: what the coefficient stands before, as text: a product, a term of an energy, the flux of a reaction.
+        place: where that is: the target of its relation, or the kind.
+        parts: one a relation and product.
+        size: how elaborate it is; laws are simple, so every step of it halves the prior.
+        name: by which people know it, such as S + E -> C; the term where it has none of its own.
+        known: its coefficient, where that is given; None where it is looked for.
+    """
+
+    kind: Kind
+    term: str
+    place: str
+    parts: tuple[Part, ...]
+    size: float
+    name: str = ""
+    known: float | None = None
+
+    @property
+    def relations(self) -> frozenset[int]:
+        """The relations that it stands in."""
+        return frozenset(p.relation for p in self.parts)
+
+    def __str__(self) -> str:
+        return f"{self.term} in {self.place}"
+
+
+def candidate(relation: int, product: Product, target: str) -> Mechanism:
+    """Return the mechanism of a single part, in the relation of a target."""
+    size = (product.factor is not None) + product.degree
+    return Mechanism("term", product.text, target, (Part(relation, product),), size)
+
+
+def merged(parts: Iterable[Part]) -> tuple[Part, ...]:
+    """Return parts of which no two have the same relation and product, those that cancel left out."""
+    shares: dict[tuple[int, Product], float] = {}
+    for part in parts:
+        key = (part.relation, part.product)
+        shares[key] = shares.get(key, 0.0) + part.share
+    return tuple(Part(r, product, share) for (r, product), share in shares.items() if share != 0.0)
+
+
+def candidates_of(libraries: Sequence[Sequence[Product]], targets: Sequence[str]) -> tuple[Mechanism, ...]:
+    """Return the plain candidates of every relation, given the products of each."""
+    return tuple(
+        candidate(r, product, target)
+        for r, (products, target) in enumerate(zip(libraries, targets, strict=True))
+        for product in products
+    )

@@ -1,0 +1,69 @@
+"""From coefficients of mechanisms to relations: parts added up, each relation scaled by its leading target term."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.library.mechanism import Mechanism
+from odescope.library.product import Product
+from odescope.model.relation import Relation, RelationTerm
+
+CANCELLED = 1e-13  # of what a coefficient is the sum of: what is left is rounding
+EXACT = 1e-10  # standard error over coefficient: what is known but for rounding has none
+
+
+def relations_of(
+    mechanisms: Sequence[Mechanism], theta: FloatArray, covariance: FloatArray | None, targets: Sequence[str]
+) -> tuple[Relation, ...]:
+    """Return the relations that mechanisms add up to, the leading target term of each with coefficient 1 and first.
+
+    Leading is the target of the relation's own coordinate where it stands bare, else the simplest product with it, else
+    that with another target. Standard errors follow from the covariance to first order (the delta method).
+
+    Args:
+        mechanisms: those of the model.
+        theta: (k,) their coefficients.
+        covariance: (k, k) of the coefficients, zero where they are given; None where it is not known.
+        targets: one a relation.
+    """
+    return tuple(_relation(r, target, mechanisms, theta, covariance) for r, target in enumerate(targets))
+
+
+def _relation(
+    r: int, target: str, mechanisms: Sequence[Mechanism], theta: FloatArray, covariance: FloatArray | None
+) -> Relation:
+    products, shares = _shares(r, mechanisms)
+    coefficients, sizes = shares @ theta, np.abs(shares) @ np.abs(theta)
+    kept = np.abs(coefficients) > CANCELLED * sizes
+    found = [k for k in range(len(products)) if kept[k]]
+    held = [k for k in found if products[k].factor is not None]
+    if not held:
+        return Relation(tuple(RelationTerm(products[k], float(coefficients[k])) for k in found))
+    lead = min(held, key=lambda k: (products[k].factor != target, products[k].degree, -abs(coefficients[k])))
+    scaled = coefficients / coefficients[lead]
+    errors: list[float | None] = [None] * len(products)
+    if covariance is not None:
+        slopes = (shares - scaled[:, None] * shares[lead]) / coefficients[lead]
+        variances = np.maximum(np.einsum("ki,ij,kj->k", slopes, covariance, slopes), 0.0)
+        for k in found:
+            error = float(np.sqrt(variances[k]))
+            errors[k] = error if error > EXACT * abs(scaled[k]) else None
+    order = [lead, *(k for k in found if k != lead)]
+    return Relation(tuple(RelationTerm(products[k], 1.0 if k == lead else float(scaled[k]), errors[k]) for k in order))
+
+
+def _shares(r: int, mechanisms: Sequence[Mechanism]) -> tuple[list[Product], FloatArray]:
+    """Return the products of a relation, and the share of every mechanism in each, (products, k)."""
+    place: dict[Product, int] = {}
+    entries = list[tuple[int, int, float]]()
+    for k, mechanism in enumerate(mechanisms):
+        for part in mechanism.parts:
+            if part.relation == r:
+                entries.append((place.setdefault(part.product, len(place)), k, part.share))
+    shares = np.zeros((len(place), len(mechanisms)))
+    for row, k, share in entries:
+        shares[row, k] += share
+    return list(place), shares
