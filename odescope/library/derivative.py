@@ -15,7 +15,7 @@ def derivative(term: Term, name: str) -> Combination:
     """Return the partial derivative of a term with respect to a state, target or input."""
     parts: list[tuple[float, Term]] = []
     for atom, power in term.factors:
-        rest = term * Term.of([(atom, -1)])
+        rest = term.over(atom)
         parts += [(power * c, rest * inner) for c, inner in _of_atom(atom, name).parts]
     return Combination.of(parts)
 

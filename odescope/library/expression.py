@@ -86,6 +86,10 @@ class Term:
             found |= {atom.name} if isinstance(atom, Name) else atom.argument.names
         return frozenset(found)
 
+    def over(self, atom: Atom) -> Term:
+        """Return the product divided by an atom."""
+        return Term.of((*self.factors, (atom, -1)))
+
     def power_of(self, atom: Atom) -> Power:
         """Return the power of `atom` in this product, 0 where it is absent."""
         return self._powers.get(atom, 0)

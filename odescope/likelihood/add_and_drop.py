@@ -1,4 +1,4 @@
-"""Moves of a structure search: a part is added, dropped, or gone round to see whether it holds another's place."""
+"""Moves of a structure search: a mechanism is added, dropped, or gone round to see whether it holds another's place."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.search_space import Move, SearchSpace
 
-LOOK_ALIKE = 40.0  # times its penalty: a part that earns more is in its place
-DETOUR = 6  # additions and drops until a search without a part has to be better than that with it
+LOOK_ALIKE = 40.0  # times its penalty: a mechanism that earns more is in its place
+DETOUR = 6  # additions and drops until a search without a mechanism has to be better than that with it
 GAIN = 0.5  # fall of the penalised cost that makes it better: fits are no more accurate than this
 HOPELESS = 10.0  # times the cost before: a detour that stands there is given up
 
 
 class Judge(Protocol):
-    """Says by what statistics parts come and go."""
+    """Says by what statistics mechanisms come and go."""
 
     @property
     def trials(self) -> int:
-        """Parts tried by refitting before a move is given up."""
+        """Mechanisms tried by refitting before a move is given up."""
 
     @property
     def binding(self) -> bool:
@@ -32,10 +32,10 @@ class Judge(Protocol):
         """
 
     def wald(self, here: Fit) -> FloatArray | None:
-        """Return the Wald statistics (p,) of the present parts, None where there are none to be had."""
+        """Return the Wald statistics (p,) of the parameters, None where there are none to be had."""
 
     def scores(self, here: Fit) -> FloatArray | None:
-        """Return the score statistics (parts,) of the absent parts, 0 for the others."""
+        """Return the score statistics (mechanisms,) of the absent mechanisms, 0 for the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Moves:
         width: of the defects, in smoothing errors of each state.
         scale: residual variance, the unit of costs and statistics.
         trail: collects the moves that were made.
-        barred: parts that may not come (back).
+        barred: mechanisms that may not come (back).
     """
 
     space: SearchSpace
@@ -64,30 +64,38 @@ class Moves:
         return self.space.segments.spread * self.width
 
     def penalised(self, found: Fit) -> float:
-        """Cost and the penalties of the present parts."""
-        return found.cost / self.scale + float(self.space.penalty[found.present].sum())
+        """Cost and the penalties of the parameters."""
+        return found.cost / self.scale + self.space.price(found)
 
     def without(self, here: Fit, k: int) -> Fit | None:
-        """Return the fit without a present part."""
+        """Return the fit without a present mechanism."""
         theta = here.theta.copy()
         theta[k] = 0.0
-        return self.space.fit(theta, here.present[here.present != k], here.x0, self.defect_std)
+        return self.space.fit(theta, here.present[here.present != k], here.x0, self.defect_std, here.strength)
 
     def having(self, here: Fit, k: int) -> Fit | None:
-        """Return the fit with an absent part."""
+        """Return the fit with an absent mechanism."""
         present: IntArray = np.union1d(here.present, [k])
-        return self.space.fit(here.theta, present, here.x0, self.defect_std)
+        return self.space.fit(here.theta, present, here.x0, self.defect_std, here.strength)
+
+    def divide(self, here: Fit) -> Fit | None:
+        """Divide a relation by a function that all its terms hold, where that is no worse."""
+        theta = self.space.divided(here)
+        if theta is None:
+            return None
+        trial = self.space.fit(theta, np.flatnonzero(theta), here.x0, self.defect_std)
+        return trial if trial is not None and self.penalised(trial) < self.penalised(here) else None
 
     def drop(self, here: Fit) -> Fit | None:
-        """Drop a part that is not worth its penalty; of look-alikes that are worthless together, only one is."""
-        wald, penalty = self.judge.wald(here), self.space.penalty[here.present]
+        """Drop a mechanism that is not worth its penalty; of look-alikes that are worthless together, only one is."""
+        wald, penalty = self.judge.wald(here), self.space.penalty[here.free]
         if wald is None:
             return None
         wald = wald / self.scale
         for weak in np.argsort(wald - penalty)[: 1 if self.judge.binding else self.judge.trials]:
             if wald[weak] >= penalty[weak]:
                 return None
-            k = int(here.present[weak])
+            k = int(here.free[weak])
             trial = self.without(here, k)
             if trial is not None and (self.judge.binding or self.penalised(trial) <= self.penalised(here)):
                 self._note("drop", k, float(wald[weak]), trial)
@@ -97,7 +105,7 @@ class Moves:
         return None
 
     def add(self, here: Fit) -> Fit | None:
-        """Add a part that is worth its penalty."""
+        """Add a mechanism that is worth its penalty."""
         scores = self.judge.scores(here)
         if scores is None:
             return None
@@ -116,9 +124,9 @@ class Moves:
         return None
 
     def look_back(self, here: Fit) -> Fit | None:
-        """Return the end of a search that a thin part is barred from, if it is better.
+        """Return the end of a search that a thin mechanism is barred from, if it is better.
 
-        A part that came early may hold the place of another, or with others that of several; once it is gone, the
+        A mechanism that came early may hold the place of another, or with others that of several; once it is gone, the
         scores of the right ones stand out.
         """
         wald = self.judge.wald(here)
@@ -126,7 +134,7 @@ class Moves:
             return None
         wald = wald / self.scale
         for weak in np.argsort(wald):
-            k = int(here.present[weak])
+            k = int(here.free[weak])
             if wald[weak] > LOOK_ALIKE * self.space.penalty[k]:
                 return None
             detour = replace(self, trail=[], barred={k})

@@ -34,7 +34,7 @@ class Budget:
 
         Args:
             segments: that are integrated.
-            program: of the parts on the tape.
+            program: of the mechanisms on the tape.
             free: number of parameters.
             substeps: of RK4 a sample.
 
@@ -44,7 +44,7 @@ class Budget:
         self.monitor.check()
         n, targets = len(program.following), program.targets
         width = n + free
-        a_stage = INSTRUCTION * (len(program.tape.instructions.code) + len(program.parts)) + width * targets * (
+        a_stage = INSTRUCTION * (len(program.tape.instructions.code) + len(program.places.slot)) + width * targets * (
             n + targets + 4
         )
         a_sample = 4 * substeps * a_stage + 0.5 * len(segments.noise) * width**2

@@ -81,9 +81,9 @@ class Evaluator:
         """Return cost, gradient, Gauss-Newton matrix, end and its derivatives of every segment.
 
         Args:
-            program: the parts.
-            theta: (parts,) coefficients.
-            free: parts that are parameters.
+            program: the mechanisms.
+            theta: (mechanisms,) coefficients.
+            free: mechanisms whose coefficients are parameters.
             x0: (J, n) initial states.
 
         Raises:
@@ -91,14 +91,16 @@ class Evaluator:
         """
         self.budget.spend(self.segments, program, len(free), self.substeps)
         j, n, p = len(self.segments.start), x0.shape[1], len(free)
-        param = np.full(len(program.parts), -1, dtype=np.int64)
-        param[free] = np.arange(p)
+        number = np.full(len(program.mechanisms), -1, dtype=np.int64)
+        number[free] = np.arange(p)
+        places = program.places
+        param, weight = number[places.mechanism], places.share * theta[places.mechanism]
         out = Sums(
             np.empty(j), np.empty((j, n + p)), np.empty((j, n + p, n + p)), np.empty((j, n)), np.empty((j, n, n + p))
         )
 
         def part(begin: int, end: int) -> None:
-            integrate(program.tape.instructions, program.places, param, theta, p, self._data, x0, begin, end, out)
+            integrate(program.tape.instructions, places, param, weight, p, self._data, x0, begin, end, out)
 
         edges = np.linspace(0, j, min(self.threads, -(-j // LANES)) + 1).astype(int)
         others = [_pool(os.getpid()).submit(part, a, b) for a, b in pairwise(edges[1:])]
@@ -120,9 +122,9 @@ class Evaluator:
         """Return cost and expansion, or None where a segment blows up or the states' block is singular.
 
         Args:
-            program: the parts.
-            theta: (parts,) coefficients.
-            free: parts that are parameters.
+            program: the mechanisms.
+            theta: (mechanisms,) coefficients.
+            free: mechanisms whose coefficients are parameters.
             x0: (J, n) initial states.
             defect_std: (n,) standard deviations of the defects between segments.
             damping: of Levenberg and Marquardt: multiplies the diagonal by 1 + damping.

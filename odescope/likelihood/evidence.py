@@ -11,7 +11,8 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
 from odescope.likelihood.evaluator import scaled
-from odescope.likelihood.fit import SINGULAR, Fit
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.gauge import SINGULAR
 from odescope.likelihood.search_space import SearchSpace
 
 TOLD_APART = 1e-6  # share of a candidate's information that the present terms leave to it, at least
@@ -69,10 +70,10 @@ def project(information: FloatArray, gradients: FloatArray, here: BoolArray) -> 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Shapes: scores (parts,) of the absent terms, wald and variances (p,) and correlation (p, p) of the present ones.
+    """Shapes: scores (mechanisms,) of the absent ones, wald and variances (p,), correlation (p, p) of the parameters.
 
-    limits (parts,) are the coefficients from which on an absent term is likely to be detected: infinite where the data
-    cannot tell it from present terms, 0 where a term is present or held.
+    limits (mechanisms,) are the coefficients from which on an absent one is likely to be detected: infinite where the
+    data cannot tell it from the present ones, 0 where it is present or held.
     """
 
     scores: FloatArray
@@ -80,6 +81,13 @@ class Evidence:
     variances: FloatArray
     correlation: FloatArray
     limits: FloatArray
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the parameters, (p, p)."""
+        errors = np.sqrt(self.variances)
+        covariance: FloatArray = self.correlation * errors * errors[:, None]
+        return covariance
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -89,18 +97,18 @@ def weigh(space: SearchSpace, found: Fit, information: FloatArray, blocks: Float
     Args:
         space: candidates and their penalties.
         found: a fit of some of them.
-        information: (f, f) of all free parts, initial states eliminated.
+        information: (f, f) of all that may be parameters, initial states eliminated.
         blocks: (b, f) gradients of the blocks of the record, which sum to the whole; a single row is no check.
     """
-    free = space.free
-    here = np.isin(free, found.present)
+    free = space.free(found)
+    here = np.isin(free, found.free)
     rest = project(information, blocks, here)
     own, spread = np.diag(rest.inverse), np.maximum(rest.left, 1e-300)
     if len(blocks) > 1:
         own = np.maximum(own, between(rest.influence))
         spread = np.maximum(spread, between(rest.slopes))
     variances = own / rest.scale[here] ** 2
-    scores, limits = np.zeros(len(space.parts)), np.zeros(len(space.parts))
+    scores, limits = np.zeros(len(space.mechanisms)), np.zeros(len(space.mechanisms))
     scores[free[~here]] = rest.scores(spread)
     reach = np.sqrt(space.penalty[free[~here]] * spread) / np.maximum(rest.left, 1e-300) / rest.scale[~here]
     limits[free[~here]] = np.where(rest.told, reach, np.inf)

@@ -9,6 +9,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.expression import Term
+from odescope.library.mechanism import Mechanism
 from odescope.likelihood.evidence import Evidence, between, in_blocks
 from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
@@ -34,7 +35,7 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> Likelih
         process_noise=None
         if process is None
         else dict[str, Number](zip(targets, process.unexplained.tolist(), strict=True)),
-        trail=_trail(refinement, targets),
+        trail=_trail(refinement),
         hints=() if lacking is None else tuple(missing_physics(lacking, targets)),
         held_out_free_run=None if process is None else float(process.held_out),
     )
@@ -43,19 +44,19 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> Likelih
     return msgspec.structs.replace(
         scores,
         intervals=_intervals(refinement, targets),
-        correlations=_correlations(refinement, refinement.evidence, targets),
-        limits=_limits(refinement, refinement.evidence, targets),
+        correlations=_correlations(refinement, refinement.evidence),
+        limits=_limits(refinement, refinement.evidence),
     )
 
 
-def _trail(refinement: Refinement, targets: Sequence[str]) -> tuple[Step, ...]:
+def _trail(refinement: Refinement) -> tuple[Step, ...]:
     process = refinement.process
     return tuple(
         Step(
             gap=_finite(m.width) if process is None else None,
             action=m.action,
-            target=targets[m.part.relation],
-            term=m.part.product.text,
+            target=m.mechanism.place,
+            term=m.mechanism.term,
             statistic=float(m.statistic),
             price=float(m.penalty),
         )
@@ -72,22 +73,22 @@ def _intervals(refinement: Refinement, targets: Sequence[str]) -> tuple[Interval
     )
 
 
-def _correlations(refinement: Refinement, evidence: Evidence, targets: Sequence[str]) -> tuple[Correlation, ...]:
-    names = [f"{term} in {target}" for term, target in _present(refinement, targets)]
+def _correlations(refinement: Refinement, evidence: Evidence) -> tuple[Correlation, ...]:
+    names = [str(m) for m in _fitted(refinement)]
     return tuple(
         Correlation(first=names[i], second=names[j], correlation=float(evidence.correlation[i, j]))
         for i, j in zip(*np.nonzero(np.abs(np.tril(evidence.correlation, -1)) > CORRELATED), strict=True)
     )
 
 
-def _limits(refinement: Refinement, evidence: Evidence, targets: Sequence[str]) -> tuple[Limit, ...]:
-    """Return the limit of every absent term, the simplest first."""
-    parts, penalty = refinement.space.parts, refinement.space.penalty
+def _limits(refinement: Refinement, evidence: Evidence) -> tuple[Limit, ...]:
+    """Return the limit of every absent mechanism, the simplest first."""
+    mechanisms, penalty = refinement.space.mechanisms, refinement.space.penalty
     absent = sorted(np.flatnonzero(evidence.limits), key=lambda k: float(penalty[k]))
     return tuple(
         Limit(
-            target=targets[parts[k].relation],
-            term=parts[k].product.text,
+            target=mechanisms[k].place,
+            term=mechanisms[k].term,
             limit=_finite(evidence.limits[k]),
         )
         for k in absent
@@ -96,27 +97,26 @@ def _limits(refinement: Refinement, evidence: Evidence, targets: Sequence[str]) 
 
 def doubts(refinement: Refinement, targets: Sequence[str]) -> Doubts:
     """Return what the stage knows against its model: where evidence is thin, and what a search may have missed."""
-    process, evidence, present = refinement.process, refinement.evidence, refinement.fit.present
+    process, evidence, free = refinement.process, refinement.evidence, refinement.fit.free
     thin = list[tuple[str, str, float]]()
     if refinement.follows and evidence is not None:
-        weak = evidence.wald < THIN * refinement.space.penalty[present]
+        weak = evidence.wald < THIN * refinement.space.penalty[free]
         thin = [
-            (*name, float(np.sqrt(wald)))
-            for name, wald, is_weak in zip(_present(refinement, targets), evidence.wald, weak, strict=True)
+            (m.term, m.place, float(np.sqrt(wald)))
+            for m, wald, is_weak in zip(_fitted(refinement), evidence.wald, weak, strict=True)
             if is_weak
         ]
     return Doubts(
         late=refinement.late,
-        crowded=len(present) > MOST_TERMS * len(targets),
+        crowded=len(free) > MOST_TERMS * len(targets),
         window=None if process is None else process.window,
         thin=tuple(thin),
     )
 
 
-def _present(refinement: Refinement, targets: Sequence[str]) -> list[tuple[str, str]]:
-    """Return every coefficient that was fitted, by its term and its target."""
-    parts = [refinement.space.parts[k] for k in refinement.fit.present]
-    return [(part.product.text, targets[part.relation]) for part in parts]
+def _fitted(refinement: Refinement) -> list[Mechanism]:
+    """Return the mechanisms whose coefficients were fitted."""
+    return [refinement.space.mechanisms[k] for k in refinement.fit.free]
 
 
 def _finite(value: float) -> float | None:
@@ -131,15 +131,15 @@ def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
     """
     space, segments = process.space, process.space.segments
     names, following = space.frame.variables, space.frame.following
-    program, kept = space.program(process.fit.present)
-    none = np.zeros(0, dtype=np.int64)
-    last = space.evaluator.integrate(program, process.fit.theta[kept], none, process.fit.x0).last
+    present, none = process.fit.present, np.zeros(0, dtype=np.int64)
+    program = space.program(present)
+    last = space.evaluator.integrate(program, process.fit.theta[present], none, process.fit.x0).last
     joints = np.flatnonzero(segments.joined)
     begin = process.fit.x0[joints + 1]
     lacking = begin - last[joints]
-    present = [space.parts[k].product.term for k in kept]
+    terms = [p.product.term for k in present for p in space.mechanisms[k].parts]
     velocities = [int(np.flatnonzero(following == j)[0]) for j in range(len(following)) if (following == j).any()]
-    moving = [int(following[v]) for v in velocities if not _has_sign(present, names[following[v]])]
+    moving = [int(following[v]) for v in velocities if not _has_sign(terms, names[following[v]])]
     rates = np.diff(segments.inputs[segments.start, 0], axis=0, append=0.0)[joints]
     causes = np.column_stack([*(np.sign(begin[:, j]) for j in moving), rates])
     sentences = []

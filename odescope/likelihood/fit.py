@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.likelihood.evaluator import Evaluator, Expansion, scaled
+from odescope.likelihood.evaluator import Evaluator, Expansion
+from odescope.likelihood.gauge import inverse
 from odescope.likelihood.kernel import Sums
 from odescope.likelihood.program import Program
 
@@ -15,30 +17,54 @@ ITERATIONS = 40
 CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit
 LARGEST_DAMPING = 1e8
 CLOSING = 3  # steps more, at most, that close the defects which a long step left open
-SINGULAR = 1e-10  # least eigenvalue of a scaled information matrix, over the largest, that is not rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A converged structure: theta (parts,) zero where absent, present parts, initial states, cost and information."""
+    """A converged structure: its coefficients, initial states, cost, and the information about the coefficients.
+
+    Shapes: theta (mechanisms,) zero where absent; present the numbers of those in the model, held those of them that
+    are no parameters, both ascending; x0 (J, n); information (p, p) of the others.
+    """
 
     theta: FloatArray
     present: IntArray
+    held: IntArray
     x0: FloatArray
     cost: float
     data_cost: float
     information: FloatArray
     converged: bool
 
+    @cached_property
+    def free(self) -> IntArray:
+        """The mechanisms whose coefficients are parameters, (p,)."""
+        return np.setdiff1d(self.present, self.held)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Covariance of the parameters, (p, p), at the noise that the costs were weighed with."""
+        return inverse(self.information)
+
     @property
     def variances(self) -> FloatArray:
-        """Variances of the present coefficients, (p,), at the noise that the costs were weighed with."""
-        information, scale = scaled(self.information)
-        values, vectors = np.linalg.eigh(information)
-        # What two terms cannot be told apart by is rounding, of either sign: large variances, never negative ones.
-        values = np.maximum(values, SINGULAR * values.max(initial=0.0))
-        variances: FloatArray = (vectors**2 @ (1.0 / values)) / scale**2
+        """Variances of the parameters, (p,)."""
+        variances: FloatArray = np.diag(self.covariance).copy()
         return variances
+
+    @property
+    def wald(self) -> FloatArray:
+        """Wald statistics of the parameters, (p,)."""
+        wald: FloatArray = self.theta[self.free] ** 2 / np.maximum(self.variances, 1e-300)
+        return wald
+
+    @property
+    def strength(self) -> FloatArray:
+        """How well each coefficient is known (mechanisms,): infinitely where it is held, not at all where absent."""
+        strength = np.zeros(len(self.theta))
+        strength[self.free] = self.wald
+        strength[self.held] = np.inf
+        return strength
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,25 +83,25 @@ class _Descent:
 
     evaluator: Evaluator
     program: Program
-    present: IntArray
+    free: IntArray
     defect_std: FloatArray
 
     def at(self, theta: FloatArray, x0: FloatArray) -> _Point | None:
         """Return the point, or None where a segment blows up."""
-        integrated = self.evaluator.integrate(self.program, theta, self.present, x0)
-        expansion = self.evaluator.expand(self.program, theta, self.present, x0, self.defect_std, 0.0, integrated)
+        integrated = self.evaluator.integrate(self.program, theta, self.free, x0)
+        expansion = self.evaluator.expand(self.program, theta, self.free, x0, self.defect_std, 0.0, integrated)
         return None if expansion is None or not expansion.finite else _Point(theta, x0, integrated, expansion)
 
     def after(self, here: _Point, damping: float) -> _Point | None:
         """Return the point that the expansion asks for, or None where that is none."""
         damped = self.evaluator.expand(
-            self.program, here.theta, self.present, here.x0, self.defect_std, damping, here.integrated
+            self.program, here.theta, self.free, here.x0, self.defect_std, damping, here.integrated
         )
         step = None if damped is None else self.evaluator.change(damped, self.defect_std)
         if step is None:
             return None
         theta = here.theta.copy()
-        theta[self.present] += step[0]
+        theta[self.free] += step[0]
         return self.at(theta, here.x0 + step[1])
 
     def lower(self, here: _Point, damping: float) -> _Point | None:
@@ -100,26 +126,27 @@ def fit(
     evaluator: Evaluator,
     program: Program,
     theta: FloatArray,
-    present: IntArray,
+    held: IntArray,
     x0: FloatArray,
     defect_std: FloatArray,
     iterations: int = ITERATIONS,
 ) -> Fit | None:
-    """Return the fit of the present parts from a start, or None where the start itself cannot be integrated.
+    """Return the fit of a program from a start, or None where the start itself cannot be integrated.
 
     Steps are accepted only when they lower the cost.
 
     Args:
         evaluator: the data.
-        program: the parts.
-        theta: (parts,) coefficients to begin with.
-        present: parts that are parameters.
+        program: the mechanisms.
+        theta: (mechanisms,) coefficients to begin with.
+        held: mechanisms whose coefficients stay.
         x0: (J, n) initial states to begin with.
         defect_std: (n,) standard deviations of the defects between segments, infinite for independent segments.
         iterations: steps at most.
     """
     damping, converged = 1e-4, False
-    descent = _Descent(evaluator, program, present, defect_std)
+    present = np.arange(len(program.mechanisms))
+    descent = _Descent(evaluator, program, np.setdiff1d(present, held), defect_std)
     here = descent.at(theta, x0)
     if here is None:
         return None
@@ -135,4 +162,4 @@ def fit(
         if converged or damping > LARGEST_DAMPING:
             break
     end = here.expansion
-    return Fit(here.theta, present, here.x0, end.cost, end.data_cost, end.information, converged)
+    return Fit(here.theta, present, held, here.x0, end.cost, end.data_cost, end.information, converged)

@@ -52,8 +52,10 @@ def free_run_error(space: SearchSpace, theta: FloatArray) -> float:
         joined=np.zeros(len(start), dtype=np.bool_),
         noise=np.maximum(measured.std(axis=0), 1e-300),
     )
-    program, kept = space.program(np.flatnonzero(theta))
+    present = np.flatnonzero(theta)
     none = np.zeros(0, dtype=np.int64)
-    cost = space.on(loose).evaluator.integrate(program, theta[kept], none, segments.filtered[start]).cost
+    cost = (
+        space.on(loose).evaluator.integrate(space.program(present), theta[present], none, segments.filtered[start]).cost
+    )
     error = cost / (loose.count * measured.shape[1])
     return float(np.mean(np.where(np.isfinite(error), error / (1.0 + error), 1.0)))

@@ -69,7 +69,8 @@ def _slopes(code, places, param, weight, p, lanes, x, s, u, scratch, dx, ds):
     Shapes: x, dx (n, L); s, ds (n, n + p, L); u (inputs, L); param, weight one entry a part.
     """
     work, a, inv, y, g, v = scratch.work, scratch.a, scratch.inv, scratch.y, scratch.g, scratch.v
-    slot, owner, factor, grad, following = places.slot, places.owner, places.factor, places.grad, places.following
+    slot, owner, factor, share = places.slot, places.owner, places.factor, places.share
+    grad, following = places.grad, places.following
     n, targets = x.shape[0], y.shape[0]
     first = work.shape[0] - code.code.shape[0]
     for i in range(n):
@@ -147,14 +148,14 @@ def _slopes(code, places, param, weight, p, lanes, x, s, u, scratch, dx, ds):
         for i in range(n):
             if following[i] < 0:
                 t = -1 - following[i]
-                w, out = inv[t, r], ds[i, n + param[k]]
+                w, c, out = inv[t, r], share[k], ds[i, n + param[k]]
                 if factor[k] >= 0:
                     by = y[factor[k]]
                     for lane in range(lanes):
-                        out[lane] -= w[lane] * by[lane] * value[lane]
+                        out[lane] -= c * w[lane] * by[lane] * value[lane]
                 else:
                     for lane in range(lanes):
-                        out[lane] -= w[lane] * value[lane]
+                        out[lane] -= c * w[lane] * value[lane]
 
 
 @kernel()
@@ -190,8 +191,8 @@ def integrate(code, places, param, weight, p, data, x0, begin, end, out):
     Args:
         code: instructions of the tape.
         places: where parts stand, `Places`.
-        param: (parts,) number of the parameter that is a part's coefficient, -1 for none.
-        weight: (parts,) coefficients.
+        param: (parts,) number of the parameter that a part's coefficient is a share of, -1 for none.
+        weight: (parts,) coefficients, shares included.
         p: number of parameters.
         data: the measurements and how to step, `Averages`.
         x0: (J, n) initial states.

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from odescope.arrays import FloatArray, IntArray
+from odescope.arrays import FloatArray
 from odescope.likelihood.add_and_drop import Moves
 from odescope.likelihood.block_cholesky import state_covariances
 from odescope.likelihood.evidence import Evidence, in_blocks, weigh
@@ -56,7 +56,7 @@ class Noisy:
         """Marginal cost plus the penalty of every term and, as Bayes' criterion has it, of every defect's width."""
         segments = self.space.segments
         widths = len(segments.spread) * float(np.log(segments.samples))
-        return self.marginal + float(self.space.penalty[self.fit.present].sum()) + widths
+        return self.marginal + self.space.price(self.fit) + widths
 
     @property
     def window(self) -> float:
@@ -94,7 +94,7 @@ def estimate_noise(space: SearchSpace, found: Fit) -> tuple[SearchSpace, Fit, fl
             np.maximum(segments.noise * np.clip(measurement / segments.noise, 1.0 / EM_STRIDE, EM_STRIDE), floor[1]),
             np.maximum(segments.spread * np.clip(process / segments.spread, 1.0 / EM_STRIDE, EM_STRIDE), floor[0]),
         )
-        again = moved.fit(found.theta, found.present, found.x0, moved.segments.spread, EM_FITS)
+        again = moved.again(found, found.x0, moved.segments.spread, EM_FITS)
         if again is None:
             break
         process, measurement, cost = _expected_squares(moved, again)
@@ -113,8 +113,7 @@ def _expected_squares(space: SearchSpace, found: Fit) -> tuple[FloatArray, Float
     """
     segments, evaluator = space.segments, space.evaluator
     n, none = found.x0.shape[1], np.zeros(0, dtype=np.int64)
-    program, kept = space.program(found.present)
-    theta = found.theta[kept]
+    program, theta = space.program(found.present), found.theta[found.present]
     integrated = evaluator.integrate(program, theta, none, found.x0)
     expansion = evaluator.expand(program, theta, none, found.x0, segments.spread, 0.0, integrated)
     if expansion is None:
@@ -154,7 +153,7 @@ def robust_evidence(space: SearchSpace, found: Fit) -> Evidence | None:
     By Fisher's identity the gradient of the marginal likelihood is that of the complete one at the smoothed states: a
     sum over segments. Sums over square-root-many blocks of segments are nearly independent, whatever the colour.
     """
-    segments, free = space.segments, space.free
+    segments, free = space.segments, space.free(found)
     n = found.x0.shape[1]
     integrated = space.evaluator.integrate(space.whole, found.theta, free, found.x0)
     expansion = space.evaluator.expand(space.whole, found.theta, free, found.x0, segments.spread, 0.0, integrated)
@@ -171,15 +170,13 @@ def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
     """Return the penalised marginal cost of a model that follows its record, on the cut that `space` has."""
     segments = space.segments
     strict = with_noise(space, segments.noise * np.sqrt(max(outcome.scale, 1.0)), segments.spread * outcome.width)
-    found = strict.fit(outcome.fit.theta, outcome.fit.present, segments.initial, strict.segments.spread)
+    found = strict.again(outcome.fit, segments.initial, strict.segments.spread)
     if found is None:
         return np.inf
-    return _expected_squares(strict, found)[2] + float(space.penalty[found.present].sum())
+    return _expected_squares(strict, found)[2] + space.price(found)
 
 
-def in_pieces(
-    cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[tuple[FloatArray, IntArray]]
-) -> SearchSpace:
+def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[FloatArray]) -> SearchSpace:
     """Return the space on segments so short that shorter ones would describe a first start hardly better.
 
     Noise that acts within a segment would be taken for measurement noise, and bias the coefficients as errors in
@@ -193,11 +190,11 @@ def in_pieces(
     best, least = None, np.inf
     for length in PIECES:
         segments = cut(length)
-        width = segments.spread.size + len(space.free)
+        width = segments.spread.size + len(space.mechanisms)
         if best is not None and 8.0 * len(segments.start) * width**2 > LARGEST_TABLE:
             break
         pieces = space.on(segments)
-        fits = (pieces.fit(theta, present, segments.initial, segments.spread) for theta, present in starts)
+        fits = (pieces.begin(theta, segments.spread) for theta in starts)
         found = next((f for f in fits if f is not None), None)
         cost = np.inf if found is None else estimate_noise(pieces, found)[2]
         if best is not None and not cost < least - WORTH_FINER * segments.samples:
@@ -209,7 +206,7 @@ def in_pieces(
     return best
 
 
-def search_with_process_noise(space: SearchSpace, starts: Sequence[tuple[FloatArray, IntArray]]) -> Noisy | None:
+def search_with_process_noise(space: SearchSpace, starts: Sequence[FloatArray]) -> Noisy | None:
     """Return the best model with process noise that searches end at, or None where none can start.
 
     Some of the data are held out from the searches; along the way back from their ends, term by term, free runs of
@@ -217,12 +214,12 @@ def search_with_process_noise(space: SearchSpace, starts: Sequence[tuple[FloatAr
 
     Args:
         space: data cut into short segments (`in_pieces`), and candidates.
-        starts: (parts,) coefficients to begin with, 1 in held parts, and the parts present.
+        starts: (mechanisms,) coefficients to begin with.
     """
     seen = space.on(without_held_out(space.segments))
     ends = []
-    for theta, present in starts:
-        end = _search(seen, theta, present)
+    for theta in starts:
+        end = _search(seen, theta)
         if end is not None:
             ends.append(end)
             seen = end[0]  # the next start begins with the noise that this one found
@@ -232,7 +229,7 @@ def search_with_process_noise(space: SearchSpace, starts: Sequence[tuple[FloatAr
         return None
     seen, here, _, trail = min(ends, key=lambda end: end[2])
     begun = with_noise(space, seen.segments.noise, seen.segments.spread)
-    found = begun.fit(here.theta, here.present, begun.segments.initial, begun.segments.spread)
+    found = begun.again(here, begun.segments.initial, begun.segments.spread)
     if found is None:
         return None
     fitted, found, marginal = estimate_noise(begun, found)
@@ -242,11 +239,9 @@ def search_with_process_noise(space: SearchSpace, starts: Sequence[tuple[FloatAr
     return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail)
 
 
-def _search(
-    seen: SearchSpace, theta: FloatArray, present: IntArray
-) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]] | None:
+def _search(seen: SearchSpace, theta: FloatArray) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]] | None:
     """Return the end of one search: the space with its noise, the fit, its penalised cost, the trail."""
-    here = seen.fit(theta, np.sort(present), seen.segments.initial, seen.segments.spread)
+    here = seen.begin(theta, seen.segments.spread)
     if here is None:
         return None
     trail = list[Move]()
@@ -257,11 +252,11 @@ def _search(
         if np.array_equal(before, here.present) or seen.budget.over:
             break
     here = _shortest(seen, here, trail)
-    return seen, here, marginal + float(seen.penalty[here.present].sum()), tuple(trail)
+    return seen, here, marginal + seen.price(here), tuple(trail)
 
 
 class _BlockSpread:
-    """Statistics checked against the spread between blocks of the record; they decide alone, once for every part."""
+    """Statistics checked against the spread between blocks of the record; they decide alone, and once."""
 
     trials, binding = STEPS, True
 
@@ -276,12 +271,12 @@ class _BlockSpread:
         return self._last[1]
 
     def wald(self, here: Fit) -> FloatArray | None:
-        """Return the Wald statistics of the present parts."""
+        """Return the Wald statistics of the parameters."""
         evidence = self.evidence(here)
         return None if evidence is None else evidence.wald
 
     def scores(self, here: Fit) -> FloatArray | None:
-        """Return the score statistics of the absent parts."""
+        """Return the score statistics of the absent mechanisms."""
         evidence = self.evidence(here)
         return None if evidence is None else evidence.scores
 
@@ -304,15 +299,15 @@ def _shortest(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
     path, left_out = [here], list[Move]()
     judge = _BlockSpread(space)
     moves = Moves(space, judge, 1.0, 1.0, left_out)
-    while len(path[-1].present) > 1 and not space.budget.over:
+    while len(path[-1].free) > 1 and not space.budget.over:
         wald = judge.wald(path[-1])
         if wald is None:
             break
-        thin = wald / space.penalty[path[-1].present]
+        thin = wald / space.penalty[path[-1].free]
         place = int(np.argmin(thin))
         if thin[place] > THIN:
             break
-        k = int(path[-1].present[place])
+        k = int(path[-1].free[place])
         shorter = moves.without(path[-1], k)
         if shorter is None:
             break

@@ -1,4 +1,4 @@
-"""Relations compiled for the kernel: where every coefficient stands, and a tape of the terms and their derivatives."""
+"""Mechanisms compiled for the kernel: where every coefficient stands, and a tape of the terms and their derivatives."""
 
 from __future__ import annotations
 
@@ -8,19 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from odescope.arrays import IntArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.library.derivative import derivative
+from odescope.library.mechanism import Mechanism
 from odescope.library.product import Product
 from odescope.library.tape import Tape, write_tape
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
-
-
-@dataclass(frozen=True)
-class Part:
-    """Where a coefficient stands: in one relation, before one product."""
-
-    relation: int
-    product: Product
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,18 +43,21 @@ class Frame:
         """States, then inputs: the rows that a tape reads."""
         return (*self.states, *self.inputs)
 
-    def held(self, part: Part) -> bool:
-        """Whether a part is the relation's own bare target, whose coefficient is 1 and no parameter."""
-        return part.product == Product(self.targets[part.relation])
+    def own(self, mechanism: Mechanism) -> bool:
+        """Whether a mechanism is a relation's own target, bare and alone."""
+        first, *rest = mechanism.parts
+        return not rest and first.product == Product(self.targets[first.relation])
 
 
 class Places(NamedTuple):
     """Where the kernel finds what: one entry a part, but for grad (K, 3): part, state, slot of the derivative.
 
-    slot: of the term on the tape; owner: the relation; factor: the target's number, -1 for 1; following and measured
-    as in `Frame`.
+    mechanism: whose part it is, share: of its coefficient; slot: of the term on the tape; owner: the relation; factor:
+    the target's number, -1 for 1; following and measured as in `Frame`.
     """
 
+    mechanism: IntArray
+    share: FloatArray
     slot: IntArray
     owner: IntArray
     factor: IntArray
@@ -72,37 +68,40 @@ class Places(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Parts compiled for the kernel."""
+    """Mechanisms compiled for the kernel."""
 
-    parts: tuple[Part, ...]
+    mechanisms: tuple[Mechanism, ...]
     tape: Tape
     places: Places
     targets: int
 
     @staticmethod
-    def of(parts: Sequence[Part], frame: Frame) -> Program:
-        """Return the program of these parts."""
+    def of(mechanisms: Sequence[Mechanism], frame: Frame) -> Program:
+        """Return the program of these mechanisms."""
+        owned = [(number, part) for number, mechanism in enumerate(mechanisms) for part in mechanism.parts]
         gradients = []
-        for k, part in enumerate(parts):
+        for k, (_, part) in enumerate(owned):
             for i, state in enumerate(frame.states):
                 if state in part.product.term.names:
                     combination = derivative(part.product.term, state)
                     if combination.parts:
                         gradients.append((k, i, combination))
-        tape = write_tape(frame.variables, [*(p.product.term for p in parts), *(g for _, _, g in gradients)])
-        slot, rest = tape.outputs[: len(parts)], tape.outputs[len(parts) :]
+        tape = write_tape(frame.variables, [*(p.product.term for _, p in owned), *(g for _, _, g in gradients)])
+        slot, rest = tape.outputs[: len(owned)], tape.outputs[len(owned) :]
         grad = np.array([(k, i, place) for (k, i, _), place in zip(gradients, rest, strict=True)], dtype=np.int64)
         number = {target: k for k, target in enumerate(frame.targets)}
-        factor = [-1 if p.product.factor is None else number[p.product.factor] for p in parts]
+        factor = [-1 if p.product.factor is None else number[p.product.factor] for _, p in owned]
         places = Places(
+            mechanism=np.array([m for m, _ in owned], dtype=np.int64),
+            share=np.array([p.share for _, p in owned], dtype=np.float64),
             slot=slot,
-            owner=np.array([p.relation for p in parts], dtype=np.int64),
+            owner=np.array([p.relation for _, p in owned], dtype=np.int64),
             factor=np.array(factor, dtype=np.int64),
             grad=grad.reshape(-1, 3),
             following=frame.following,
             measured=frame.measured,
         )
-        return Program(tuple(parts), tape, places, len(frame.targets))
+        return Program(tuple(mechanisms), tape, places, len(frame.targets))
 
     @property
     def following(self) -> IntArray:

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from odescope.arrays import FloatArray, IntArray
+from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
+from odescope.library.mechanism import Mechanism
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
@@ -23,19 +24,16 @@ from odescope.likelihood.process_noise import (
 )
 from odescope.likelihood.program import Frame
 from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, search
-from odescope.likelihood.search_space import SearchSpace, candidate_parts
+from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
-from odescope.model.relation import Relation, RelationTerm
+from odescope.model.relation import Relation
 from odescope.parallel.workers import Threads, Workers
 from odescope.recordings.record import Records
-from odescope.regression.problem import Problem
-from odescope.regression.proposers import MatchingPursuit
 from odescope.signals.differentiators import Differentiator
 from odescope.signals.estimate import Signals
 
 THREADS = Threads()
 
-FORWARD_TERMS = 6  # of a sparse forward selection that a search may begin from
 FINEST = 8  # steps of RK4 a block average, at most
 JOINED_SHARE = 0.6  # of the budget, at most, for the searches without process noise
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
@@ -46,17 +44,16 @@ STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that does not a
 STEP_SHARE = 0.01  # of the cost, and
 STEP_MOVE = 0.2  # standard errors of any coefficient: changes of a refit that do not ask for shorter steps still
 
-Start = tuple[FloatArray, IntArray]  # coefficients (parts,), 1 in held parts, and the parts present, ascending
-
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
     """The relations at the end of the likelihood stage, and how it went.
 
     `outcome` is the search for a model that follows the record to within its noise. Where there is none, `process` is
-    the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and
-    `space` are those of the relations, `evidence` what the record says of every term. Not `finished` if the budget
-    ended a search, `late` if the clock did; `spent` is in units of the budget.
+    the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and `space`
+    are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence` what the record says of
+    every candidate. Not `finished` if the budget ended a search, `late` if the clock did; `spent` is in units of the
+    budget.
     """
 
     relations: tuple[Relation, ...]
@@ -64,6 +61,7 @@ class Refinement:
     process: Noisy | None
     rejected: Noisy | None
     fit: Fit
+    covariance: FloatArray
     space: SearchSpace
     evidence: Evidence | None
     starts: int
@@ -85,9 +83,9 @@ def _joined(outcome: Outcome) -> bool:
 def refine(
     records: Records,
     signals: Signals,
-    problems: Sequence[Problem],
-    starts: Sequence[Sequence[Relation]],
-    plain: Sequence[Relation],
+    mechanisms: Sequence[Mechanism],
+    starts: Sequence[FloatArray],
+    plain: FloatArray | None,
     differentiator: Differentiator,
     options: LikelihoodSearch,
     monitor: Monitor = Monitor(),  # noqa: B008
@@ -98,9 +96,10 @@ def refine(
     Args:
         records: uniformly sampled, at one period.
         signals: noise, cutoffs and order of states found in them.
-        problems: the candidates of each target.
-        starts: relations of all targets to begin from; a sparse forward selection is added.
-        plain: relations that hold their targets bare; they are begun from too where one of those cannot be followed.
+        mechanisms: the candidates.
+        starts: coefficients (mechanisms,) to begin from.
+        plain: coefficients of relations that hold their targets bare, if there are any; they are begun from too where
+            one of the others cannot be followed. All candidates are then plain.
         differentiator: that the signals were found with.
         options: how many starts, at what budget.
         monitor: told what goes on, and asked whether to stop.
@@ -116,21 +115,16 @@ def refine(
     frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs])
     deadline = None if options.seconds is None else time.time() + options.seconds
     budget = Budget(options.budget, monitor, deadline)
-    space = SearchSpace(Evaluator(cut(SEGMENT), 1, budget), candidate_parts([p.terms for p in problems]), frame)
-    if len(space.held) < space.relations:
-        return None  # a library without the bare target has nothing that could be 1 throughout a search
-    begun = [space.start(relations) for relations in starts][: options.starts]
-    begun.append(space.start([_forward(problem) for problem in problems]))
-    space = _fine_enough(space, begun)
-    outcomes = _searches(space, begun, space.start(plain), monitor, workers)
+    space = _fine_enough(SearchSpace(Evaluator(cut(SEGMENT), 1, budget), tuple(mechanisms), frame), starts)
+    outcomes = _searches(space, starts, plain, monitor, workers)
     if not outcomes:
         return None
     budget.spent += sum(o.spent for o in outcomes)
-    return _judged(cut, space, begun, outcomes)
+    return _judged(cut, space, starts, outcomes)
 
 
 def _judged(
-    cut: Callable[[int], Segments], space: SearchSpace, begun: Sequence[Start], outcomes: Sequence[Outcome]
+    cut: Callable[[int], Segments], space: SearchSpace, begun: Sequence[FloatArray], outcomes: Sequence[Outcome]
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
     best = min(outcomes, key=lambda o: o.rank)
@@ -144,12 +138,13 @@ def _judged(
     evidence: Evidence | None
     if process is not None and adopted:
         found, last, evidence = process.fit, process.space, process.evidence
-        errors = np.sqrt(evidence.variances)
+        covariance = evidence.covariance
     else:
         found, last, evidence = best.fit, space, _evidence(space, best)
-        errors = np.sqrt(found.variances * best.scale)
+        covariance = found.covariance * best.scale
     return Refinement(
-        relations=space.relations_of(found, errors),
+        relations=space.relations_of(found, covariance),
+        covariance=covariance,
         outcome=best,
         process=process if adopted else None,
         rejected=None if adopted else process,
@@ -164,7 +159,7 @@ def _judged(
 
 
 def _searches(
-    space: SearchSpace, begun: Sequence[Start], plain: Start, monitor: Monitor, workers: Workers
+    space: SearchSpace, begun: Sequence[FloatArray], plain: FloatArray | None, monitor: Monitor, workers: Workers
 ) -> list[Outcome]:
     """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails.
 
@@ -185,7 +180,7 @@ def _searches(
         outcomes.append(found)
         if found.clear:
             break
-    if failed:
+    if failed and plain is not None:
         monitor.tell(Progress("likelihood", "search from plain relations", 0, 1))
         found = _search(_shorter(space, plain, outcomes), space.within(space.budget.part(share)))
         if found is not None:
@@ -193,33 +188,28 @@ def _searches(
     return outcomes
 
 
-def _search(start: Start, space: SearchSpace) -> Outcome | None:
+def _search(start: FloatArray, space: SearchSpace) -> Outcome | None:
     """Search with a budget of one's own."""
-    return search(space.within(space.budget.part(1.0)), *start)
+    return search(space.within(space.budget.part(1.0)), start)
 
 
-def _shorter(space: SearchSpace, plain: Start, outcomes: Sequence[Outcome]) -> Start:
+def _shorter(space: SearchSpace, plain: FloatArray, outcomes: Sequence[Outcome]) -> FloatArray:
     """Return each relation as it is plain or as the best search left it, whichever has fewer terms."""
     if not outcomes:
         return plain
-    best = min(outcomes, key=lambda o: o.rank).fit
-    theta, owner = plain[0].copy(), np.array([p.relation for p in space.parts])
-    present = list[int]()
+    best = min(outcomes, key=lambda o: o.rank).fit.theta
+    theta, owner = plain.copy(), np.array([m.parts[0].relation for m in space.mechanisms])
     for r in range(space.relations):
-        own, other = plain[1][owner[plain[1]] == r], best.present[owner[best.present] == r]
-        if len(other) < len(own):
-            theta[own] = 0.0
-            theta[other] = best.theta[other]
-            own = other
-        present += own.tolist()
-    return theta, np.array(sorted(present), dtype=np.int64)
+        if np.count_nonzero(best[owner == r]) < np.count_nonzero(plain[owner == r]):
+            theta[owner == r] = best[owner == r]
+    return theta
 
 
 def _with_process_noise(
-    cut: Callable[[int], Segments], space: SearchSpace, best: Outcome, begun: Sequence[Start]
+    cut: Callable[[int], Segments], space: SearchSpace, best: Outcome, begun: Sequence[FloatArray]
 ) -> tuple[Noisy | None, bool]:
     """Return the model with process noise, None where no start can be followed, and whether the record needs it."""
-    starts = [*begun, *([(best.fit.theta, best.fit.present)] if np.isfinite(best.width) else [])]
+    starts = [*begun, *([best.fit.theta] if np.isfinite(best.width) else [])]
     pieces = in_pieces(cut, space, starts)
     process = search_with_process_noise(pieces, starts)
     if process is None:
@@ -227,33 +217,24 @@ def _with_process_noise(
     if _joined(best) and cost_without_process_noise(pieces, best) < process.penalised:
         return process, False
     # Compared as fitted to all: the proposal has seen what was held out too.
-    proposed, found = (free_run_error(pieces, theta) for theta in (begun[0][0], process.fit.theta))
+    proposed, found = (free_run_error(pieces, theta) for theta in (begun[0], process.fit.theta))
     return process, found < max(NO_WORSE_THAN_PROPOSED * proposed, NEGLIGIBLE)
 
 
 def _evidence(space: SearchSpace, outcome: Outcome) -> Evidence | None:
     """Return the evidence at the end of a search without process noise, variances at the residuals' level."""
     fit, defect_std = outcome.fit, space.segments.spread * outcome.width
-    expansion = space.evaluator.expand(space.whole, fit.theta, space.free, fit.x0, defect_std)
+    expansion = space.evaluator.expand(space.whole, fit.theta, space.free(fit), fit.x0, defect_std)
     if expansion is None or not expansion.finite:
         return None
     return weigh(space, fit, expansion.information / outcome.scale, expansion.gradient[None] / outcome.scale)
 
 
-def _forward(problem: Problem) -> Relation:
-    """Return a sparse forward selection of a relation that holds its target bare, fitted by regression."""
-    everything = range(len(problem.terms))
-    plain = tuple(j for j in everything if j not in problem.own or j == problem.left)
-    path = list(MatchingPursuit(FORWARD_TERMS).supports(problem.factor, problem.left, plain))
-    xi = problem.factor.solve((*path[-1], problem.left), problem.left)
-    return Relation(tuple(RelationTerm(problem.terms[j], float(xi[j])) for j in (problem.left, *path[-1])))
-
-
-def _fine_enough(space: SearchSpace, starts: Sequence[Start]) -> SearchSpace:
+def _fine_enough(space: SearchSpace, starts: Sequence[FloatArray]) -> SearchSpace:
     """Halve the steps of RK4 until that no longer matters to the first start that can be followed in loose segments."""
     loose = np.full_like(space.segments.spread, np.inf)
-    for theta, present in starts:
-        found = space.fit(theta, present, space.segments.initial, loose)
+    for theta in starts:
+        found = space.begin(theta, loose)
         if found is not None:
             return _halve(space, found, loose)[0]
     return space
@@ -272,13 +253,13 @@ def _halve(space: SearchSpace, found: Fit, defect_std: FloatArray) -> tuple[Sear
     """
     while space.evaluator.substeps < FINEST:
         finer = space.finer(2 * space.evaluator.substeps)
-        again = finer.fit(found.theta, found.present, found.x0, defect_std, iterations=0)
+        again = finer.again(found, found.x0, defect_std, iterations=0)
         if again is not None and abs(again.cost - found.cost) < STEP_ERROR:
             break
-        refitted = finer.fit(found.theta, found.present, found.x0, defect_std)
+        refitted = finer.again(found, found.x0, defect_std)
         if refitted is None:
             break
-        moved = (refitted.theta - found.theta)[found.present] ** 2
+        moved = (refitted.theta - found.theta)[refitted.free] ** 2
         variances = refitted.variances * max(refitted.data_cost / space.segments.samples, 1.0)
         same = abs(refitted.cost - found.cost) < STEP_SHARE * found.cost
         space, found = finer, refitted

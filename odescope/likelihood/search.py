@@ -11,7 +11,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from odescope.arrays import FloatArray, IntArray
+from odescope.arrays import FloatArray
 from odescope.likelihood.add_and_drop import HOPELESS, Moves
 from odescope.likelihood.evidence import project
 from odescope.likelihood.fit import Fit
@@ -19,7 +19,7 @@ from odescope.likelihood.search_space import Move, SearchSpace
 
 WIDTHS = (np.inf, 1.0, 0.1, 0.01, 0.001)  # of the defects, in smoothing errors of each state
 NEAR_NOISE = 2.0  # residual variance over noise variance above which continuity is not tightened
-TRIALS = 3  # parts tried by refitting before a move is given up
+TRIALS = 3  # mechanisms tried by refitting before a move is given up
 WHITE = 1.1  # residual variance over noise variance of a model that lacks nothing
 THIN = 4.0  # times its penalty: a term that earns less may be due to what else was chosen
 LOOK_BACK = 0.1  # width of the defects from which on the search looks back
@@ -45,16 +45,18 @@ class LikelihoodSearch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The end of a search: the fit over all parts, the width of the defects it holds for, and the trail.
+    """The end of a search: the fit over all mechanisms, the width of the defects it holds for, and the trail.
 
-    `scale` is the residual variance over the noise variance; `penalties` what each part had to earn; `spent` the units
-    of budget that it took; not `finished` if the budget ended it, `late` if that was the clock.
+    `scale` is the residual variance over the noise variance; `penalties` (p,) what each parameter had to earn, `price`
+    what they had to together; `spent` the units of budget that it took; not `finished` if the budget ended it, `late`
+    if that was the clock.
     """
 
     fit: Fit
     width: float
     scale: float
     penalties: FloatArray
+    price: float
     trail: tuple[Move, ...]
     finished: bool
     late: bool
@@ -63,14 +65,14 @@ class Outcome:
     @property
     def penalised(self) -> float:
         """Cost in units of the noise variance, plus the penalty of every term."""
-        return self.fit.cost + float(self.penalties[self.fit.present].sum())
+        return self.fit.cost + self.price
 
     @property
     def clear(self) -> bool:
         """Whether another start is unlikely to end elsewhere: white residuals, and no term whose case is thin."""
-        wald = self.fit.theta[self.fit.present] ** 2 / np.maximum(self.fit.variances, 1e-300) / max(self.scale, 1.0)
+        wald = self.fit.wald / max(self.scale, 1.0)
         tight = self.finished and self.width == WIDTHS[-1] and self.scale < WHITE
-        return bool(tight and np.all(wald > THIN * self.penalties[self.fit.present]))
+        return bool(tight and np.all(wald > THIN * self.penalties))
 
     @property
     def rank(self) -> tuple[float, float]:
@@ -88,40 +90,38 @@ class WhiteResiduals:
     binding: bool = False
 
     def wald(self, here: Fit) -> FloatArray:
-        """Return the Wald statistics of the present parts."""
-        wald: FloatArray = here.theta[here.present] ** 2 / np.maximum(here.variances, 1e-300)
-        return wald
+        """Return the Wald statistics of the parameters."""
+        return here.wald
 
     def scores(self, here: Fit) -> FloatArray:
-        """Return the score statistic of every absent part, all from one evaluation with all parts on the tape."""
-        space, result = self.space, np.zeros(len(self.space.parts))
-        free = space.free
+        """Return the score statistic of all that is absent, from one evaluation with all candidates on the tape."""
+        space, result = self.space, np.zeros(len(self.space.mechanisms))
+        free = space.free(here)
         expansion = space.evaluator.expand(space.whole, here.theta, free, here.x0, self.defect_std)
         if expansion is not None:
-            present = np.isin(free, here.present)
+            present = np.isin(free, here.free)
             rest = project(expansion.information, expansion.gradient[None], present)
             result[free[~present]] = rest.scores(rest.left)
         return result
 
 
-def search(space: SearchSpace, theta: FloatArray, present: IntArray) -> Outcome | None:
-    """Return where a search from these parts ends, or None where the start cannot be integrated.
+def search(space: SearchSpace, theta: FloatArray) -> Outcome | None:
+    """Return where a search from these coefficients ends, or None where the start cannot be integrated.
 
     Args:
         space: data, candidates, budget.
-        theta: (parts,) coefficients to begin with, 1 in held parts.
-        present: the parts to begin with, ascending.
+        theta: (mechanisms,) coefficients to begin with.
 
     Raises:
         Stopped: the run is to end.
     """
     segments, trail = space.segments, list[Move]()
-    here = space.fit(theta, present, segments.initial, segments.spread * np.inf)
+    here = space.begin(theta, segments.spread * np.inf)
     if here is None:
         return None
     best = here, float(WIDTHS[0]), _scale(space, here, WIDTHS[0])
     for width in WIDTHS:
-        refitted = space.fit(here.theta, here.present, here.x0, segments.spread * width)
+        refitted = space.again(here, here.x0, segments.spread * width)
         if refitted is None:
             break
         here = _settle(space, refitted, width, trail)
@@ -134,7 +134,9 @@ def search(space: SearchSpace, theta: FloatArray, present: IntArray) -> Outcome 
         if space.budget.over:
             break
     budget = space.budget
-    return Outcome(*best, space.penalty, tuple(trail), not budget.over, budget.late, budget.spent)
+    found = best[0]
+    prices = space.penalty[found.free], space.price(found)
+    return Outcome(*best, *prices, tuple(trail), not budget.over, budget.late, budget.spent)
 
 
 def _torn(space: SearchSpace, found: Fit) -> bool:
@@ -147,7 +149,7 @@ def _scale(space: SearchSpace, found: Fit, width: float) -> float:
     """Return the residual variance over the noise variance, degrees of freedom of loose initial states counted."""
     segments = space.segments
     states = found.x0.size if np.isinf(width) else found.x0.shape[1] * (1 + int((~segments.joined).sum()))
-    freedom = max(segments.samples - states - len(found.present), 1)
+    freedom = max(segments.samples - states - len(found.free), 1)
     return max(found.data_cost / freedom, 1e-12)
 
 
@@ -157,11 +159,11 @@ def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move]) -> F
     for round_ in range(ROUNDS):
         scale = max(_scale(space, here, width), 1.0)
         lost = round_ >= PATIENCE * space.relations and scale > HOPELESS
-        full = len(here.present) > MOST_TERMS * space.relations
+        full = len(here.free) > MOST_TERMS * space.relations
         if lost or full or space.budget.over:
             return here
         moves = Moves(space, judge, width, scale, trail)
-        moved = moves.drop(here) or moves.add(here)
+        moved = moves.drop(here) or moves.divide(here) or moves.add(here)
         if moved is None and width <= LOOK_BACK:
             moved = moves.look_back(here)
         if moved is None:

@@ -1,44 +1,43 @@
-"""What a structure search works on: data, candidate parts, their penalties, and fits of some of them."""
+"""What a structure search works on: data, candidate mechanisms, their penalties, and fits of some of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
+from odescope.library.mechanism import Mechanism, Part
 from odescope.library.product import Product
+from odescope.library.tape import evaluate, write_tape
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import ITERATIONS, Fit, fit
-from odescope.likelihood.program import Frame, Part, Program
+from odescope.likelihood.gauge import held_of, rechosen, scale_groups
+from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.segments import Segments
-from odescope.model.relation import Relation, RelationTerm
+from odescope.model.assembled import relations_of
+from odescope.model.relation import Relation
 from odescope.selection.criterion import penalty
 
 RARER = 2.0  # a product with one factor more is half as likely
+BARE = 10.0  # times as large in all: a bare target is held at first unless what multiplies the target otherwise is so
 
 
 @dataclass(frozen=True)
 class Move:
-    """One step of the trail: the score or Wald statistic that asked for it, the penalty of its part, the cost after it.
+    """One step of the trail: the score or Wald statistic that asked for it, the penalty of its mechanism, the cost.
 
     `width` is the size of the defects that the step was made at, in smoothing errors of each state.
     """
 
     width: float
     action: str
-    part: Part
+    mechanism: Mechanism
     statistic: float
     penalty: float
     cost: float
-
-
-def candidate_parts(libraries: Sequence[Sequence[Product]]) -> tuple[Part, ...]:
-    """Return the parts of all relations, given the candidates of each."""
-    return tuple(Part(r, product) for r, candidates in enumerate(libraries) for product in candidates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +45,7 @@ class SearchSpace:
     """Everything a search needs that does not change on the way."""
 
     evaluator: Evaluator
-    parts: tuple[Part, ...]
+    mechanisms: tuple[Mechanism, ...]
     frame: Frame
 
     @property
@@ -59,36 +58,53 @@ class SearchSpace:
         """What the search may cost."""
         return self.evaluator.budget
 
-    @cached_property
-    def held(self) -> IntArray:
-        """Parts whose coefficient is 1 throughout."""
-        return np.array([k for k, p in enumerate(self.parts) if self.frame.held(p)], dtype=np.int64)
-
-    @cached_property
-    def free(self) -> IntArray:
-        """Parts whose coefficients may be parameters."""
-        return np.setdiff1d(np.arange(len(self.parts)), self.held)
-
     @property
     def relations(self) -> int:
         """Number of relations."""
         return len(self.frame.targets)
 
     @cached_property
+    def known(self) -> IntArray:
+        """Mechanisms whose coefficients are given: present throughout, and no parameters."""
+        return np.array([k for k, m in enumerate(self.mechanisms) if m.known is not None], dtype=np.int64)
+
+    @cached_property
     def penalty(self) -> FloatArray:
-        """What each part has to earn as a parameter (parts,), see `selection.criterion`.
+        """What each mechanism has to earn as a parameter (mechanisms,), see `selection.criterion`.
 
         Every factor of a product divides the prior by RARER: noise often leaves it to a hair which of two look-alikes
-        fits better, and laws are simple. All shares together are 1, so the penalty is 2 ln(candidates) on the whole.
+        fits better, and laws are simple. All shares together are 1 but for the bare targets, one of which is there
+        anyway, so the penalty is 2 ln(candidates) on the whole.
         """
-        size = np.array([(p.product.factor is not None) + p.product.degree for p in self.parts])
-        share = RARER ** -size.astype(np.float64)
-        return penalty(self.segments.samples, share / share[self.free].sum())
+        share = RARER ** -np.array([m.size for m in self.mechanisms], dtype=np.float64)
+        choice = [m.known is None and not self.frame.own(m) for m in self.mechanisms]
+        found: FloatArray = penalty(self.segments.samples, share / share[choice].sum())
+        found[self.known] = 0.0
+        return found
+
+    @cached_property
+    def _least(self) -> float:
+        """The penalty of the simplest mechanism that can hold the scale of a group."""
+        return min((float(self.penalty[k]) for k in self._scaling if k not in self.known), default=0.0)
+
+    @cached_property
+    def _scaling(self) -> list[int]:
+        """Mechanisms that hold a target."""
+        return [k for k, m in enumerate(self.mechanisms) if any(p.product.factor is not None for p in m.parts)]
+
+    def price(self, found: Fit) -> float:
+        """Return the penalties of a fit, that of one mechanism a scale group apart: its coefficient is no parameter."""
+        groups = len(np.setdiff1d(found.held, self.known))
+        return float(self.penalty[found.present].sum()) - groups * self._least
 
     @cached_property
     def whole(self) -> Program:
-        """The program of all parts."""
-        return Program.of(self.parts, self.frame)
+        """The program of all mechanisms."""
+        return Program.of(self.mechanisms, self.frame)
+
+    def free(self, found: Fit) -> IntArray:
+        """Return the mechanisms whose coefficients are or may become parameters beside those that a fit holds."""
+        return np.setdiff1d(np.arange(len(self.mechanisms)), np.union1d(found.held, self.known))
 
     def on(self, segments: Segments) -> SearchSpace:
         """Return the space for other segments."""
@@ -102,71 +118,125 @@ class SearchSpace:
         """Return the space with so many steps of RK4 a sample."""
         return replace(self, evaluator=Evaluator(self.segments, substeps, self.budget))
 
-    def program(self, present: IntArray) -> tuple[Program, IntArray]:
-        """Return the program of these and the held parts alone, and their numbers."""
-        kept = np.union1d(present, self.held)
-        return Program.of([self.parts[k] for k in kept], self.frame), kept
+    def program(self, present: IntArray) -> Program:
+        """Return the program of these mechanisms alone."""
+        return Program.of([self.mechanisms[k] for k in present], self.frame)
 
     def move(self, width: float, action: str, k: int, statistic: float, after: Fit) -> Move:
-        """Return the step of the trail that did something to part k.
+        """Return the step of the trail that did something to mechanism k.
 
         Args:
             width: of the defects, in smoothing errors.
             action: what was done.
-            k: the part's number.
+            k: the mechanism's number.
             statistic: that asked for it.
             after: the fit after it.
         """
-        return Move(width, action, self.parts[k], statistic, float(self.penalty[k]), after.cost)
+        return Move(width, action, self.mechanisms[k], statistic, float(self.penalty[k]), after.cost)
 
     def fit(
-        self, theta: FloatArray, present: IntArray, x0: FloatArray, defect_std: FloatArray, iterations: int = ITERATIONS
+        self,
+        theta: FloatArray,
+        present: IntArray,
+        x0: FloatArray,
+        defect_std: FloatArray,
+        strength: FloatArray | None = None,
+        iterations: int = ITERATIONS,
     ) -> Fit | None:
-        """Return the fit of the present parts; only they are on the tape.
+        """Return the fit of the present mechanisms; only they are on the tape.
 
         Args:
-            theta: (parts,) coefficients to begin with, 1 in held parts.
-            present: numbers of the parts that are parameters, ascending.
+            theta: (mechanisms,) coefficients to begin with.
+            present: numbers of the mechanisms in the model, ascending: an absent one may become present at 0.
+            x0: (J, n) initial states to begin with.
+            defect_std: (n,) standard deviations of the defects between segments.
+            strength: (mechanisms,) which coefficients are to be held first; by default those of large contributions.
+            iterations: steps at most.
+        """
+        held = held_of(self.mechanisms, present, self._size(theta) if strength is None else strength)
+        places = np.searchsorted(present, held)
+        found = fit(self.evaluator, self.program(present), theta[present], places, x0, defect_std, iterations)
+        if found is None:
+            return None
+        whole = np.zeros(len(self.mechanisms))
+        whole[present] = found.theta
+        held, information = rechosen(self.mechanisms, present, held, whole, found.information)
+        return replace(found, theta=whole, present=present, held=held, information=information)
+
+    def begin(self, theta: FloatArray, defect_std: FloatArray) -> Fit | None:
+        """Return the fit of what has a coefficient, from the smoothed states.
+
+        Args:
+            theta: (mechanisms,) coefficients to begin with.
+            defect_std: (n,) standard deviations of the defects between segments.
+        """
+        return self.fit(theta, np.flatnonzero(theta), self.segments.initial, defect_std)
+
+    def again(self, found: Fit, x0: FloatArray, defect_std: FloatArray, iterations: int = ITERATIONS) -> Fit | None:
+        """Return the fit of the same structure from other initial states or with other defects.
+
+        Args:
+            found: where it begins.
             x0: (J, n) initial states to begin with.
             defect_std: (n,) standard deviations of the defects between segments.
             iterations: steps at most.
         """
-        program, kept = self.program(present)
-        found = fit(self.evaluator, program, theta[kept], np.searchsorted(kept, present), x0, defect_std, iterations)
-        if found is None:
-            return None
-        whole = np.zeros(len(self.parts))
-        whole[kept] = found.theta
-        return replace(found, theta=whole, present=present)
+        return self.fit(found.theta, found.present, x0, defect_std, found.strength, iterations)
 
-    def start(self, relations: Sequence[Relation]) -> tuple[FloatArray, IntArray]:
-        """Return coefficients (parts,) and present parts of relations whose own bare target has coefficient 1."""
-        place = {part: k for k, part in enumerate(self.parts)}
-        theta = np.zeros(len(self.parts))
-        theta[self.held] = 1.0
-        found = {
-            place[Part(r, t.product)]: t.coefficient for r, relation in enumerate(relations) for t in relation.terms
-        }
-        present = np.array(sorted(set(found) - set(self.held.tolist())), dtype=np.int64)
-        theta[present] = [found[k] for k in present.tolist()]
-        return theta, present
+    @cached_property
+    def _root_mean_squares(self) -> FloatArray:
+        """Root mean squares of what multiplies a target in each mechanism, over the smoothed states (mechanisms,)."""
+        found, segments = np.zeros(len(self.mechanisms)), self.segments
+        parts = [(k, p) for k in self._scaling for p in self.mechanisms[k].parts if p.product.factor is not None]
+        tape = write_tape(self.frame.variables, [p.product.term for _, p in parts])
+        columns = np.ascontiguousarray(np.hstack([segments.filtered, segments.inputs[:, 0]]).T)
+        for (k, part), values in zip(parts, evaluate(tape, columns), strict=True):
+            found[k] = max(found[k], abs(part.share) * float(np.sqrt(np.mean(values**2))))
+        for k in self._scaling:
+            found[k] *= BARE if self.frame.own(self.mechanisms[k]) else 1.0
+        return found
 
-    def relations_of(self, found: Fit, errors: FloatArray) -> tuple[Relation, ...]:
-        """Return the relations of a fit, each with its held part first.
+    def _size(self, theta: FloatArray) -> FloatArray:
+        """Return how much of the inertia each mechanism makes, (mechanisms,)."""
+        size: FloatArray = np.abs(theta) * self._root_mean_squares
+        return size
+
+    @cached_property
+    def _number(self) -> dict[tuple[Part, ...], int]:
+        return {m.parts: k for k, m in enumerate(self.mechanisms)}
+
+    def divided(self, found: Fit) -> FloatArray | None:
+        """Return the coefficients of a fit with a relation divided by a function that all of its terms hold.
+
+        A law multiplied by such a function says the same of the record. None where there is nothing to divide by, or
+        the library lacks what is left.
+        """
+        for group in scale_groups(self.mechanisms, found.present):
+            parts = [self.mechanisms[k].parts for k in group]
+            if any(len(p) != 1 or self.mechanisms[k].known is not None for p, k in zip(parts, group, strict=True)):
+                continue
+            products = [p[0].product for p in parts]
+            for atom, _ in products[0].term.factors:
+                if any(p.term.power_of(atom) < 1 for p in products):
+                    continue
+                over = [Product(p.factor, p.term.over(atom)) for p in products]
+                shorter = [self._number.get((replace(p[0], product=o),)) for p, o in zip(parts, over, strict=True)]
+                if None not in shorter:
+                    theta = found.theta.copy()
+                    theta[group] = 0.0
+                    theta[np.array(shorter, dtype=np.int64)] = found.theta[group]
+                    return theta
+        return None
+
+    def relations_of(self, found: Fit, covariance: FloatArray) -> tuple[Relation, ...]:
+        """Return the relations of a fit.
 
         Args:
             found: the fit.
-            errors: (p,) standard errors of the present parts.
+            covariance: (p, p) of its parameters.
         """
-        error = dict(zip(found.present.tolist(), errors.tolist(), strict=True))
-        numbers = [*self.held.tolist(), *found.present.tolist()]
-        return tuple(
-            Relation(
-                tuple(
-                    RelationTerm(self.parts[k].product, float(found.theta[k]), error.get(k))
-                    for k in numbers
-                    if self.parts[k].relation == r
-                )
-            )
-            for r in range(self.relations)
-        )
+        among = np.searchsorted(found.present, found.free)
+        whole = np.zeros((len(found.present), len(found.present)))
+        whole[np.ix_(among, among)] = covariance
+        present = [self.mechanisms[k] for k in found.present]
+        return relations_of(present, found.theta[found.present], whole, self.frame.targets)

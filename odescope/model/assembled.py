@@ -67,3 +67,28 @@ def _shares(r: int, mechanisms: Sequence[Mechanism]) -> tuple[list[Product], Flo
     for row, k, share in entries:
         shares[row, k] += share
     return list(place), shares
+
+
+def coefficients_of(mechanisms: Sequence[Mechanism], relations: Sequence[Relation]) -> FloatArray:
+    """Return the coefficients (k,) of mechanisms in relations, in the scale of those that are known.
+
+    Args:
+        mechanisms: whose coefficients are wanted; what is in the relations and not among them is left out.
+        relations: one a target.
+    """
+    found = {(r, t.product): t.coefficient for r, relation in enumerate(relations) for t in relation.terms}
+    scale = np.ones(len(relations))
+    for m in mechanisms:
+        if m.known is not None:
+            for part in m.parts:
+                here = found.get((part.relation, part.product), 0.0)
+                scale[part.relation] = m.known * part.share / here if here else 1.0
+    theta = np.zeros(len(mechanisms))
+    for k, m in enumerate(mechanisms):
+        seen = [
+            found[p.relation, p.product] * scale[p.relation] / p.share
+            for p in m.parts
+            if (p.relation, p.product) in found
+        ]
+        theta[k] = m.known if m.known is not None else float(np.mean(seen)) if seen else 0.0
+    return theta

@@ -15,12 +15,14 @@ from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.regression.problem import Problem
+from odescope.regression.proposers import MatchingPursuit
 from odescope.selection.criterion import penalty
 from odescope.selection.ranking import Candidate, Ranked, left_column
 from odescope.selection.sweep import Sweep
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
 
+FORWARD_TERMS = 6  # of a sparse forward selection that a search may begin from
 TRIED = 4  # families a target that are tried when the best do not determine the targets together
 NEARLY = 2.0  # times what the chosen relation misses of its target, and
 LEAST_MISSED = 0.01  # of its weighted power: what a plain start may miss
@@ -85,6 +87,15 @@ def plain(search: Search, chosen: Candidate) -> Relation:
         if set(c.support) & set(problem.own) == {problem.left} and 1.0 - c.explained <= missed
     ]
     return to_relation(problem, min(bare, key=lambda c: (len(c.support), c.criterion), default=chosen))
+
+
+def forward(problem: Problem) -> Relation:
+    """Return a sparse forward selection of a relation that holds its simplest target term, fitted by regression."""
+    everything = range(len(problem.terms))
+    others = tuple(j for j in everything if j not in problem.own or j == problem.left)
+    path = list(MatchingPursuit(FORWARD_TERMS).supports(problem.factor, problem.left, others))
+    xi = problem.factor.solve((*path[-1], problem.left), problem.left)
+    return Relation(tuple(RelationTerm(problem.terms[j], float(xi[j])) for j in (problem.left, *path[-1])))
 
 
 def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other: Candidate) -> bool:

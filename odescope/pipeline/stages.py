@@ -17,12 +17,14 @@ from odescope.arrays import Table
 from odescope.errors import InputError, NoModelError
 from odescope.events import Monitor, StageBegan
 from odescope.library.candidates import Library
+from odescope.library.mechanism import candidates_of
 from odescope.likelihood.refine import Refinement, refine
+from odescope.model.assembled import coefficients_of
 from odescope.model.model import Model
 from odescope.parallel.memory import peak_bytes
 from odescope.parallel.workers import Workers
 from odescope.pipeline.fingerprint import fingerprint
-from odescope.pipeline.joint_models import Search, adopt, as_adopted, plain, proposals
+from odescope.pipeline.joint_models import Search, adopt, as_adopted, forward, plain, proposals
 from odescope.pipeline.reduce import Plan, Whole, reduce_all
 from odescope.pipeline.sample import Sample, open_recordings
 from odescope.pipeline.store import Store
@@ -332,12 +334,15 @@ def refine_model(
     if not options.enabled:
         return chosen, model, None
     with work.stage("likelihood"):
+        mechanisms = candidates_of([s.problem.terms for s in searches], signals.targets)
+        starts = [*(m.relations for _, m in proposed), [forward(s.problem) for s in searches]]
+        bare = [plain(s, c) for s, c in zip(searches, chosen, strict=True)]
         refinement = refine(
             filtered.records,
             signals,
-            [s.problem for s in searches],
-            [m.relations for _, m in proposed],
-            [plain(s, c) for s, c in zip(searches, chosen, strict=True)],
+            mechanisms,
+            [coefficients_of(mechanisms, relations) for relations in starts],
+            coefficients_of(mechanisms, bare),
             work.study.signals.differentiator,
             options,
             work.monitor,
