@@ -1,0 +1,104 @@
+"""Terms of the energies, the dissipation and the forces without a hand, built from the coordinates alone.
+
+Configuration functions h(q) are products of powers of the positions that are no angles and one harmonic, cos(k.q) or
+sin(k.q), k whole numbers over the angles: no identity such as sin**2 + cos**2 = 1 holds among them. Their degree is
+that of the powers plus the sum of |k|. Cyclic coordinates do not enter.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import combinations, combinations_with_replacement, islice, product
+
+from odescope.recordings.coordinate import Coordinate, Input
+
+COMFORTABLE = 250  # degrees are lowered until a default has no more kinetic and potential terms than this
+# Degree of the functions in the kinetic energy; whether of the two coordinates only whose rates they multiply (as two
+# arms of a chain do, by cos(phi1 - phi2)); degree of the powers in the potential. From the richest on.
+_LADDER = ((2, False, 4), (2, True, 4), (2, True, 3), (2, True, 2), (1, True, 2), (0, True, 2), (0, True, 1))
+
+
+def default_energies(coordinates: Sequence[Coordinate]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the default terms of the kinetic energy and of the potential.
+
+    Kinetic: every product of two rates times every h to degree 2. Potential: every h to degree 2 but the constant, and
+    products of powers of positions to degree 4. Where these are more than 250, the degrees are lowered step by step:
+    first the products of two rates keep the functions of their own two coordinates only, then the powers of the
+    potential fall to 3 and 2, then the functions of the kinetic energy to degree 1 and 0, at last the potential to 1.
+    """
+    kinetic, potential = tuple[str, ...](), tuple[str, ...]()
+    for degree, own, powers in _LADDER:
+        # Not one more than needed to see that they are too many, but for the last rung, which has to do.
+        most = None if (degree, own, powers) == _LADDER[-1] else COMFORTABLE + 1
+        kinetic = tuple(islice(_kinetic(coordinates, degree, own), most))
+        potential = tuple(islice(_potential(coordinates, powers), most))
+        if len(kinetic) + len(potential) <= COMFORTABLE:
+            break
+    return kinetic, potential
+
+
+def default_dissipation(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """Return the default terms of the dissipation function: viscous and dry friction, and drag.
+
+    Viscous and dry friction are of every rate and of the differences of two rates of like kind, both of angles or both
+    not; drag, which goes with the square of the speed, is of every rate.
+    """
+    rates = [c.derivative(1) for c in coordinates]
+    # Names in order: the sign that a sum begins with is that of the first name.
+    alike = [sorted((a.derivative(1), b.derivative(1))) for a, b in combinations(coordinates, 2) if a.angle == b.angle]
+    relative = [f"{a} - {b}" for a, b in alike]
+    viscous = [*(f"{r}**2" for r in rates), *(f"({r})**2" for r in relative)]
+    dry = [f"abs({r})" for r in (*rates, *relative)]
+    return (*viscous, *dry, *(f"abs({r})**3" for r in rates))
+
+
+def default_forces(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> dict[str, tuple[str, ...]]:
+    """Return the default forces: every input on every coordinate."""
+    return {c.name: tuple(i.name for i in inputs) for c in coordinates}
+
+
+def _kinetic(coordinates: Sequence[Coordinate], degree: int, own: bool) -> Iterator[str]:
+    everywhere = tuple(_configuration(coordinates, degree))
+    for a, b in combinations_with_replacement(coordinates, 2):
+        rates = f"{a.derivative(1)}*{b.derivative(1)}"
+        pair = (a,) if a is b else (a, b)
+        for h in _configuration(pair, degree) if own else everywhere:
+            yield rates if h == "1" else f"{rates}*{h}"
+
+
+def _potential(coordinates: Sequence[Coordinate], powers: int) -> Iterator[str]:
+    low = tuple(h for h in _configuration(coordinates, min(2, powers)) if h != "1")
+    yield from low
+    positions = [c for c in coordinates if not c.angle]
+    yield from (h for h in _configuration(positions, powers) if h != "1" and h not in low)
+
+
+def _configuration(coordinates: Sequence[Coordinate], degree: int) -> Iterator[str]:
+    """Yield the functions h(q) to a degree, the constant as "1", simple ones first."""
+    positions = [c.name for c in coordinates if not (c.angle or c.cyclic)]
+    angles = sorted(c.name for c in coordinates if c.angle and not c.cyclic)
+    harmonics = [list(_harmonics(angles, d)) for d in range(degree + 1)]
+    for total in range(degree + 1):
+        for d in range(total + 1):
+            for powers, harmonic in product(combinations_with_replacement(positions, total - d), harmonics[d]):
+                factors = [p if n == 1 else f"{p}**{n}" for p, n in Counter(powers).items()]
+                yield "*".join([*factors, *harmonic]) or "1"
+
+
+def _harmonics(angles: Sequence[str], degree: int) -> Iterator[tuple[str, ...]]:
+    """Yield the harmonics with sum |k| = degree, one of each pair k and -k; nothing for the constant."""
+    if degree == 0:
+        yield ()
+    for chosen in combinations_with_replacement(angles, degree):
+        multiples = list(Counter(chosen).items())
+        for signs in product((1, -1), repeat=max(0, len(multiples) - 1)) if multiples else ():
+            argument = _multiple(*multiples[0])
+            for sign, (angle, k) in zip(signs, multiples[1:], strict=True):
+                argument += (" + " if sign > 0 else " - ") + _multiple(angle, k)
+            yield (f"cos({argument})",)
+            yield (f"sin({argument})",)
+
+
+def _multiple(angle: str, k: int) -> str:
+    return angle if k == 1 else f"{k}*{angle}"

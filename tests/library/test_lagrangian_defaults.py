@@ -1,0 +1,98 @@
+from itertools import combinations
+
+import pytest
+from mechanics import ARMS, CART, ELASTIC, FORCE, MASSES, arms, positions, scope_of
+
+from odescope.library.lagrangian import lagrangian
+from odescope.library.lagrangian_defaults import default_dissipation, default_energies, default_forces
+from odescope.library.parse import parse_term
+from odescope.recordings.coordinate import Coordinate
+
+CONFIGURATIONS = ("1", "cos(phi)", "sin(phi)", "cos(2*phi)", "sin(2*phi)")
+
+
+def sizes(coordinates):
+    return tuple(len(terms) for terms in default_energies(coordinates))
+
+
+def test_the_default_of_a_pendulum_on_a_cart():
+    kinetic, potential = default_energies(CART)
+    rates = ("x_dot*x_dot", "x_dot*phi_dot", "phi_dot*phi_dot")
+    assert set(kinetic) == {r if h == "1" else f"{r}*{h}" for r in rates for h in CONFIGURATIONS}
+    assert potential == CONFIGURATIONS[1:]
+    assert default_dissipation(CART) == (
+        "x_dot**2", "phi_dot**2", "abs(x_dot)", "abs(phi_dot)", "abs(x_dot)**3", "abs(phi_dot)**3",
+    )  # fmt: skip
+    assert default_forces(CART, FORCE) == {"x": ("u",), "phi": ("u",)}
+    assert len(lagrangian(CART, FORCE, scope_of(CART, FORCE))) == 27
+
+
+def test_the_default_of_two_arms():
+    kinetic, potential = default_energies(ARMS)
+    harmonics = ("phi1", "phi2", "2*phi1", "phi1 + phi2", "phi1 - phi2", "2*phi2")
+    assert potential == tuple(f"{f}({h})" for h in harmonics for f in ("cos", "sin"))
+    assert set(kinetic) >= {"phi1_dot*phi2_dot*cos(phi1 - phi2)", "phi1_dot*phi1_dot*cos(phi2)"}
+    assert len(kinetic) == 3 * 13
+    assert {"(phi1_dot - phi2_dot)**2", "abs(phi1_dot - phi2_dot)"} <= set(default_dissipation(ARMS))
+    assert len(lagrangian(ARMS, (), scope_of(ARMS))) == 59
+
+
+def test_positions_enter_by_powers_beside_harmonics():
+    kinetic, potential = default_energies(ELASTIC)
+    assert {"r_dot*r_dot", "phi_dot*phi_dot*r**2", "r_dot*phi_dot*r*sin(phi)"} <= set(kinetic)
+    assert set(potential) == {
+        "cos(phi)", "sin(phi)", "cos(2*phi)", "sin(2*phi)", "r*cos(phi)", "r*sin(phi)", "r", "r**2", "r**3", "r**4",
+    }  # fmt: skip
+    _, potential = default_energies(MASSES)
+    assert {"x", "x*y", "x**2*y**2", "x*y**3", "y**4"} <= set(potential)
+    assert len(potential) == 14
+
+
+@pytest.mark.parametrize("flags", [(False, False), (True, True), (False, True)])
+def test_where_all_are_cyclic_there_is_no_potential(flags):
+    coordinates = [Coordinate(name, 2, angle=a, cyclic=True) for name, a in zip("ab", flags, strict=True)]
+    assert default_energies(coordinates) == (("a_dot*a_dot", "a_dot*b_dot", "b_dot*b_dot"), ())
+
+
+def test_differences_are_of_coordinates_of_like_kind():
+    coordinates = (*CART, Coordinate("psi", 2, angle=True), Coordinate("a", 2))
+    relative = {t for t in default_dissipation(coordinates) if " - " in t}
+    assert relative == {f.format(d) for f in ("({})**2", "abs({})") for d in ("a_dot - x_dot", "phi_dot - psi_dot")}
+
+
+def test_what_is_written_is_what_a_term_says_but_for_numbers():
+    coordinates = (Coordinate("psi", 2, angle=True), Coordinate("b", 2), Coordinate("alpha", 2, angle=True))
+    kinetic, potential = default_energies(coordinates)
+    for text in (*potential, *default_dissipation(coordinates)):
+        term = parse_term(text, scope_of(coordinates))
+        assert term.text.replace("2.0*", "2*") == text
+    assert len({parse_term(k, scope_of(coordinates)) for k in kinetic}) == len(kinetic)
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "kinetic", "potential"),
+    [
+        (positions(4), 150, 69),  # everything
+        (positions(5), 75, 125),  # from here on only with functions of one's own
+        (positions(6), 108, 83),  # to degree 3 in the potential
+        (positions(7), 147, 35),  # 2
+        (positions(12), 78, 90),  # constant masses
+        (arms(3), 150, 24),
+        (arms(4), 98, 40),
+        (arms(6), 93, 84),
+    ],
+)
+def test_degrees_fall_where_there_would_be_too_many(coordinates, kinetic, potential):
+    assert sizes(coordinates) == (kinetic, potential)
+    assert kinetic + potential <= 250
+
+
+def test_four_arms_keep_the_differences_of_the_two_that_move():
+    kinetic, _ = default_energies(arms(4))
+    for a, b in combinations(range(4), 2):
+        assert f"phi{a}_dot*phi{b}_dot*cos(phi{a} - phi{b})" in kinetic
+    assert "phi0_dot*phi1_dot*cos(phi2)" not in kinetic
+
+
+def test_very_many_coordinates_keep_masses_and_forces_that_do_not_change():
+    assert sizes(positions(30)) == (30 * 31 // 2, 30)
