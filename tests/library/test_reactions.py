@@ -206,3 +206,15 @@ def test_what_is_missing_is_said():
         allowed(many)
     with pytest.raises(InputError, match="molecules must be"):
         allowed(ENZYME, molecules=0)
+
+
+@repeatable
+@given(
+    st.lists(st.sampled_from(["S", "E", "u", "Q", " + ", "+", " -> ", "->", "<->", "2 ", "0", "-", "*", "(", "\u0663"]))
+)
+def test_whatever_is_written_is_read_or_refused(pieces):
+    try:
+        found = named("".join(pieces), inputs=["u"])
+    except InputError:
+        return
+    assert all(changes(m, 4).any() for m in found)
