@@ -117,14 +117,16 @@ def test_the_sums_of_the_enzyme_are_found_in_its_data():
             exact += 1
             np.testing.assert_allclose(found[0].values, [s[1] + s[2] for s in starts], atol=0.02)
             np.testing.assert_allclose(found[1].values, [s[0] + s[2] + s[3] for s in starts], atol=0.02)
-    # 40 of 40 here and 200 of 200 other seeds; with a fifth of the samples 199 of 200, with three times the noise 178 of
-    # 200, where the rest lack the sum in which C hardly shows.
+    # 40 of 40 here and 200 of 200 other seeds. With a fifth of the samples 199 of 200, with three times the noise 178:
+    # the rest lack the sum in which C hardly shows.
     assert exact >= 39
 
 
 def test_no_sum_is_found_in_what_is_driven_or_turns():
-    """Predator and prey, and the enzyme with its substrate fed: no false find in 40 seeds of 40 (in 800 of 800 predators
-    and prey with up to four times the noise or a seventh of the samples)."""
+    """Predator and prey, and the enzyme with its substrate fed: no false find in 40 seeds of 40.
+
+    Nor in 800 of 800 predators and prey, with up to four times the noise or a seventh of the samples.
+    """
     for seed in range(40):
         columns, noise = predator_prey(np.random.default_rng(seed))
         assert constant_sums(columns, ["x", "y"], noise) == ()
