@@ -163,7 +163,8 @@ def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move]) -> F
         if lost or full or space.budget.over:
             return here
         moves = Moves(space, judge, width, scale, trail)
-        moved = moves.drop(here) or moves.divide(here) or moves.add(here)
+        first, second = (moves.add, moves.drop) if scale > HOPELESS else (moves.drop, moves.add)
+        moved = first(here) or moves.divide(here) or second(here)
         if moved is None and width <= LOOK_BACK:
             moved = moves.look_back(here)
         if moved is None:

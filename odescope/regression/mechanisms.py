@@ -1,0 +1,235 @@
+"""Regression on mechanisms: all relations together, each residual that of a predicted target.
+
+With A(theta) y = b(theta) the residual of the targets is r = y - yhat, yhat = A^-1 b, and its derivative with respect to
+a coefficient is A^-1 (a_k yhat - b_k), which vanishes along theta: the scale is no matter. Gauss-Newton steps on r, in
+rows weighted by the noise of the targets, and elimination of what the residual needs least. docs/method.md, Mechanisms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from odescope.arrays import FloatArray, IntArray
+from odescope.library.mechanism import Mechanism
+from odescope.library.tape import evaluate, write_tape
+from odescope.parallel.workers import Threads
+from odescope.regression.rows import Block, NoiseWeighted, RowMap, cut_blocks
+from odescope.signals.estimate import Signals
+
+STEPS = 8  # of Gauss and Newton between two eliminations, at most
+SETTLED = 1e-3  # relative fall of the cost that ends them
+RIDGE = 1e-9  # of the scaled information: what the rows cannot tell stays where it is
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Cost at some coefficients, and its derivatives with respect to those of k mechanisms: half gradient, information.
+
+    Shapes: gradient (k,); information (k, k); rows is their number.
+    """
+
+    cost: float
+    gradient: FloatArray
+    information: FloatArray
+    rows: int
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismProblem:
+    """Mechanisms on the signals. `scale` (T,) is the noise that the rows of each target are weighted by."""
+
+    signals: Signals
+    mechanisms: tuple[Mechanism, ...]
+    blocks: tuple[Block, ...]
+    maps: tuple[RowMap, ...]
+    scale: FloatArray
+
+    @staticmethod
+    def of(signals: Signals, mechanisms: Sequence[Mechanism]) -> MechanismProblem:
+        """Return the problem, its rows weighted by the noise of a derivative of white noise."""
+        blocks = cut_blocks(signals)
+        maps = tuple(
+            NoiseWeighted(passes=0).row_map(signals, c.order, blocks, (), 0) for c in signals.coordinates
+        )
+        noise = np.array([max(c.noise, 1e-300) for c in signals.channels])
+        return MechanismProblem(signals, tuple(mechanisms), blocks, maps, noise)
+
+    @cached_property
+    def _parts(self) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+        """Mechanism, relation, target (-1 for none) and share of every part."""
+        number = {target: k for k, target in enumerate(self.signals.targets)}
+        parts = [(k, p) for k, m in enumerate(self.mechanisms) for p in m.parts]
+        factor = [-1 if p.product.factor is None else number[p.product.factor] for _, p in parts]
+        return (
+            np.array([k for k, _ in parts], dtype=np.int64),
+            np.array([p.relation for _, p in parts], dtype=np.int64),
+            np.array(factor, dtype=np.int64),
+            np.array([p.share for _, p in parts]),
+        )
+
+    @cached_property
+    def _values(self) -> list[FloatArray]:
+        """The terms of all parts on every block, (parts, n_b)."""
+        tape = write_tape(self.signals.names, [p.product.term for m in self.mechanisms for p in m.parts])
+        return list(Threads().map(lambda b: evaluate(tape, self._columns(b)), self.blocks))
+
+    def _columns(self, block: Block) -> FloatArray:
+        columns: FloatArray = self.signals.columns[block.record][:, block.start : block.stop]
+        return columns
+
+    def _measured(self, block: Block) -> FloatArray:
+        """Return the targets on a block, (T, n_b)."""
+        return self._columns(block)[[self.signals.row(t) for t in self.signals.targets]]
+
+    def raw(self, signals: Signals) -> list[FloatArray]:
+        """Return rows (n, mechanisms) of the relations as they stand, every target as measured in some signals."""
+        tape = write_tape(signals.names, [p.product.term for m in self.mechanisms for p in m.parts])
+        owner, relation, factor, share = self._parts
+        found = []
+        for block in self.blocks:
+            columns = signals.columns[block.record][:, block.start : block.stop]
+            y = columns[[signals.row(t) for t in signals.targets]]
+            values = evaluate(tape, columns) * share[:, None] * np.where(factor[:, None] >= 0, y[factor], 1.0)
+            added = np.zeros((len(self.signals.targets), len(self.mechanisms), columns.shape[1]))
+            np.add.at(added, (relation, owner), values)
+            found.append(np.concatenate([m.rows(a) / s for m, a, s in zip(self.maps, added, self.scale, strict=True)]))
+        return found
+
+    def linearised(self, theta: FloatArray, free: IntArray) -> Linearised | None:
+        """Return cost and derivatives at theta (mechanisms,), or None where the targets are not determined.
+
+        Args:
+            theta: coefficients of all mechanisms.
+            free: numbers of those with respect to which the derivatives are wanted.
+        """
+        found = list(Threads().map(lambda b: self._on_block(b, theta, free), range(len(self.blocks))))
+        rows = [f for f in found if f is not None]
+        if len(rows) < len(found):
+            return None
+        gram = sum((r.T @ r for r in rows), np.zeros((len(free) + 1, len(free) + 1)))
+        return Linearised(float(gram[-1, -1]), gram[:-1, -1], gram[:-1, :-1], sum(len(r) for r in rows))
+
+    def _on_block(self, number: int, theta: FloatArray, free: IntArray) -> FloatArray | None:
+        """Return the rows of the derivatives, and those of the residual as the last column."""
+        owner, relation, factor, share = self._parts
+        block, values = self.blocks[number], self._values[number]
+        y = self._measured(block)
+        targets, n = y.shape
+        a, b = np.zeros((targets, targets, n)), np.zeros((targets, n))
+        for k in np.flatnonzero(theta[owner]):
+            weighted = theta[owner[k]] * share[k] * values[k]
+            if factor[k] >= 0:
+                a[relation[k], factor[k]] += weighted
+            else:
+                b[relation[k]] -= weighted
+        try:
+            inverse = np.moveaxis(np.linalg.inv(np.moveaxis(a, 2, 0)), 0, 2)
+        except np.linalg.LinAlgError:
+            return None
+        predicted = np.einsum("ijn,jn->in", inverse, b)
+        slopes = np.zeros((len(free) + 1, targets, n))
+        place = np.full(len(self.mechanisms), -1, dtype=np.int64)
+        place[free] = np.arange(len(free))
+        for k in np.flatnonzero(place[owner] >= 0):
+            by = predicted[factor[k]] if factor[k] >= 0 else 1.0
+            slopes[place[owner[k]], relation[k]] += share[k] * values[k] * by
+        slopes = np.einsum("ijn,kjn->ikn", inverse, slopes)
+        slopes[:, -1] = y - predicted
+        if not np.isfinite(slopes).all():
+            return None
+        return np.concatenate([m.rows(s) / w for m, s, w in zip(self.maps, slopes, self.scale, strict=True)])
+
+    def settle(self, theta: FloatArray, free: IntArray) -> tuple[FloatArray, Linearised] | None:
+        """Return where Gauss-Newton steps from theta lead, and the derivatives there."""
+        here = self.linearised(theta, free)
+        if here is None:
+            return None
+        for _ in range(STEPS):
+            step, before = _step(here, theta[free]), here.cost
+            for share in (1.0, 0.5, 0.25, 0.0625):
+                trial = theta.copy()
+                trial[free] += share * step
+                there = self.linearised(trial, free)
+                if there is not None and there.cost < here.cost:
+                    theta, here = trial, there
+                    break
+            if not here.cost < (1.0 - SETTLED) * before:
+                break
+        return theta, here
+
+
+def _step(here: Linearised, theta: FloatArray) -> FloatArray:
+    """Return the step that the derivatives ask for, across theta: along it nothing changes."""
+    scale = np.sqrt(np.maximum(np.diag(here.information), 1e-300))
+    information = here.information / scale / scale[:, None] + RIDGE * np.eye(len(scale))
+    along = theta * scale
+    along = along / max(float(np.linalg.norm(along)), 1e-300)
+    step: FloatArray = np.linalg.solve(information + np.outer(along, along), -here.gradient / scale) / scale
+    return step
+
+
+def weights(here: Linearised, theta: FloatArray) -> FloatArray:
+    """Return by how much the cost would rise without each of some coefficients, the others refitted (k,)."""
+    scale = np.sqrt(np.maximum(np.diag(here.information), 1e-300))
+    along = theta * scale
+    along = along / max(float(np.linalg.norm(along)), 1e-300)
+    information = here.information / scale / scale[:, None] + RIDGE * np.eye(len(scale)) + np.outer(along, along)
+    rise: FloatArray = along * 0.0 + (theta * scale) ** 2 / np.maximum(np.diag(np.linalg.inv(information)), 1e-300)
+    return rise
+
+
+def eliminated(problem: MechanismProblem, theta: FloatArray, fewest: int) -> Iterator[tuple[FloatArray, Linearised]]:
+    """Yield coefficients and what they leave, from those of theta to few, always without what matters least.
+
+    Args:
+        problem: data and mechanisms.
+        theta: (mechanisms,) to begin with.
+        fewest: mechanisms with which it ends.
+    """
+    held = np.array([m.known is not None for m in problem.mechanisms])
+    while True:
+        free = np.flatnonzero((theta != 0.0) & ~held)
+        settled = problem.settle(theta, free)
+        if settled is None:
+            return
+        theta, here = settled
+        yield theta, here
+        if np.count_nonzero(theta) <= fewest or not len(free):
+            return
+        theta = theta.copy()
+        theta[free[np.argmin(weights(here, theta[free]))]] = 0.0
+
+
+def grown(problem: MechanismProblem, theta: FloatArray, most: int) -> FloatArray:
+    """Return coefficients after a forward selection from those of theta, until there are so many.
+
+    Args:
+        problem: data and mechanisms.
+        theta: (mechanisms,) to begin with.
+        most: mechanisms with which it ends.
+    """
+    everything = np.array([k for k, m in enumerate(problem.mechanisms) if m.known is None], dtype=np.int64)
+    while np.count_nonzero(theta) < most:
+        here = problem.linearised(theta, everything)
+        if here is None:
+            break
+        scale = np.sqrt(np.maximum(np.diag(here.information), 1e-300))
+        information, gradient = here.information / scale / scale[:, None], here.gradient / scale
+        own = theta[everything] != 0.0
+        inner = np.linalg.inv(information[np.ix_(own, own)] + RIDGE * np.eye(own.sum()) )
+        cross = information[np.ix_(own, ~own)]
+        left = 1.0 - np.einsum("ij,ik,kj->j", cross, inner, cross)
+        slopes = gradient[~own] - cross.T @ inner @ gradient[own]
+        score = np.where(left > 1e-6, slopes**2 / np.maximum(left, 1e-6), 0.0)
+        best = everything[~own][int(np.argmax(score))]
+        trial = theta.copy()
+        trial[best] = slopes[int(np.argmax(score))] * -1.0 / left[int(np.argmax(score))] / scale[~own][int(np.argmax(score))]
+        settled = problem.settle(trial, np.flatnonzero((trial != 0.0)))
+        if settled is None:
+            break
+        theta = settled[0]
+    return theta
