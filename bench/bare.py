@@ -100,7 +100,7 @@ def bubble() -> Machine:
     )
     basis = ("x", "1/x", "x_dot", "u")
     coordinates = {"x": Measured(order=2)}
-    return bare(coordinates, {"x_ddot": law}, rate, (1.0, 0.0), swinging(0.0, 1.0, 1.0), basis=basis)
+    return bare(coordinates, {"x_ddot": law}, rate, (1.0, 0.0), swinging(0.0, 0.8, 1.0), basis=basis)
 
 
 def yoke() -> Machine:

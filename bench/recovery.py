@@ -257,7 +257,8 @@ def show(cell: tuple[str, float, float], results: Mapping[int, Result], detail: 
     silent = sum(s is None for r in right for _, s, _ in r.coefficients.values())
     coverage = np.mean([abs(e) <= 1.96 * s for e, s in stated]) if stated else np.nan
     likelihood, whole = ([getattr(r, k) for r in results.values()] for k in ("likelihood", "whole"))
-    where = f"{name} b1={friction:<5} level {noise:<4g}" if name == "cart" else f"{name} noise {noise:g}"
+    where = f"{name} noise {noise:g}" if name in CASES else f"{name} level {noise:g}"
+    where = f"cart b1={friction:<5} level {noise:<4g}" if name == "cart" else where
     print(
         f"{where:<28} {len(right):>3}/{len(results):<3} {pooled:8.2f} {max(sized.values(), default=np.nan):8.2f}"
         f" {coverage:9.1%} {silent:>5}   {np.nanmedian(likelihood):6.2f} {np.nanmax(likelihood):6.2f}"
