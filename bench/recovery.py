@@ -7,39 +7,35 @@ The structure is right when every equation has the terms of the truth and no oth
 the root mean square of coefficient error over Cramer-Rao bound (pooled, and the worst coefficient), and the share of
 coefficients within 1.96 of their standard errors of the truth. Coverage counts coefficients that have no standard
 error apart. Times are wall times of one process of two, one thread of BLAS each.
+    ./run python bench/recovery.py --seeds 20 --machines cart arms rotary enzyme --levels 1 2 3
 
-The bound is that of the whole continuous record, the noise level known, by a path that shares nothing with the
-likelihood: finite differences of free runs of `odescope.model.simulation` at a relative tolerance of 1e-11 over short
-stretches that start at the true states, chained by their transition matrices in a square-root information filter. A
-stretch is short so that chaos does not spoil the differences. What a state once was is known ever better where the
-system forgets it, without bound, so the ends of stretches meet to 1e-7 of the spread of each state, not exactly.
+A machine (bench/machines.py) is exact when its mechanisms, kind and term, are those of the truth, too. Coefficients are
+those of the relations, whose scale is set in one way whatever the search held fixed. The bounds are in bench/bounds.py.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from bounds import TOLERANCE, cramer_rao, inputs_of, sensitivities
+from catalogue import MACHINES
 from demo_table import STUDY
 from systems import CASES, noisy
 from threadpoolctl import threadpool_limits
+from truths import Truth, canonical, chemistry, relations
 
 from odescope import NoModelError, Study, identify
 from odescope.commands.demo import NOISE, cart_pendulum, simulate_log
-from odescope.library.parse import Scope, parse_term
-from odescope.library.product import Product
+from odescope.library.mechanism import Mechanism
+from odescope.library.parse import parse_term
 from odescope.model.model import Model
-from odescope.model.relation import Relation, RelationTerm
+from odescope.model.relation import Relation
 from odescope.model.simulation import simulate
-
-STRETCH = 0.25  # seconds
-JOINT = 1e-7  # of the spread of a state
-TOLERANCE = 1e-11, 1e-13
-DIFFERENCE = 1e-4  # relative, of a coefficient; of the spread of a state
 
 # Relations of bench/systems.py with the target's coefficient 1: (factor, term, coefficient).
 RELATIONS: dict[str, dict[str, tuple[tuple[str | None, str, float], ...]]] = {
@@ -76,12 +72,16 @@ RELATIONS: dict[str, dict[str, tuple[tuple[str | None, str, float], ...]]] = {
 
 @dataclass(frozen=True)
 class Experiment:
-    """One job: a system, its noise (level or relative), its friction where it is the cart, its seed."""
+    """One job: a system, its noise (level or relative), its friction where it is the cart, its seed.
+
+    With `machine`, the system is one of bench/catalogue.py.
+    """
 
     system: str
     noise: float
     friction: float
     seed: int
+    machine: bool = False
 
     @property
     def cell(self) -> tuple[str, float, float]:
@@ -94,7 +94,7 @@ class Case:
     """Truth and data; states (N, n) without noise and sigma (c,) of the noise in each coordinate."""
 
     study: Study
-    truth: Model
+    truth: Truth
     data: list[dict[str, np.ndarray]]
     states: list[np.ndarray]
     sigma: np.ndarray
@@ -119,31 +119,27 @@ class Result:
 def cart(experiment: Experiment) -> Case:
     log = simulate_log(experiment.seed, int(experiment.noise), experiment.friction)
     data = {"t": log.t, "x": log.measured[:, 0], "phi": log.measured[:, 1], "u": log.force}
-    return Case(STUDY, cart_pendulum(experiment.friction), [data], [log.states], np.array(NOISE[int(experiment.noise)]))
+    model = cart_pendulum(experiment.friction)
+    terms = [[(t.factor, t.term.text, t.coefficient) for t in relation.terms] for relation in model.relations]
+    truth = relations(model.coordinates, model.inputs, dict(zip(model.targets, terms, strict=True)))
+    return Case(STUDY, truth, [data], [log.states], np.array(NOISE[int(experiment.noise)]))
 
 
 def system(experiment: Experiment) -> Case:
     case = CASES[experiment.system]
-    coordinates, inputs = case.study.measured(), case.study.driven()
-    names = [s for c in coordinates for s in c.states]
-    scope = Scope.of([*names, *(i.name for i in inputs)])
-    relations = tuple(
-        Relation(tuple(RelationTerm(Product(f, parse_term(t, scope)), c) for f, t, c in terms))
-        for terms in RELATIONS[experiment.system].values()
-    )
-    truth = Model(coordinates, inputs, relations)
+    truth = relations(case.study.measured(), case.study.driven(), RELATIONS[experiment.system])
     clean = case.runs(np.random.default_rng(experiment.seed))
     data = noisy(case, experiment.noise, np.random.default_rng(experiment.seed))
     sigma = np.array(
         [experiment.noise * float(np.std(np.concatenate([run[name] for run in clean]))) for name in case.measured]
     )
-    states = []
+    states, model = [], truth.model
     for run in clean:
         # The only system with an unmeasured state starts it at rest.
-        start = np.array([run[s][0] if s in run else 0.0 for s in truth.states])
-        again = simulate(truth, run["t"], inputs_of(truth, run), start, *TOLERANCE).states
+        start = np.array([run[s][0] if s in run else 0.0 for s in model.states])
+        again = simulate(model, run["t"], inputs_of(model, run), start, *TOLERANCE).states
         first = slice(len(again) // 10)
-        for k, name in enumerate(truth.states):
+        for k, name in enumerate(model.states):
             if name in run:
                 error = np.abs(again[first, k] - run[name][first]).max()
                 assert error < 1e-4 * np.ptp(run[name]), f"the relations of {experiment.system} are not its truth"
@@ -152,119 +148,91 @@ def system(experiment: Experiment) -> Case:
     return Case(case.study, truth, data, states, sigma)
 
 
+@lru_cache(maxsize=1)
+def run_of(name: str, friction: float, seed: int) -> list[dict[str, np.ndarray]]:
+    return MACHINES[name](friction).runs(seed)
+
+
+def machine(experiment: Experiment) -> Case:
+    made, level = MACHINES[experiment.system](experiment.friction), int(experiment.noise)
+    clean = run_of(experiment.system, experiment.friction, experiment.seed)
+    data = made.recorded(clean, level, experiment.seed)
+    return Case(made.study, made.truth, data, made.states(clean), made.sigma(clean, level))
+
+
 def pose(experiment: Experiment) -> Case:
+    if experiment.machine:
+        return machine(experiment)
     return cart(experiment) if experiment.system == "cart" else system(experiment)
 
 
-def inputs_of(model: Model, run: Mapping[str, np.ndarray]) -> np.ndarray:
-    return np.column_stack([run[i.name] for i in model.inputs]) if model.inputs else np.empty((len(run["t"]), 0))
+@lru_cache(maxsize=1)
+def chained(system: str, friction: float, seed: int, machine: bool) -> list[list[np.ndarray]]:
+    """Return the sensitivities of every recording, which do not depend on the noise."""
+    case = pose(Experiment(system, 1, friction, seed, machine))
+    return sensitivities(case.truth, case.data, case.states)
 
 
-def parameters(model: Model) -> dict[str, tuple[int, int]]:
-    """Return relation and term of every coefficient that is to be found, by target and text."""
+def structure(relation: Relation) -> dict[tuple[str | None, frozenset], tuple[str, float, float | None]]:
+    """Return text, coefficient and standard error of every term."""
     found = {}
-    for r, (target, relation) in enumerate(zip(model.targets, model.relations, strict=True)):
-        for k, term in enumerate(relation.terms):
-            if not (term.factor == target and not term.term.factors):
-                found[f"{target}: {term.text}"] = (r, k)
+    for t in relation.terms:
+        sign, factors = canonical(t.term)
+        found[t.factor, factors] = (t.text, sign * t.coefficient, t.std_error)
     return found
 
 
-def changed(model: Model, place: tuple[int, int], by: float) -> Model:
-    relations = list(model.relations)
-    terms = list(relations[place[0]].terms)
-    terms[place[1]] = replace(terms[place[1]], coefficient=terms[place[1]].coefficient + by)
-    relations[place[0]] = Relation(tuple(terms))
-    return replace(model, relations=tuple(relations))
+def alike(truth: Truth, mechanisms: Sequence[Mechanism]) -> str:
+    """Return how mechanisms differ from those of the truth in kind, term and reaction; "" if in nothing."""
+
+    def keyed(these: Sequence[Mechanism]) -> dict[tuple, str]:
+        return {
+            (m.kind, canonical(parse_term(m.term, truth.scope))[1], chemistry(m.name)): f"{m.name or m.term} ({m.kind})"
+            for m in these
+            if m.kind not in ("term", "tie")
+        }
+
+    wanted, found = keyed(truth.mechanisms), keyed(mechanisms)
+    if wanted.keys() == found.keys():
+        return ""
+    missing, extra = (sorted(a[k] for k in a.keys() - b.keys()) for a, b in ((wanted, found), (found, wanted)))
+    return f"missing {missing}, extra {extra}"
 
 
-def differences(
-    model: Model,
-    nearby: list[tuple[Model, Model, float]],
-    t: np.ndarray,
-    u: np.ndarray,
-    start: np.ndarray,
-    small: np.ndarray,
-) -> np.ndarray:
-    """Return central differences of the states with respect to start and coefficients, (len(t), n, n + p)."""
-    columns = []
-    for h in np.diag(small):
-        more, less = (simulate(model, t, u, start + by, *TOLERANCE).states for by in (h, -h))
-        columns.append((more - less) / (2 * h.max()))
-    for above, below, h in nearby:
-        more, less = (simulate(m, t, u, start, *TOLERANCE).states for m in (above, below))
-        columns.append((more - less) / (2 * h))
-    return np.stack(columns, axis=-1)
-
-
-@lru_cache(maxsize=1)
-def chained(system: str, friction: float, seed: int) -> list[list[np.ndarray]]:
-    """Return for every run the sensitivities of its stretches, which do not depend on the noise."""
-    case = pose(Experiment(system, 1, friction, seed))
-    model, nearby, runs = case.truth, [], []
-    for r, k in parameters(model).values():
-        h = DIFFERENCE * abs(model.relations[r].terms[k].coefficient)
-        nearby.append((changed(model, (r, k), h), changed(model, (r, k), -h), h))
-    small = DIFFERENCE * np.concatenate(case.states).std(axis=0)
-    for run, states in zip(case.data, case.states, strict=True):
-        t, u = run["t"], inputs_of(model, run)
-        stretch = max(2, round(STRETCH / (t[1] - t[0])))
-        pieces = [slice(b, min(b + stretch, len(t) - 1) + 1) for b in range(0, len(t) - 1, stretch)]
-        runs.append([differences(model, nearby, t[piece], u[piece], states[piece.start], small) for piece in pieces])
-    return runs
-
-
-def cramer_rao(case: Case, runs: list[list[np.ndarray]]) -> dict[str, float]:
-    """Return the bound of every coefficient: the least standard deviation of an unbiased estimate.
-
-    The filter carries the information of (state at the begin of the stretch, coefficients) as an upper triangular root.
-    Over a stretch x(t) = x0 + S_x dx0 + S_c dc: measurements add rows [S_x, S_c] / sigma, the joint to the state at the
-    end [S_x, S_c, -1] / gap; a QR factorisation with the columns of dx0 first then leaves the next root.
-    """
-    model, places = case.truth, parameters(case.truth)
-    n, p = len(model.states), len(places)
-    rows = [model.states.index(c.name) for c in model.coordinates]
-    gap = JOINT * np.concatenate(case.states).std(axis=0)[:, None]
-    information = np.zeros((p, p))
-    for stretches in runs:
-        root = np.zeros((n + p, n + p))
-        for k, sensitivity in enumerate(stretches):
-            # The last sample belongs to the next stretch, if there is one.
-            seen = sensitivity[:, rows] if k + 1 == len(stretches) else sensitivity[:-1, rows]
-            seen = np.linalg.qr((seen / case.sigma[:, None]).reshape(-1, n + p), "r")
-            data = np.insert(np.vstack([root, seen]), [n] * n, 0.0, axis=1)
-            joint = np.column_stack([sensitivity[-1, :, :n], -np.eye(n), sensitivity[-1, :, n:]]) / gap
-            root = np.linalg.qr(np.vstack([joint, data]), "r")[n:, n:]
-        ends = np.linalg.qr(root, "r")[n:, n:]
-        information += ends.T @ ends
-    scale = np.sqrt(np.diag(information))
-    covariance = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
-    return dict(zip(places, np.sqrt(np.diag(covariance)), strict=True))
-
-
-def canonical(relation: Relation) -> dict[tuple[str | None, frozenset], RelationTerm]:
-    return {(t.factor, frozenset(t.term.factors)): t for t in relation.terms}
+def compared(truth: Model, found: Model) -> tuple[dict[str, str], dict[str, tuple[float, float | None, float]]]:
+    """Return how each relation fails, and (error, std_error, bound) of its coefficients; the truth has the bounds."""
+    failures, coefficients = {}, {}
+    for target, true, mine in zip(truth.targets, truth.relations, found.relations, strict=True):
+        wanted, got = structure(true), structure(mine)
+        missing = sorted(wanted[k][0] for k in wanted.keys() - got.keys())
+        extra = sorted(got[k][0] for k in got.keys() - wanted.keys())
+        failures[target] = f"missing {missing}, extra {extra}" if missing or extra else ""
+        if any(k not in got for k in wanted):
+            continue
+        # Both have 1 in front of the leading target; should they not agree which that is, there is a scale between.
+        lead = next(iter(wanted))
+        scale = wanted[lead][1] / got[lead][1]
+        for key, (text, c, bound) in wanted.items():
+            if bound is not None:
+                error = got[key][2] if abs(scale - 1.0) < 1e-9 else None
+                coefficients[f"{target}: {text}"] = (scale * got[key][1] - c, error, bound)
+    return failures, coefficients
 
 
 def attempt(experiment: Experiment) -> Result:
     with threadpool_limits(1):
         case = pose(experiment)
-        bound = cramer_rao(case, chained(experiment.system, experiment.friction, experiment.seed))
+        runs = chained(experiment.system, experiment.friction, experiment.seed, experiment.machine)
+        bounded = case.truth.stated(cramer_rao(case.truth, case.states, case.sigma, runs))
         try:
             result = identify(case.study, case.data)
         except NoModelError as error:
             return Result(dict.fromkeys(case.truth.targets, f"none: {error.stage}"), {}, np.nan, np.nan, str(error))
-    failures, coefficients = {}, {}
-    for target, true, mine in zip(case.truth.targets, case.truth.relations, result.model.relations, strict=True):
-        wanted, found = canonical(true), canonical(mine)
-        missing = sorted(wanted[k].text for k in wanted.keys() - found.keys())
-        extra = sorted(found[k].text for k in found.keys() - wanted.keys())
-        failures[target] = f"missing {missing}, extra {extra}" if missing or extra else ""
-        for key, term in wanted.items():
-            name = f"{target}: {term.text}"
-            if key in found and name in bound:
-                error = found[key].coefficient - term.coefficient
-                coefficients[name] = (error, found[key].std_error, bound[name])
+    failures, coefficients = compared(bounded, result.model)
+    mechanisms = getattr(result.model, "mechanisms", ())
+    # Where the form is not asked for, it may be relations, which are all that there is to compare.
+    if mechanisms or getattr(case.study.library, "form", "auto") not in ("auto", "relations"):
+        failures["mechanisms"] = alike(case.truth, mechanisms)
     refinement = result.refinement
     note = (
         "no likelihood"
@@ -289,7 +257,8 @@ def show(cell: tuple[str, float, float], results: Mapping[int, Result], detail: 
     silent = sum(s is None for r in right for _, s, _ in r.coefficients.values())
     coverage = np.mean([abs(e) <= 1.96 * s for e, s in stated]) if stated else np.nan
     likelihood, whole = ([getattr(r, k) for r in results.values()] for k in ("likelihood", "whole"))
-    where = f"cart b1={friction:<5} level {noise:<4g}" if name == "cart" else f"{name} noise {noise:g}"
+    where = f"{name} noise {noise:g}" if name in CASES else f"{name} level {noise:g}"
+    where = f"cart b1={friction:<5} level {noise:<4g}" if name == "cart" else where
     print(
         f"{where:<28} {len(right):>3}/{len(results):<3} {pooled:8.2f} {max(sized.values(), default=np.nan):8.2f}"
         f" {coverage:9.1%} {silent:>5}   {np.nanmedian(likelihood):6.2f} {np.nanmax(likelihood):6.2f}"
@@ -311,18 +280,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--levels", type=int, nargs="*", default=[1, 2, 3, 4], choices=NOISE)
-    parser.add_argument("--friction", type=float, nargs="+", default=[0.01, 0.15])
+    parser.add_argument("--levels", type=int, nargs="*", help="of the cart or the machines; all if left out")
+    parser.add_argument("--friction", type=float, nargs="+", default=[0.01, 0.15], help="of the cart's joint")
     parser.add_argument("--systems", nargs="*", choices=CASES, default=[], help="these instead of the cart")
     parser.add_argument("--noise", type=float, nargs="+", default=[0.01, 0.05], help="of these systems, relative")
+    parser.add_argument("--machines", nargs="*", choices=MACHINES, default=[], help="these instead of the cart")
     parser.add_argument("--detail", action="store_true", help="a line for every coefficient")
     options = parser.parse_args()
     cells = [(name, noise, 0.0) for name in options.systems for noise in options.noise]
-    cells = cells or [("cart", level, b) for b in options.friction for level in options.levels]
+    for name in options.machines:
+        for friction in options.friction if name == "cart" else [0.0]:
+            levels = MACHINES[name](friction).noise
+            cells += [(name, n, friction) for n in levels if options.levels is None or n in options.levels]
+    cells = cells or [("cart", n, b) for b in options.friction for n in NOISE if n in (options.levels or NOISE)]
     groups = dict.fromkeys((name, friction) for name, _, friction in cells)
     jobs = {
         group: [
-            Experiment(group[0], noise, group[1], seed)
+            Experiment(group[0], noise, group[1], seed, group[0] in options.machines)
             for seed in range(options.first, options.first + options.seeds)
             for name, noise, friction in cells
             if (name, friction) == group
