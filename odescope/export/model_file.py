@@ -10,12 +10,15 @@ from typing import Any, Literal
 import msgspec
 
 from odescope.errors import InputError
+from odescope.library.mechanism import Kind
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.model.model import Model
-from odescope.model.relation import Relation, RelationTerm
+from odescope.model.relation import FoundMechanism, Relation, RelationTerm
 from odescope.model.scores import ModelScores
 from odescope.recordings.coordinate import Coordinate, Input
+
+LONGEST_EXPLICIT = 2000  # characters: a longer fraction is for nobody to read
 
 
 class _Term(msgspec.Struct, forbid_unknown_fields=True):
@@ -27,6 +30,14 @@ class _Term(msgspec.Struct, forbid_unknown_fields=True):
 
 class _Relation(msgspec.Struct, forbid_unknown_fields=True):
     terms: list[_Term]
+
+
+class _Mechanism(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    kind: Kind
+    term: str
+    coefficient: float
+    std_error: float | None
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
@@ -41,6 +52,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     scores: ModelScores
     domain: dict[str, tuple[float, float]]
     provenance: dict[str, Any]
+    mechanisms: tuple[_Mechanism, ...] = ()
 
 
 class _Keys(msgspec.Struct):
@@ -63,11 +75,13 @@ def to_json(model: Model) -> str:
             _Relation([_Term(t.factor, t.term.text, t.coefficient, t.std_error) for t in r.terms])
             for r in model.relations
         ],
-        "explicit": {q.target: q.text for q in model.quotients},
+        "explicit": {q.target: q.text for q in model.quotients if len(q.text) <= LONGEST_EXPLICIT},
         "scores": model.scores or ModelScores(),
         "domain": {name: (float(low), float(high)) for name, (low, high) in model.domain.items()},
         "provenance": dict(model.provenance),
     }
+    if model.mechanisms:
+        file["mechanisms"] = [_Mechanism(m.name, m.kind, m.term, m.coefficient, m.std_error) for m in model.mechanisms]
     return msgspec.json.format(msgspec.json.encode(file), indent=2).decode() + "\n"
 
 
@@ -113,8 +127,9 @@ def from_json(data: bytes | str) -> Model:
         raise InputError(f"the name {max(names, key=names.count)!r} is used twice")
     scope = Scope.of([n for c in coordinates for n in c.states] + [i.name for i in inputs])
     relations = tuple(Relation(tuple(_read_term(t, scope) for t in r.terms)) for r in file.relations)
+    mechanisms = tuple(FoundMechanism(m.name, m.kind, m.term, m.coefficient, m.std_error) for m in file.mechanisms)
     scores = None if file.scores == ModelScores() else file.scores
-    model = Model(coordinates, inputs, relations, scores, file.domain, file.provenance)
+    model = Model(coordinates, inputs, relations, scores, file.domain, file.provenance, mechanisms)
     for what, came, expected in (("states", file.states, model.states), ("targets", file.targets, model.targets)):
         if tuple(came) != expected:
             raise InputError(f"its {what} are {', '.join(came)}, but its coordinates make them {', '.join(expected)}")

@@ -170,7 +170,7 @@ def _size(kind: str, term: Term, coordinates: Sequence[Coordinate]) -> float:
 
 
 def _multiples(call: Call, angles: set[str]) -> int:
-    """Return the sum of |k| of a function of k1*angle1 + k2*angle2 + ..., 1 for a function of anything else."""
+    """Return the largest |k| of a function of k1*angle1 + k2*angle2 + ..., 1 for a function of anything else."""
     parts = call.argument.parts
     plain = all(t.text in angles and c.is_integer() for c, t in parts)
-    return int(sum(abs(c) for c, _ in parts)) if plain else 1
+    return int(max(abs(c) for c, _ in parts)) if plain else 1

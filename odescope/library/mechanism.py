@@ -55,7 +55,13 @@ class Mechanism:
 
 
 def candidate(relation: int, product: Product, target: str) -> Mechanism:
-    """Return the mechanism of a single part, in the relation of a target."""
+    """Return the mechanism of a single part.
+
+    Args:
+        relation: where it stands.
+        product: what it is.
+        target: of that relation.
+    """
     size = (product.factor is not None) + product.degree
     return Mechanism("term", product.text, target, (Part(relation, product),), size)
 
@@ -76,3 +82,24 @@ def candidates_of(libraries: Sequence[Sequence[Product]], targets: Sequence[str]
         for r, (products, target) in enumerate(zip(libraries, targets, strict=True))
         for product in products
     )
+
+
+def scale_groups(mechanisms: Sequence[Mechanism], present: Iterable[int]) -> list[tuple[int, ...]]:
+    """Return the present mechanisms in groups that have no relation in common, ascending.
+
+    All coefficients of a group may be multiplied by one number: its relations say the same.
+
+    Args:
+        mechanisms: all candidates.
+        present: numbers of those in the model.
+    """
+    groups: list[tuple[frozenset[int], list[int]]] = []
+    for k in present:
+        relations, members, apart = mechanisms[k].relations, [int(k)], []
+        for other, others in groups:
+            if other & relations:
+                relations, members = relations | other, members + others
+            else:
+                apart.append((other, others))
+        groups = [*apart, (relations, members)]
+    return [tuple(sorted(members)) for _, members in groups]

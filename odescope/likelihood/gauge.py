@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.library.mechanism import Mechanism
+from odescope.library.mechanism import Mechanism, scale_groups
 from odescope.likelihood.evaluator import scaled
 
 BETTER = 4.0  # times the Wald statistic that the held coefficient has at best: another pair that has more is held
@@ -31,20 +31,6 @@ def inverse(information: FloatArray) -> FloatArray:
     return covariance
 
 
-def scale_groups(mechanisms: Sequence[Mechanism], present: IntArray) -> list[IntArray]:
-    """Return the present mechanisms in groups that have no relation in common."""
-    groups: list[tuple[set[int], list[int]]] = []
-    for k in present.tolist():
-        relations, members, apart = set(mechanisms[k].relations), [k], []
-        for other, others in groups:
-            if other & relations:
-                relations, members = relations | other, members + others
-            else:
-                apart.append((other, others))
-        groups = [*apart, (relations, members)]
-    return [np.array(sorted(members), dtype=np.int64) for _, members in groups]
-
-
 def held_of(mechanisms: Sequence[Mechanism], present: IntArray, strength: FloatArray) -> IntArray:
     """Return the mechanisms that are held: those that are known, and the strongest of every group without any.
 
@@ -54,7 +40,7 @@ def held_of(mechanisms: Sequence[Mechanism], present: IntArray, strength: FloatA
         strength: of each candidate (mechanisms,).
     """
     held = list[int]()
-    for group in scale_groups(mechanisms, present):
+    for group in map(np.array, scale_groups(mechanisms, present)):
         known = [k for k in group.tolist() if mechanisms[k].known is not None]
         held += known or [int(group[np.argmax(strength[group])])]
     return np.array(sorted(held), dtype=np.int64)
@@ -72,7 +58,7 @@ def rechosen(
         theta: (mechanisms,) coefficients.
         information: (p, p) about those that were not held.
     """
-    for group in scale_groups(mechanisms, present):
+    for group in map(np.array, scale_groups(mechanisms, present)):
         own = [k for k in group.tolist() if k in held]
         if len(group) < 3 or len(own) != 1 or mechanisms[own[0]].known is not None:
             continue

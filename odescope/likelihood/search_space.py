@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.library.mechanism import Mechanism, Part
+from odescope.library.mechanism import Mechanism, Part, scale_groups
 from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import ITERATIONS, Fit, fit
-from odescope.likelihood.gauge import held_of, rechosen, scale_groups
+from odescope.likelihood.gauge import held_of, rechosen
 from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.segments import Segments
 from odescope.model.assembled import relations_of
@@ -223,8 +223,8 @@ class SearchSpace:
                 shorter = [self._number.get((replace(p[0], product=o),)) for p, o in zip(parts, over, strict=True)]
                 if None not in shorter:
                     theta = found.theta.copy()
-                    theta[group] = 0.0
-                    theta[np.array(shorter, dtype=np.int64)] = found.theta[group]
+                    theta[list(group)] = 0.0
+                    theta[np.array(shorter, dtype=np.int64)] = found.theta[list(group)]
                     return theta
         return None
 

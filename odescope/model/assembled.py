@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.library.mechanism import Mechanism
+from odescope.library.mechanism import Mechanism, scale_groups
 from odescope.library.product import Product
-from odescope.model.relation import Relation, RelationTerm
+from odescope.model.relation import FoundMechanism, Relation, RelationTerm
 
 CANCELLED = 1e-13  # of what a coefficient is the sum of: what is left is rounding
 EXACT = 1e-10  # standard error over coefficient: what is known but for rounding has none
@@ -67,6 +67,58 @@ def _shares(r: int, mechanisms: Sequence[Mechanism]) -> tuple[list[Product], Flo
     for row, k, share in entries:
         shares[row, k] += share
     return list(place), shares
+
+
+def stated(
+    mechanisms: Sequence[Mechanism], theta: FloatArray, covariance: FloatArray | None
+) -> tuple[FoundMechanism, ...]:
+    """Return the mechanisms of a model as people read them, in one scale a group of relations.
+
+    Where an input drives a group the coefficient of its force is 1, so that masses are masses; without one the first
+    square of a rate has 1/2. Reactions and whatever is known keep their scale. Plain candidates are left to the
+    relations.
+
+    Args:
+        mechanisms: those of the model.
+        theta: (k,) their coefficients.
+        covariance: (k, k) of the coefficients, zero where they are given; None where it is not known.
+    """
+    scaled, errors = theta.copy(), np.full(len(theta), np.nan)
+    if covariance is not None:
+        errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    for group in scale_groups(mechanisms, range(len(mechanisms))):
+        reference = _reference(mechanisms, group)
+        if reference is None:
+            continue
+        k, value, inside = *reference, list(group)
+        scaled[inside] = theta[inside] * (value / theta[k])
+        kinetic = sum(scaled[j] for j in inside if mechanisms[j].kind == "kinetic" and _square(mechanisms[j]))
+        scaled[inside] *= -1.0 if kinetic < 0.0 else 1.0
+        if covariance is not None:
+            slopes = np.eye(len(theta))[inside] - np.outer(theta[inside] / theta[k], np.eye(len(theta))[k])
+            variances = np.einsum("ki,ij,kj->k", slopes, covariance, slopes) * (value / theta[k]) ** 2
+            errors[inside] = np.sqrt(np.maximum(variances, 0.0))
+    return tuple(
+        FoundMechanism(m.name or m.term, m.kind, m.term, float(c), float(e) if e > EXACT * abs(c) else None, m.place)
+        for m, c, e in zip(mechanisms, scaled, errors, strict=True)
+        if m.kind != "term"
+    )
+
+
+def _reference(mechanisms: Sequence[Mechanism], group: Sequence[int]) -> tuple[int, float] | None:
+    """Return whose coefficient sets the scale of a group, and its value there; None where the scale is given."""
+    if any(mechanisms[k].known is not None for k in group):
+        return None
+    forces = [k for k in group if mechanisms[k].kind == "force"]
+    if forces:
+        return min(forces, key=lambda k: mechanisms[k].size), 1.0
+    squares = [k for k in group if mechanisms[k].kind == "kinetic" and _square(mechanisms[k])]
+    return (squares[0], 0.5) if squares else None
+
+
+def _square(mechanism: Mechanism) -> bool:
+    """Say whether a mechanism is the kinetic energy of a rate alone, squared."""
+    return len(mechanism.parts) == 1 and mechanism.parts[0].product.bare
 
 
 def coefficients_of(mechanisms: Sequence[Mechanism], relations: Sequence[Relation]) -> FloatArray:

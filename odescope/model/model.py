@@ -13,7 +13,7 @@ from odescope.library.tape import Tape, write_tape
 from odescope.model.display import equations_html, equations_latex
 from odescope.model.explicit import Quotient, explicit
 from odescope.model.notes import trust
-from odescope.model.relation import Relation
+from odescope.model.relation import FoundMechanism, Relation
 from odescope.model.scores import ModelScores
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 
@@ -25,7 +25,8 @@ class Model:
     """A(x, u) y' = b(x, u), with y' the targets.
 
     `domain` is the range of each state and input in the data the model comes from, `scores` how well it did, where that
-    is known; `provenance` is plain data for people and reports.
+    is known; `provenance` is plain data for people and reports. `mechanisms` are the terms of energies, forces or
+    reactions that the relations add up from, where the model was found as such.
     """
 
     coordinates: tuple[Coordinate, ...]
@@ -34,6 +35,7 @@ class Model:
     scores: ModelScores | None = None
     domain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     provenance: Mapping[str, Json] = field(default_factory=dict)
+    mechanisms: tuple[FoundMechanism, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.relations) != len(self.targets):

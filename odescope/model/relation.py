@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
+
 from odescope.library.expression import Combination, Term
+from odescope.library.mechanism import Kind
 from odescope.library.product import Product
 
 NORMAL = 1.959963984540054  # of a standard normal, 97.5 %
@@ -39,6 +42,20 @@ class RelationTerm:
         if self.std_error is None:
             return None
         return self.coefficient - NORMAL * self.std_error, self.coefficient + NORMAL * self.std_error
+
+
+class FoundMechanism(msgspec.Struct, frozen=True):
+    """A mechanism of a model: a term of an energy, a force, a reaction, with its coefficient and standard error.
+
+    `place` says where it acts, for a force or a tie; relations hold what all of them add up to.
+    """
+
+    name: str
+    kind: Kind
+    term: str
+    coefficient: float
+    std_error: float | None = None
+    place: str = ""
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,13 @@ from odescope.arrays import Table
 from odescope.errors import InputError, NoModelError
 from odescope.events import Monitor, StageBegan
 from odescope.library.candidates import Library
-from odescope.library.mechanism import candidates_of
 from odescope.likelihood.refine import Refinement, refine
-from odescope.model.assembled import coefficients_of
 from odescope.model.model import Model
 from odescope.parallel.memory import peak_bytes
 from odescope.parallel.workers import Workers
 from odescope.pipeline.fingerprint import fingerprint
-from odescope.pipeline.joint_models import Search, adopt, as_adopted, forward, plain, proposals
+from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
+from odescope.pipeline.joint_models import Search, proposals
 from odescope.pipeline.reduce import Plan, Whole, reduce_all
 from odescope.pipeline.sample import Sample, open_recordings
 from odescope.pipeline.store import Store
@@ -318,36 +317,47 @@ def draw_anew(work: Work, searches: Sequence[Search], chosen: Chosen) -> tuple[S
     return tuple(drawn)
 
 
-def refine_model(
-    work: Work, filtered: Filtered, searches: Sequence[Search], proposed: Sequence[tuple[Chosen, Model]]
-) -> tuple[Chosen, Model, Refinement | None]:
-    """Return the candidates and the model that the likelihood of the recorded trajectory leads to.
+def pose_forms(
+    work: Work, filtered: Filtered, searches: Sequence[Search], proposals: Sequence[tuple[Chosen, Model]]
+) -> tuple[Posed, ...]:
+    """Return the forms that compete, mechanisms first, each with its candidates and where to begin.
 
     Args:
-        work: whose study says whether there is such a stage at all.
+        work: whose study names the forms.
         filtered: the records and their signals.
-        searches: one a target.
-        proposed: the models to begin from, the best first; it stays where the likelihood finds none that follows.
+        searches: of the relations, one a target.
+        proposals: of the regression, the best first.
+
+    Raises:
+        InputError: the library says what a form cannot hold.
     """
-    chosen, model = proposed[0]
-    options, signals = work.study.likelihood, filtered.signals
-    if not options.enabled:
-        return chosen, model, None
+    study, found = work.study, list[Posed]()
+    for form in sorted(study.forms(), key=lambda f: f == "relations"):
+        if form == "relations":
+            found.append(relations_form(study, filtered.signals, searches, proposals))
+        else:
+            with work.stage("mechanisms"):
+                found.append(mechanisms_form(study, form, filtered.records, filtered.signals))
+    return tuple(found)
+
+
+def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | None:
+    """Return what the likelihood of the recorded trajectory leads to in one form; None where no start can be followed.
+
+    Args:
+        work: whose study says how.
+        filtered: the records and their signals.
+        posed: the form.
+    """
     with work.stage("likelihood"):
-        mechanisms = candidates_of([s.problem.terms for s in searches], signals.targets)
-        starts = [*(m.relations for _, m in proposed), [forward(s.problem) for s in searches]]
-        bare = [plain(s, c) for s, c in zip(searches, chosen, strict=True)]
-        refinement = refine(
+        return refine(
             filtered.records,
-            signals,
-            mechanisms,
-            [coefficients_of(mechanisms, relations) for relations in starts],
-            coefficients_of(mechanisms, bare),
+            filtered.signals,
+            posed.mechanisms,
+            posed.starts,
+            posed.plain,
             work.study.signals.differentiator,
-            options,
+            work.study.likelihood,
             work.monitor,
             work.workers,
         )
-        model, refinement = adopt(model, refinement, signals)
-        chosen = tuple(as_adopted(s, c, r) for s, c, r in zip(searches, chosen, model.relations, strict=True))
-    return chosen, model, refinement

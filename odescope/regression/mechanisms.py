@@ -1,7 +1,7 @@
 """Regression on mechanisms: all relations together, each residual that of a predicted target.
 
-With A(theta) y = b(theta) the residual of the targets is r = y - yhat, yhat = A^-1 b, and its derivative with respect to
-a coefficient is A^-1 (a_k yhat - b_k), which vanishes along theta: the scale is no matter. Gauss-Newton steps on r, in
+With A(theta) y = b(theta) the residual of the targets is r = y - yhat, yhat = A^-1 b, and its derivative with respect
+to a coefficient is A^-1 (a_k yhat - b_k), which vanishes along theta: the scale is no matter. Gauss-Newton steps on r, in
 rows weighted by the noise of the targets, and elimination of what the residual needs least. docs/method.md, Mechanisms.
 """
 
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.mechanism import Mechanism
@@ -22,6 +23,7 @@ from odescope.signals.estimate import Signals
 
 STEPS = 8  # of Gauss and Newton between two eliminations, at most
 SETTLED = 1e-3  # relative fall of the cost that ends them
+SIMPLE = 1  # size of a mechanism, at most, that a first fit of all may hold
 RIDGE = 1e-9  # of the scaled information: what the rows cannot tell stays where it is
 
 
@@ -52,9 +54,7 @@ class MechanismProblem:
     def of(signals: Signals, mechanisms: Sequence[Mechanism]) -> MechanismProblem:
         """Return the problem, its rows weighted by the noise of a derivative of white noise."""
         blocks = cut_blocks(signals)
-        maps = tuple(
-            NoiseWeighted(passes=0).row_map(signals, c.order, blocks, (), 0) for c in signals.coordinates
-        )
+        maps = tuple(NoiseWeighted(passes=0).row_map(signals, c.order, blocks, (), 0) for c in signals.coordinates)
         noise = np.array([max(c.noise, 1e-300) for c in signals.channels])
         return MechanismProblem(signals, tuple(mechanisms), blocks, maps, noise)
 
@@ -178,58 +178,76 @@ def weights(here: Linearised, theta: FloatArray) -> FloatArray:
     along = theta * scale
     along = along / max(float(np.linalg.norm(along)), 1e-300)
     information = here.information / scale / scale[:, None] + RIDGE * np.eye(len(scale)) + np.outer(along, along)
-    rise: FloatArray = along * 0.0 + (theta * scale) ** 2 / np.maximum(np.diag(np.linalg.inv(information)), 1e-300)
+    rise: FloatArray = (theta * scale) ** 2 / np.maximum(np.diag(np.linalg.inv(information)), 1e-300)
     return rise
 
 
-def eliminated(problem: MechanismProblem, theta: FloatArray, fewest: int) -> Iterator[tuple[FloatArray, Linearised]]:
+def eliminated(problem: MechanismProblem, theta: FloatArray) -> Iterator[tuple[FloatArray, Linearised]]:
     """Yield coefficients and what they leave, from those of theta to few, always without what matters least.
 
     Args:
         problem: data and mechanisms.
         theta: (mechanisms,) to begin with.
-        fewest: mechanisms with which it ends.
     """
     held = np.array([m.known is not None for m in problem.mechanisms])
     while True:
         free = np.flatnonzero((theta != 0.0) & ~held)
-        settled = problem.settle(theta, free)
+        settled = problem.settle(theta, free) if len(free) else None
         if settled is None:
             return
         theta, here = settled
         yield theta, here
-        if np.count_nonzero(theta) <= fewest or not len(free):
-            return
         theta = theta.copy()
         theta[free[np.argmin(weights(here, theta[free]))]] = 0.0
 
 
-def grown(problem: MechanismProblem, theta: FloatArray, most: int) -> FloatArray:
-    """Return coefficients after a forward selection from those of theta, until there are so many.
+def proposed(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
+    """Return the coefficients (mechanisms,) that the rows support, None where no equations determine the targets.
+
+    The linear relations come first, with errors in all their variables: the least of M over N, where M are the squares
+    of the rows and N those that noise alone would make. From there elimination, by Gauss-Newton steps on predicted
+    targets; the criterion of regression chooses on the way.
 
     Args:
         problem: data and mechanisms.
-        theta: (mechanisms,) to begin with.
-        most: mechanisms with which it ends.
+        noisy: the signals of the same records with as much noise once more.
     """
-    everything = np.array([k for k, m in enumerate(problem.mechanisms) if m.known is None], dtype=np.int64)
-    while np.count_nonzero(theta) < most:
-        here = problem.linearised(theta, everything)
-        if here is None:
-            break
-        scale = np.sqrt(np.maximum(np.diag(here.information), 1e-300))
-        information, gradient = here.information / scale / scale[:, None], here.gradient / scale
-        own = theta[everything] != 0.0
-        inner = np.linalg.inv(information[np.ix_(own, own)] + RIDGE * np.eye(own.sum()) )
-        cross = information[np.ix_(own, ~own)]
-        left = 1.0 - np.einsum("ij,ik,kj->j", cross, inner, cross)
-        slopes = gradient[~own] - cross.T @ inner @ gradient[own]
-        score = np.where(left > 1e-6, slopes**2 / np.maximum(left, 1e-6), 0.0)
-        best = everything[~own][int(np.argmax(score))]
-        trial = theta.copy()
-        trial[best] = slopes[int(np.argmax(score))] * -1.0 / left[int(np.argmax(score))] / scale[~own][int(np.argmax(score))]
-        settled = problem.settle(trial, np.flatnonzero((trial != 0.0)))
-        if settled is None:
-            break
-        theta = settled[0]
+    simple = np.array(
+        [k for k, m in enumerate(problem.mechanisms) if m.known is not None or _simple(m)], dtype=np.int64
+    )
+    theta = _least(problem, noisy, simple)
+    dear = 2.0 * np.log(len(problem.mechanisms))
+    best, least = None, np.inf
+    for found, here in eliminated(problem, theta):
+        count = np.count_nonzero(found)
+        criterion = here.rows * np.log(max(here.cost / here.rows, 1e-300)) + count * (np.log(here.rows) + dear)
+        if criterion < least:
+            best, least = found, criterion
+    return best
+
+
+def _simple(mechanism: Mechanism) -> bool:
+    """Say whether a mechanism is among those that a first fit of all may hold."""
+    return mechanism.size <= SIMPLE and not any(
+        "abs(" in p.product.text or "sign(" in p.product.text for p in mechanism.parts
+    )
+
+
+def _least(problem: MechanismProblem, noisy: Signals, among: IntArray) -> FloatArray:
+    """Return the coefficients of some mechanisms in the linear relations, all variables with errors."""
+    theta = np.zeros(len(problem.mechanisms))
+    known = [k for k in among.tolist() if problem.mechanisms[k].known is not None]
+    if known:  # the scale is given: Gauss-Newton begins from what is known alone
+        theta[known] = [problem.mechanisms[k].known or 0.0 for k in known]
+        free = np.setdiff1d(among, known)
+        here = problem.linearised(theta, free)
+        if here is not None:
+            theta[free] = _step(here, np.zeros(len(free)))
+        return theta
+    rows = np.concatenate(problem.raw(problem.signals))[:, among]
+    noise = np.concatenate(problem.raw(noisy))[:, among] - rows
+    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    gram, error = ((v / scale).T @ (v / scale) for v in (rows, noise))
+    vectors = scipy.linalg.eigh(gram, error + RIDGE * np.eye(len(among)), subset_by_index=[0, 0])[1]
+    theta[among] = vectors[:, 0] / scale
     return theta

@@ -7,17 +7,23 @@ import re
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
+import numpy as np
 
 from odescope.errors import InputError
 from odescope.library.candidates import Library
 from odescope.library.defaults import check_basis, default_library, default_rules, paper_basis, paper_rules
 from odescope.library.functions import FUNCTIONS
+from odescope.library.lagrangian import lagrangian
+from odescope.library.mechanism import Mechanism
 from odescope.library.parse import Definition, Scope
+from odescope.library.reactions import reactions
 from odescope.library.rules import AnyRule
+from odescope.library.ties import tied
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.layout import Layout
 from odescope.regression.proposers import EnergyThreshold
+from odescope.regression.rank import told_apart
 from odescope.regression.rows import NoiseWeighted
 from odescope.selection.ranking import Ranking
 from odescope.signals.differentiators import Spectral
@@ -30,6 +36,9 @@ else:
     from odescope.regression.proposers import AnyProposer
     from odescope.regression.rows import AnyRows
     from odescope.signals.differentiators import AnyDifferentiator
+
+
+LeftOut = tuple[tuple[Mechanism, tuple[Mechanism, ...]], ...]  # each with what it is a combination of
 
 
 class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -74,8 +83,26 @@ class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             raise InputError(f'delay must be a number of seconds or "estimate", got {self.delay!r}')
 
 
+Form = Literal["relations", "lagrangian", "reactions"]
+
+_BELONG: dict[str, Form] = {
+    "kinetic": "lagrangian",
+    "potential": "lagrangian",
+    "dissipation": "lagrangian",
+    "forces": "lagrangian",
+    "composition": "reactions",
+    "reactions": "reactions",
+}
+
+
 class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The library: a preset, or a basis with a degree and rules, or the candidate terms themselves.
+    """The library: a preset, or a basis with a degree and rules, or the candidate terms themselves; and its form.
+
+    `form` is what the candidates are terms of: of "relations" between states, targets and inputs; of the energies,
+    dissipation and forces of Lagrange's equations ("lagrangian"), each of which may be named instead of its default; or
+    "reactions", named, or all between complexes of at most so many `molecules` that a `composition` allows. "auto" lets
+    Lagrange's equations compete with relations where there are several coordinates, all of order 2. `ties` are linear
+    equalities between coefficients, see `odescope.library.ties`.
 
     `functions` defines functions of one's own, as `"drag(v)" = "v*abs(v)"`. With `coupled`, every relation may hold
     every target; without, its own alone. "auto" couples the default library of several angles: a chain of pendulums has
@@ -89,8 +116,24 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     rules: tuple[AnyRule, ...] | None = None
     functions: dict[str, str] = {}
     coupled: bool | Literal["auto"] = "auto"
+    form: Literal["auto"] | Form = "auto"
+    kinetic: tuple[str, ...] | None = None
+    potential: tuple[str, ...] | None = None
+    dissipation: tuple[str, ...] | None = None
+    forces: dict[str, tuple[str, ...]] | None = None
+    composition: dict[str, str] | None = None
+    reactions: tuple[str, ...] | None = None
+    molecules: Annotated[int, msgspec.Meta(ge=1, le=4)] = 2
+    ties: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        for name, form in _BELONG.items():
+            if getattr(self, name) is not None and self.form not in ("auto", form):
+                raise InputError(f'[library] {name} belongs to form = "{form}", but form is "{self.form}"')
+        if self.own_form == "reactions" and self.reactions is None and self.composition is None:
+            raise InputError(
+                'form = "reactions" needs [library] reactions, such as ["S + E -> C"], or a composition of the species'
+            )
         if self.degree < 1:
             raise InputError(f"degree must be at least 1, got {self.degree}")
         if self.terms is not None and self.basis is not None:
@@ -98,6 +141,16 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         fixed = "terms" if self.terms is not None else "the paper's preset" if self.preset == "paper" else None
         if self.rules is not None and fixed and self.basis is None:
             raise InputError(f"rules do not apply to {fixed}; leave them out, or name a basis")
+
+    @property
+    def own_form(self) -> Form | None:
+        """The form that the library asks for by name or by what it gives; None where it leaves that open."""
+        if self.form != "auto":
+            return self.form
+        asked = {form for name, form in _BELONG.items() if getattr(self, name) is not None}
+        if len(asked) > 1:
+            raise InputError("[library] names energies and reactions: they belong to different forms, give one")
+        return next(iter(asked), None)
 
 
 class Filtering(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -199,6 +252,48 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         default = own.terms is None and own.basis is None and own.preset == "default"
         return default and sum(c.angle for c in self.coordinates.values()) > 1
 
+    def forms(self) -> tuple[Form, ...]:
+        """Return the forms that compete."""
+        own, coordinates = self.library, self.measured()
+        if own.own_form is not None:
+            return (own.own_form,)
+        mechanical = len(coordinates) > 1 and all(c.order == 2 for c in coordinates)
+        fixed = own.terms is not None or own.preset == "paper" or not self.likelihood.enabled
+        return ("relations", "lagrangian") if mechanical and not fixed else ("relations",)
+
+    def scope(self) -> Scope:
+        """Return the names and functions that the texts of the library may use."""
+        coordinates, inputs, functions = self.measured(), self.driven(), self.library.functions
+        names = [n for c in coordinates for n in (*c.states, c.target)] + [i.name for i in inputs]
+        return Scope.of(names, [_definition(head, body) for head, body in functions.items()])
+
+    def mechanisms(self, form: Form) -> tuple[tuple[Mechanism, ...], LeftOut]:
+        """Return the mechanisms of Lagrange's equations or of reactions, and those left out as combinations of others.
+
+        Raises:
+            InputError: a text in [library] cannot be read, or says what the form cannot hold.
+        """
+        options, coordinates, inputs = self.library, self.measured(), self.driven()
+        if form == "lagrangian":
+            found = lagrangian(
+                coordinates,
+                inputs,
+                self.scope(),
+                kinetic=options.kinetic,
+                potential=options.potential,
+                dissipation=options.dissipation,
+                forces=options.forces,
+            )
+        else:
+            found = reactions(
+                coordinates,
+                inputs,
+                named=options.reactions,
+                composition=options.composition,
+                molecules=options.molecules,
+            )
+        return told_apart(tied(found, options.ties, self.scope()), coordinates, inputs, np.random.default_rng(0))
+
     def candidates(self, target: str) -> Library:
         """Return the library of one target.
 
@@ -206,8 +301,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             InputError: a text in [library] cannot be read, or the library is too large or has no state.
         """
         options, coordinates, inputs = self.library, self.measured(), self.driven()
-        names = [n for c in coordinates for n in (*c.states, c.target)] + [i.name for i in inputs]
-        scope = Scope.of(names, [_definition(head, body) for head, body in options.functions.items()])
+        scope = self.scope()
         targets = tuple(c.target for c in coordinates) if self._couples() else (target,)
         if options.terms is not None:
             library = Library.of(options.terms, scope)

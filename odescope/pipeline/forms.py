@@ -1,0 +1,117 @@
+"""Forms that compete for one record: relations, Lagrange's equations, reactions; each with candidates and starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.library.mechanism import Mechanism, candidates_of
+from odescope.library.tape import evaluate, write_tape
+from odescope.library.ties import tied
+from odescope.model.assembled import coefficients_of
+from odescope.model.model import Model
+from odescope.model.relation import Relation
+from odescope.pipeline.joint_models import Search, forward, plain
+from odescope.recordings.record import Record, Records
+from odescope.regression.mechanisms import MechanismProblem, proposed
+from odescope.selection.ranking import Candidate
+from odescope.signals.estimate import Signals, signals_like
+from odescope.study.options import Form, LeftOut, Study
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """A form: its candidates, those left out as combinations of others, and coefficients (k,) to begin from.
+
+    `plain` are the coefficients of relations that hold their targets bare, where there are any.
+    """
+
+    form: Form
+    mechanisms: tuple[Mechanism, ...]
+    left_out: LeftOut
+    starts: tuple[FloatArray, ...]
+    plain: FloatArray | None = None
+
+
+def relations_form(
+    study: Study, signals: Signals, searches: Sequence[Search], proposals: Sequence[tuple[tuple[Candidate, ...], Model]]
+) -> Posed:
+    """Return the plain candidates of all targets, begun from what regression proposes and from a forward selection.
+
+    Args:
+        study: whose ties hold.
+        signals: names the targets.
+        searches: one a target.
+        proposals: of the regression, the best first; there may be none.
+    """
+    candidates = candidates_of([s.problem.terms for s in searches], signals.targets)
+    mechanisms = tied(candidates, study.library.ties, study.scope())
+    starts: list[Sequence[Relation]] = [model.relations for _, model in proposals]
+    starts.append([forward(s.problem) for s in searches])
+    bare = None
+    if proposals and not any(len(m.parts) > 1 for m in mechanisms):
+        bare = [plain(s, c) for s, c in zip(searches, proposals[0][0], strict=True)]
+    return Posed(
+        "relations",
+        mechanisms,
+        (),
+        tuple(coefficients_of(mechanisms, relations) for relations in starts),
+        None if bare is None else coefficients_of(mechanisms, bare),
+    )
+
+
+def mechanisms_form(study: Study, form: Form, records: Records, signals: Signals) -> Posed:
+    """Return Lagrange's equations or reactions, begun from little and from what regression proposes.
+
+    Args:
+        study: says what the candidates are.
+        form: which of the two.
+        records: what the signals were found in.
+        signals: noise, cutoffs and values.
+
+    Raises:
+        InputError: the library says what the form cannot hold.
+    """
+    mechanisms, left_out = study.mechanisms(form)
+    rng = np.random.default_rng(study.random.seed)
+    noise = {c.name: c.noise for c in signals.channels}
+    twice = Records(tuple(_with_noise(run, noise, rng) for run in records))
+    noisy = signals_like(signals, twice.stretches, study.signals.differentiator, study.signals.margin)
+    regression = proposed(MechanismProblem.of(signals, mechanisms), noisy)
+    starts = [_little(mechanisms, signals)] if form == "lagrangian" else []
+    if regression is not None:
+        starts.append(regression)
+    return Posed(form, mechanisms, left_out, tuple(starts))
+
+
+def _with_noise(run: Record, noise: dict[str, float], rng: np.random.Generator) -> Record:
+    """Return a record with as much noise once more."""
+    size = np.array([noise.get(name, 0.0) for name in run.names])
+    return replace(run, values=run.values + size * rng.standard_normal(run.values.shape))
+
+
+def _little(mechanisms: Sequence[Mechanism], signals: Signals) -> FloatArray:
+    """Return the simplest kinetic term of every coordinate at 1, and forces as large as they then seem to be."""
+    theta, joined = np.zeros(len(mechanisms)), signals.joined()
+    inertia: dict[int, float] = {}
+    for r, target in enumerate(signals.targets):
+        own = [
+            (m.size, m.term != f"{signals.coordinates[r].derivative(1)}**2", k, p.share)
+            for k, m in enumerate(mechanisms)
+            for p in m.parts
+            if m.kind == "kinetic" and p.relation == r and p.product.factor == target
+        ]
+        _, _, k, share = min(own)
+        theta[k], inertia[r] = 1.0, share
+    for k, m in enumerate(mechanisms):
+        first = m.parts[0]
+        if m.kind == "force" and first.product.term.names <= {i.name for i in signals.inputs}:
+            y = joined[signals.row(signals.targets[first.relation])]
+            u = evaluate(write_tape(signals.names, [first.product.term]), joined)[0]
+            theta[k] = inertia[first.relation] * float(y @ u) / max(float(u @ u), 1e-300) / -first.share
+    for k, m in enumerate(mechanisms):
+        theta[k] = m.known if m.known is not None else theta[k]
+    return theta
