@@ -1,4 +1,4 @@
-"""Small systems for the tests of the likelihood: parts for the kernel, and the same equations written out for SciPy."""
+"""Small systems for the tests of the likelihood: mechanisms, and the same equations written out for SciPy."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from odescope.library.mechanism import candidate
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
-from odescope.likelihood.program import Frame, Part, Program
+from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
 
@@ -48,13 +49,21 @@ class System:
         return Frame.of(self.coordinates, self.inputs)
 
     @property
-    def parts(self):
-        scope, target = Scope.of(list(self.variables)), [c.target for c in self.coordinates]
-        return tuple(Part(r, Product(None if f < 0 else target[f], parse_term(t, scope))) for r, f, t, _ in self.terms)
+    def held(self):
+        return np.array(self.fixed, dtype=np.int64)
+
+    @property
+    def mechanisms(self):
+        target = [c.target for c in self.coordinates]
+        return tuple(candidate(r, self.product(f, t), target[r]) for r, f, t, _ in self.terms)
+
+    def product(self, factor, text):
+        target = None if factor < 0 else self.coordinates[factor].target
+        return Product(target, parse_term(text, Scope.of(list(self.variables))))
 
     @property
     def program(self):
-        return Program.of(self.parts, self.frame)
+        return Program.of(self.mechanisms, self.frame)
 
     def slope(self, theta, x, u):
         found = self.targets(theta, x, u)
@@ -167,7 +176,8 @@ SPRING = System(
         ) / (th[0] + th[8] * x[0] ** 2)
     ],
 )  # fmt: skip
-SPRING_PRESENT = np.array([1, 2, 3, 4])
+SPRING_PRESENT = np.array([0, 1, 2, 3, 4])
+SPRING_TERMS = SPRING_PRESENT[1:]
 SPRING_STEP, SPRING_COUNT = 0.05, 600
 
 
@@ -192,3 +202,32 @@ def shots(states, nodes, step, noise, rng, spread, length=25):
     return Segments(
         measured, nodes, states, edges[:-1], np.diff(edges), joined, np.array([noise]), spread, step, 1, ((0, count),)
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Bare:
+    """What a fit says where every bare target is 1: theta and errors (mechanisms,), covariance, zero where absent."""
+
+    theta: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def errors(self):
+        return np.sqrt(np.diag(self.covariance))
+
+
+def in_bare_gauge(space, found, covariance=None):
+    """Return a fit, whatever it holds, where every bare target is 1: all candidates are plain, and those present.
+
+    Errors are to first order, by hand: of theta_k / theta_bare.
+    """
+    own = [m.parts[0].relation for m in space.mechanisms]
+    bare = {r: k for k, r in enumerate(own) if space.frame.own(space.mechanisms[k])}
+    count = len(own)
+    whole, slopes = np.zeros((count, count)), np.zeros((count, count))
+    whole[np.ix_(found.free, found.free)] = found.covariance if covariance is None else covariance
+    theta = np.array([found.theta[k] / found.theta[bare[r]] for k, r in enumerate(own)])
+    for k, r in enumerate(own):
+        slopes[k, k] += 1.0 / found.theta[bare[r]]
+        slopes[k, bare[r]] -= theta[k] / found.theta[bare[r]]
+    return Bare(theta, slopes @ whole @ slopes.T)
