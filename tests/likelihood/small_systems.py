@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from odescope.library.mechanism import candidate
+from odescope.library.mechanism import Mechanism, Part, candidate
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.likelihood.program import Frame, Program
@@ -84,6 +84,35 @@ class System:
         return np.array(rows)
 
 
+@dataclass(frozen=True)
+class Tied:
+    """A system whose terms hang together: groups of their numbers, one coefficient each; a term may be in several."""
+
+    system: System
+    groups: tuple[tuple[int, ...], ...]
+    theta: np.ndarray
+
+    @property
+    def shares(self):
+        """What each coefficient adds to each term, (terms, mechanisms): together the system's own coefficients."""
+        member = np.array([[k in group for group in self.groups] for k in range(len(self.system.terms))], dtype=float)
+        return self.system.theta[:, None] * member / member.sum(axis=1, keepdims=True) / self.theta
+
+    @property
+    def mechanisms(self):
+        single = [m.parts[0] for m in self.system.mechanisms]
+        return tuple(
+            Mechanism(
+                "tie", f"m{k}", "all", tuple(Part(single[j].relation, single[j].product, s[j]) for j in group), 1.0
+            )
+            for k, (group, s) in enumerate(zip(self.groups, self.shares.T, strict=True))
+        )
+
+    @property
+    def program(self):
+        return Program.of(self.mechanisms, self.system.frame)
+
+
 def _uptake(th, x, u):
     return [-(th[2] * x[0] + th[3] + th[4] * u[0]) / (th[0] + th[1] * x[0])]
 
@@ -97,7 +126,7 @@ def _cart(th, x, u):
 
 def _ring(th, x, u):
     p, q, r = x
-    a = np.array([[0.0, 1.0, th[1] * p], [th[4], th[5] * np.cos(r), 1.0], [1.0, th[8], th[9] * p * q]])
+    a = np.array([[0.0, th[0], th[1] * p], [th[4], th[5] * np.cos(r), th[3]], [th[12], th[8], th[9] * p * q]])
     b = [th[2] * p * r + th[10] * u[0], th[6] * q + th[11] * u[1], th[7] * np.sin(r)]
     return -np.linalg.solve(a, b)
 
@@ -151,6 +180,12 @@ RING = System(
     _ring,
 )
 
+# The pendulum's cart with one coefficient for what couples both relations, and friction of both.
+TIED_CART = Tied(CART, ((0,), (1, 2, 5), (3, 8), (4,), (6,), (7,)), np.array([1.0, 0.4, -0.7, 2.0, 1.0, 8.8]))
+# Coefficients over all three relations; some terms are sums of several.
+TIED_RING = Tied(
+    RING, ((0, 4, 11), (1, 5, 9, 2), (2, 6, 7, 12), (3, 8), (10, 0), (12,)), np.array([0.5, -1.3, 0.9, 2.0, 0.6, 1.0])
+)
 
 # x_ddot = -4 x - 0.5 x_dot - 0.8 x^3 + u, and terms that it lacks.
 SPRING = System(
