@@ -160,6 +160,22 @@ def test_a_weak_coefficient_is_not_held_and_the_information_goes_along(case):
     assert same is moved
 
 
+@pytest.mark.parametrize("share", [1e-2, 1e-3, 1e-4, 1e-6, 1e-8])
+def test_what_is_next_to_nothing_is_not_held_however_little_it_is(case, share):
+    """Beside it all information drowns in rounding: that of another gauge is none the less that of an expansion."""
+    it, theta, present = case
+    defect_std = 0.1 * it.segments.spread
+    begin = it.begin(theta, defect_std)
+    weak = int(np.setdiff1d(np.arange(len(theta)), present)[0])
+    little, many = begin.theta.copy(), np.sort(np.append(present, weak))
+    little[weak] = share
+    strength = np.where(np.arange(len(theta)) == weak, np.inf, begin.strength)
+    found = it.fit(little, many, begin.x0, defect_std, strength, iterations=0)
+    assert weak not in found.held
+    expected = information(it, found, found.held, defect_std)
+    np.testing.assert_allclose(found.wald, found.theta[found.free] ** 2 / np.diag(inverse(expected)), rtol=1e-2)
+
+
 def test_a_coefficient_that_is_known_stays_held_however_weak(case):
     found, weak, defect_std = weak_first(*case, 0.5)
     it = case[0]
@@ -202,3 +218,5 @@ def test_the_inverse_is_that_of_the_matrix_and_never_negative_where_there_is_non
     variances = np.diag(inverse(twins.T @ twins))
     assert np.all(variances > 0.0)
     assert variances[0] > 1e6 * variances[1] * (scale[1] / scale[0]) ** 2
+    nothing = np.diag(inverse(np.zeros((2, 2))))
+    assert np.all(nothing > 1e100)

@@ -85,6 +85,37 @@ def test_the_end_is_the_same_fit_from_every_start():
             assert one.std_error == pytest.approx(other.std_error, rel=1e-3)
 
 
+@pytest.mark.parametrize("share", [1e-2, 1e-4, 1e-6, 1e-8])
+def test_what_is_said_beside_a_target_that_is_next_to_nothing_is_not_rounding(share):
+    """A search that runs off leaves a coefficient that is held at so little of the others."""
+    it, present = tank(0), np.arange(4)
+    defect_std = 0.01 * it.segments.spread
+    good = it.fit(TANK.theta, present, it.segments.initial, defect_std)
+    theta = good.theta.copy()
+    theta[0] = share
+    bare = np.where(np.arange(len(theta)) == 0, np.inf, 0.0)
+    found = it.fit(theta, present, good.x0, defect_std, bare, iterations=0)
+    assert 0 not in found.held
+    program, free = it.program(present), found.free
+    information = it.evaluator.expand(program, found.theta[present], free, found.x0, defect_std).information
+    np.testing.assert_allclose(found.wald, found.theta[free] ** 2 / np.diag(np.linalg.inv(information)), rtol=0.05)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("begun", [0.3, -0.3])
+def test_a_fit_that_begins_with_a_weak_coefficient_held_is_the_fit_all_the_same(begun, seed):
+    """Of either sign: where the best is on the other side of nothing, all others would have to pass infinity."""
+    it, present = tank(seed), np.arange(4)
+    defect_std = 0.01 * it.segments.spread
+    good = it.fit(TANK.theta, present, it.segments.initial, defect_std)
+    theta = TANK.theta.copy()
+    theta[0] = begun
+    bare = np.where(np.arange(len(theta)) == 0, np.inf, 0.0)
+    found = it.fit(theta, present, it.segments.initial, defect_std, bare)
+    assert 0 not in found.held
+    assert found.cost == pytest.approx(good.cost, abs=0.1)
+
+
 SPRING_LAW = [(f, text, c) for _, f, text, c in SPRING.terms if c]
 FACTORS = ["x_dot", "x", "cos(x)", "exp(x)"]
 

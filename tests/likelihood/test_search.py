@@ -16,9 +16,10 @@ from small_systems import (
 from odescope.errors import Stopped
 from odescope.events import Monitor
 from odescope.library.mechanism import candidate
+from odescope.likelihood.add_and_drop import Moves
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
-from odescope.likelihood.search import search
+from odescope.likelihood.search import WhiteResiduals, search
 from odescope.likelihood.search_space import SearchSpace
 
 NOISE = 0.02
@@ -105,6 +106,23 @@ def test_a_look_alike_that_came_first_gives_way(states, seed):
     good, poor = (search(it, begin(present)) for present in ([1, 2, 3, 4], [1, 2, 4, 5]))
     assert sorted(poor.fit.present) == sorted(good.fit.present) == SPRING_PRESENT.tolist()
     assert poor.fit.cost == pytest.approx(good.fit.cost, abs=0.1)
+
+
+@pytest.mark.parametrize("held", [0, 1, 4, 5], ids=["x_ddot", "x", "u", "x**5"])
+def test_a_look_alike_gives_way_whichever_coefficient_is_held(states, held):
+    it = space(states, 3, noise=0.2)
+    fifth = candidate(0, SPRING.product(-1, "x**5"), "x_ddot")
+    it = replace(it, mechanisms=tuple(fifth if k == 5 else m for k, m in enumerate(it.mechanisms)))
+    width, present = 0.1, np.array([0, 1, 2, 4, 5])
+    found = it.begin(begin([1, 2, 4, 5]), SPREAD * width)
+    free = np.setdiff1d(present, [held])
+    program, theta = it.program(present), found.theta[present]
+    expansion = it.evaluator.expand(program, theta, np.searchsorted(present, free), found.x0, SPREAD * width)
+    here = replace(found, held=np.array([held]), information=expansion.information)
+    moves = Moves(it, WhiteResiduals(it, SPREAD * width), width, 1.0, [])
+    there = moves.look_back(here)
+    assert there is not None
+    assert sorted(there.present) == SPRING_PRESENT.tolist()
 
 
 def test_all_penalties_are_those_of_one_prior_and_simple_terms_are_cheaper(states):
