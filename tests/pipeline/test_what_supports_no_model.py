@@ -167,7 +167,7 @@ def test_other_systems_over_seeds(systems, name):
 
 
 def test_searches_begin_from_as_many_proposals_as_asked_for_and_the_best_end_is_taken(systems):
-    """On the first of these logs the first proposal and the forward selection both end worse than the second proposal.
+    """On the first of these logs the first proposal and the forward selection both end worse than a later proposal.
 
     On the other one, at 50 % noise, no search is clear: all proposals are tried, beside the forward selection.
     """
