@@ -15,7 +15,8 @@ NONE = np.zeros(0, dtype=np.int64)
 
 
 # One mass: the spring without its cube. What it lacks are the candidates that are absent.
-PRESENT = np.array([1, 2, 4])
+PRESENT = np.array([0, 1, 2, 4])
+TERMS = PRESENT[1:]
 
 
 LINEAR = np.where(np.arange(len(SPRING.theta)) == 3, 0.0, SPRING.theta)
@@ -91,7 +92,7 @@ def white_kicks(rng, q, lengths):
 def space(system, segments, substeps=2, budget=None):
     return SearchSpace(
         Evaluator(segments, substeps, budget),
-        system.parts,
+        system.mechanisms,
         system.frame,
     )
 

@@ -1,4 +1,4 @@
-"""Small systems for the tests of the likelihood: parts for the kernel, and the same equations written out for SciPy."""
+"""Small systems for the tests of the likelihood: mechanisms, and the same equations written out for SciPy."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from odescope.library.mechanism import Mechanism, Part, candidate
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
-from odescope.likelihood.program import Frame, Part, Program
+from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
 
@@ -48,13 +49,21 @@ class System:
         return Frame.of(self.coordinates, self.inputs)
 
     @property
-    def parts(self):
-        scope, target = Scope.of(list(self.variables)), [c.target for c in self.coordinates]
-        return tuple(Part(r, Product(None if f < 0 else target[f], parse_term(t, scope))) for r, f, t, _ in self.terms)
+    def held(self):
+        return np.array(self.fixed, dtype=np.int64)
+
+    @property
+    def mechanisms(self):
+        target = [c.target for c in self.coordinates]
+        return tuple(candidate(r, self.product(f, t), target[r]) for r, f, t, _ in self.terms)
+
+    def product(self, factor, text):
+        target = None if factor < 0 else self.coordinates[factor].target
+        return Product(target, parse_term(text, Scope.of(list(self.variables))))
 
     @property
     def program(self):
-        return Program.of(self.parts, self.frame)
+        return Program.of(self.mechanisms, self.frame)
 
     def slope(self, theta, x, u):
         found = self.targets(theta, x, u)
@@ -75,6 +84,35 @@ class System:
         return np.array(rows)
 
 
+@dataclass(frozen=True)
+class Tied:
+    """A system whose terms hang together: groups of their numbers, one coefficient each; a term may be in several."""
+
+    system: System
+    groups: tuple[tuple[int, ...], ...]
+    theta: np.ndarray
+
+    @property
+    def shares(self):
+        """What each coefficient adds to each term, (terms, mechanisms): together the system's own coefficients."""
+        member = np.array([[k in group for group in self.groups] for k in range(len(self.system.terms))], dtype=float)
+        return self.system.theta[:, None] * member / member.sum(axis=1, keepdims=True) / self.theta
+
+    @property
+    def mechanisms(self):
+        single = [m.parts[0] for m in self.system.mechanisms]
+        return tuple(
+            Mechanism(
+                "tie", f"m{k}", "all", tuple(Part(single[j].relation, single[j].product, s[j]) for j in group), 1.0
+            )
+            for k, (group, s) in enumerate(zip(self.groups, self.shares.T, strict=True))
+        )
+
+    @property
+    def program(self):
+        return Program.of(self.mechanisms, self.system.frame)
+
+
 def _uptake(th, x, u):
     return [-(th[2] * x[0] + th[3] + th[4] * u[0]) / (th[0] + th[1] * x[0])]
 
@@ -88,7 +126,7 @@ def _cart(th, x, u):
 
 def _ring(th, x, u):
     p, q, r = x
-    a = np.array([[0.0, 1.0, th[1] * p], [th[4], th[5] * np.cos(r), 1.0], [1.0, th[8], th[9] * p * q]])
+    a = np.array([[0.0, th[0], th[1] * p], [th[4], th[5] * np.cos(r), th[3]], [th[12], th[8], th[9] * p * q]])
     b = [th[2] * p * r + th[10] * u[0], th[6] * q + th[11] * u[1], th[7] * np.sin(r)]
     return -np.linalg.solve(a, b)
 
@@ -142,6 +180,12 @@ RING = System(
     _ring,
 )
 
+# The pendulum's cart with one coefficient for what couples both relations, and friction of both.
+TIED_CART = Tied(CART, ((0,), (1, 2, 5), (3, 8), (4,), (6,), (7,)), np.array([1.0, 0.4, -0.7, 2.0, 1.0, 8.8]))
+# Coefficients over all three relations; some terms are sums of several.
+TIED_RING = Tied(
+    RING, ((0, 4, 11), (1, 5, 9, 2), (2, 6, 7, 12), (3, 8), (10, 0), (12,)), np.array([0.5, -1.3, 0.9, 2.0, 0.6, 1.0])
+)
 
 # x_ddot = -4 x - 0.5 x_dot - 0.8 x^3 + u, and terms that it lacks.
 SPRING = System(
@@ -167,7 +211,8 @@ SPRING = System(
         ) / (th[0] + th[8] * x[0] ** 2)
     ],
 )  # fmt: skip
-SPRING_PRESENT = np.array([1, 2, 3, 4])
+SPRING_PRESENT = np.array([0, 1, 2, 3, 4])
+SPRING_TERMS = SPRING_PRESENT[1:]
 SPRING_STEP, SPRING_COUNT = 0.05, 600
 
 
@@ -192,3 +237,32 @@ def shots(states, nodes, step, noise, rng, spread, length=25):
     return Segments(
         measured, nodes, states, edges[:-1], np.diff(edges), joined, np.array([noise]), spread, step, 1, ((0, count),)
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Bare:
+    """What a fit says where every bare target is 1: theta and errors (mechanisms,), covariance, zero where absent."""
+
+    theta: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def errors(self):
+        return np.sqrt(np.diag(self.covariance))
+
+
+def in_bare_gauge(space, found, covariance=None):
+    """Return a fit, whatever it holds, where every bare target is 1: all candidates are plain, and those present.
+
+    Errors are to first order, by hand: of theta_k / theta_bare.
+    """
+    own = [m.parts[0].relation for m in space.mechanisms]
+    bare = {r: k for k, r in enumerate(own) if space.frame.own(space.mechanisms[k])}
+    count = len(own)
+    whole, slopes = np.zeros((count, count)), np.zeros((count, count))
+    whole[np.ix_(found.free, found.free)] = found.covariance if covariance is None else covariance
+    theta = np.array([found.theta[k] / found.theta[bare[r]] for k, r in enumerate(own)])
+    for k, r in enumerate(own):
+        slopes[k, k] += 1.0 / found.theta[bare[r]]
+        slopes[k, bare[r]] -= theta[k] / found.theta[bare[r]]
+    return Bare(theta, slopes @ whole @ slopes.T)

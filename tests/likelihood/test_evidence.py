@@ -5,14 +5,16 @@ import pytest
 from scipy.stats import chi2
 from small_systems import SPRING, drive, shots
 
+from odescope.library.mechanism import candidates_of
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import weigh
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.search_space import SearchSpace, candidate_parts
+from odescope.likelihood.search_space import SearchSpace
 
 SLOTS = 7  # of which the first is fixed
+HELD = np.array([0])
 PRESENT = np.array([1, 3, 6])
 ABSENT = np.array([2, 4, 5])
 ROWS, BLOCKS = 4000, 80
@@ -23,7 +25,7 @@ def space(count=SLOTS):
     scope = Scope.of(list(SPRING.variables))
     texts = ["1", *(f"x**{k}" for k in range(1, count))]
     products = [Product("x_ddot" if k == 0 else None, parse_term(t, scope)) for k, t in enumerate(texts)]
-    return SearchSpace(Evaluator(data), candidate_parts([products]), SPRING.frame)
+    return SearchSpace(Evaluator(data), candidates_of([products], ["x_ddot"]), SPRING.frame)
 
 
 def regression(rng, theta=None, rows=ROWS, correlated=1, twin=None):
@@ -39,12 +41,13 @@ def regression(rng, theta=None, rows=ROWS, correlated=1, twin=None):
 def judged(design, y, blocks, present=PRESENT):
     """Return weigh's evidence of a least-squares fit to rows."""
     fitted = np.linalg.lstsq(design[:, present - 1], y, rcond=None)[0]
-    theta = np.zeros(SLOTS)
+    theta = np.eye(SLOTS)[0]
     theta[present] = fitted
     residual = y - design[:, present - 1] @ fitted
     gradient = -(design * residual[:, None]).reshape(blocks, -1, SLOTS - 1).sum(axis=1)
     information = design.T @ design
-    found = Fit(theta, present, np.zeros((1, 2)), 0.0, 0.0, information[np.ix_(present - 1, present - 1)], True)
+    inside = information[np.ix_(present - 1, present - 1)]
+    found = Fit(theta, np.append(0, present), HELD, np.zeros((1, 2)), 0.0, 0.0, inside, True)
     return weigh(space(), found, information, gradient), fitted, information, gradient
 
 
@@ -129,7 +132,7 @@ def test_present_twins_have_large_variances():
     alone = judged(design, y, 1, np.array([1, 3, 6]))[0]
     twins, _, information, _ = judged(design, y, 1, np.array([1, 2, 3, 6]))
     fit = Fit(
-        np.zeros(SLOTS), np.array([1, 2, 3, 6]), np.zeros((1, 2)), 0.0, 0.0,
+        np.zeros(SLOTS), np.array([0, 1, 2, 3, 6]), HELD, np.zeros((1, 2)), 0.0, 0.0,
         information[np.ix_([0, 1, 2, 5], [0, 1, 2, 5])], True,
     )  # fmt: skip
     assert np.all(fit.variances[:2] > 1e3 * alone.variances[0])

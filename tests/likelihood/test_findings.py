@@ -155,10 +155,10 @@ def unexplained(seed, count=2000, **options):
     )  # fmt: skip
     it = SearchSpace(
         Evaluator(segments),
-        PENDULUM.parts,
+        PENDULUM.mechanisms,
         PENDULUM.frame,
     )
-    it, found, marginal = estimate_noise(it, it.fit(PENDULUM.theta, PENDULUM.free, segments.initial, segments.spread))
+    it, found, marginal = estimate_noise(it, it.begin(PENDULUM.theta, segments.spread))
     evidence = robust_evidence(it, found)
     return Noisy(found, it, marginal, evidence, free_run_error(it, found.theta), ())
 

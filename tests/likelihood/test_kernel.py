@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from small_systems import CART, RING, UPTAKE, drive
+from small_systems import CART, RING, TIED_CART, TIED_RING, UPTAKE, drive
 
 from odescope.likelihood.block_cholesky import eliminate, substitute
 from odescope.likelihood.evaluator import Evaluator
@@ -64,6 +64,69 @@ def test_segments_agree_with_finite_differences_of_tightly_solved_trajectories(n
         np.testing.assert_allclose(hessian, weighed.T @ weighed, rtol=1e-5, atol=1e-7 * np.abs(hessian).max())
         np.testing.assert_allclose(last, states[-1], rtol=1e-7, atol=1e-7)
         np.testing.assert_allclose(jacobian, slopes[-1], rtol=1e-5, atol=1e-6)
+
+
+TIED = {
+    "order 2, Lagrange": (TIED_CART, [1, 2, 3, 5]),
+    "three targets in a ring": (TIED_RING, [0, 1, 2, 4, 5]),
+}
+
+
+def random_data(system, rng):
+    """Return three segments of noise under a smooth input."""
+    nodes = drive(16, 0.04, len(system.inputs))
+    measured = rng.standard_normal((16, len(system.measured)))
+    return segments(system, nodes, measured, np.array([0, 4, 11]), np.array([4, 7, 5]), 0.04)
+
+
+@pytest.mark.parametrize("name", TIED)
+def test_tied_coefficients_have_the_chained_derivatives_of_the_untied(name):
+    tied, free = TIED[name]
+    system, starts = tied.system, np.array(CASES[name][1])
+    evaluator = Evaluator(random_data(system, np.random.default_rng(6)))
+    together = evaluator.integrate(tied.program, tied.theta, np.array(free), starts)
+    apart = evaluator.integrate(system.program, system.theta, np.arange(len(system.theta)), starts)
+    n = starts.shape[1]
+    chain = np.zeros((n + len(system.theta), n + len(free)))
+    chain[:n, :n], chain[n:, n:] = np.eye(n), tied.shares[:, free]
+    np.testing.assert_allclose(together.cost, apart.cost, rtol=1e-12)
+    np.testing.assert_allclose(together.last, apart.last, rtol=1e-12)
+    np.testing.assert_allclose(together.jacobian, apart.jacobian @ chain, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(together.gradient, apart.gradient @ chain, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(together.hessian, chain.T @ apart.hessian @ chain, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", TIED)
+def test_tied_coefficients_agree_with_finite_differences_of_tightly_solved_trajectories(name):
+    tied, free = TIED[name]
+    system, starts = tied.system, np.array(CASES[name][1])
+    data = random_data(system, np.random.default_rng(7))
+    found = Evaluator(data, substeps=8).integrate(tied.program, tied.theta, np.array(free), starts)
+    for j, x0 in enumerate(starts):
+        rows = slice(data.start[j], data.start[j] + data.count[j])
+
+        def run(theta, x0=x0, rows=rows):
+            return system.trajectory(tied.shares @ theta, x0, data.inputs[rows], data.step)
+
+        moves = 1e-5 * np.eye(len(tied.theta))[free]
+        slopes = np.stack([(run(tied.theta + m) - run(tied.theta - m)) / 2e-5 for m in moves], axis=-1)
+        error = (run(tied.theta)[:-1, system.measured] - data.measured[rows]) / data.noise
+        weighed = (slopes[:-1, system.measured] / data.noise[:, None]).reshape(-1, len(free))
+        n, gradient, hessian = len(x0), weighed.T @ error.ravel(), weighed.T @ weighed
+        np.testing.assert_allclose(found.jacobian[j, :, n:], slopes[-1], rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(found.gradient[j, n:], gradient, rtol=1e-5, atol=1e-5 * np.abs(gradient).max())
+        np.testing.assert_allclose(found.hessian[j, n:, n:], hessian, rtol=1e-5, atol=1e-7 * np.abs(hessian).max())
+
+
+@pytest.mark.parametrize("name", TIED)
+def test_along_the_scale_of_all_relations_nothing_changes(name):
+    tied, _ = TIED[name]
+    starts, everything = np.array(CASES[name][1]), np.arange(len(tied.theta))
+    evaluator = Evaluator(random_data(tied.system, np.random.default_rng(8)))
+    one, larger = (evaluator.integrate(tied.program, c * tied.theta, everything, starts) for c in (1.0, -3.7))
+    np.testing.assert_allclose(larger.last, one.last, rtol=1e-10)
+    scale = np.abs(one.jacobian).max()
+    np.testing.assert_allclose(one.jacobian[:, :, starts.shape[1] :] @ tied.theta, 0.0, atol=1e-12 * scale)
 
 
 def test_halving_the_step_divides_the_error_by_sixteen():

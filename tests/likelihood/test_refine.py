@@ -5,9 +5,12 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
+from odescope.library.mechanism import candidates_of
 from odescope.likelihood.refine import refine
 from odescope.likelihood.search import LikelihoodSearch
+from odescope.model.assembled import coefficients_of
 from odescope.model.relation import Relation, RelationTerm
+from odescope.pipeline.joint_models import forward
 from odescope.recordings.readers import records_from
 from odescope.regression.problem import pose
 from odescope.signals.differentiators import Spectral
@@ -71,8 +74,10 @@ def start(problem, coefficients):
 
 def refined(held, coefficients, seed=2, budget=60.0):
     columns, records, signals, problem = posed(held, seed)
-    begun = start(problem, coefficients)
-    found = refine(records, signals, [problem], [begun], begun, Spectral(), LikelihoodSearch(budget=budget))
+    mechanisms = candidates_of([problem.terms], signals.targets)
+    begun, other = (coefficients_of(mechanisms, r) for r in (start(problem, coefficients), [forward(problem)]))
+    options = LikelihoodSearch(budget=budget)
+    found = refine(records, signals, mechanisms, [begun, other], begun, Spectral(), options)
     return columns, signals, found
 
 

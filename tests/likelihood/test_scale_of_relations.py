@@ -1,0 +1,230 @@
+"""Searches on relations whose target is not bare, or that hold a function over and above the law."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from process_cases import cut, space
+from small_systems import SPRING, SPRING_STEP, System, drive, in_bare_gauge, shots, spring_run
+
+from odescope.library.mechanism import Mechanism
+from odescope.likelihood.add_and_drop import Moves
+from odescope.likelihood.search import WhiteResiduals, search
+from odescope.likelihood.search_space import SearchSpace
+from odescope.recordings.coordinate import Coordinate
+
+# x x_dot = u - 0.8, and terms that it lacks, the bare target first.
+FILL, DRAIN, STEP, COUNT, SIGMA = 1.0, 0.8, 0.05, 600, 0.01
+TANK = System(
+    (Coordinate("x", 1),),
+    ("u",),
+    (
+        (0, 0, "1", 0.0),
+        (0, 0, "x", 1.0),
+        (0, -1, "u", -FILL),
+        (0, -1, "1", DRAIN),
+        (0, -1, "x", 0.0),
+        (0, -1, "x**2", 0.0),
+        (0, -1, "x*u", 0.0),
+        (0, 0, "x**2", 0.0),
+        (0, -1, "u**2", 0.0),
+    ),
+    (0,),
+    None,
+)
+LAW = [1, 2, 3]
+STARTS = {
+    "a little of the bare target": {0: 0.05, 1: 1.0, 2: -FILL, 3: DRAIN},
+    "little of all but the bare target": {0: 1.0, 1: 0.05, 2: -FILL, 3: DRAIN},
+    "the bare target instead": {0: 1.0, 2: -0.4, 3: 0.3},
+    "of the other sign, and a term invented": {0: -0.3, 1: 1.0, 2: -FILL, 3: DRAIN, 5: 0.02},
+}
+
+
+def tank(seed):
+    """Return the space of a tank, whose level is exact: x^2 / 2 is the integral of what flows."""
+    u = drive(COUNT, STEP) / 1.5 + DRAIN / FILL
+    flow = FILL * STEP * (u[:, 0, 0] + 4 * u[:, 1, 0] + u[:, 2, 0]) / 6 - DRAIN * STEP
+    x = np.sqrt(9.0 + 2.0 * np.concatenate([[0.0], np.cumsum(flow)[:-1]]))[:, None]
+    measured = x + SIGMA * np.random.default_rng(seed).standard_normal(x.shape)
+    return space(TANK, cut(x, measured, u, [SIGMA], [0.01], (COUNT,), 25, STEP))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", STARTS)
+def test_a_bare_target_that_the_law_lacks_is_given_up(name, seed):
+    it, theta = tank(seed), np.zeros(len(TANK.terms))
+    for k, value in STARTS[name].items():
+        theta[k] = value
+    found = search(it, theta)
+    assert found.fit.present.tolist() == LAW
+    assert found.scale == pytest.approx(1.0, abs=0.2)
+    assert found.width == 1e-3
+    (relation,) = it.relations_of(found.fit, found.fit.covariance)
+    terms = {t.text: t for t in relation.terms}
+    assert relation.terms[0].text == "x_dot*x"
+    assert terms["x_dot*x"].std_error is None
+    for text, truth in (("u", -FILL), ("1", DRAIN)):
+        assert abs(terms[text].coefficient - truth) < 4.0 * terms[text].std_error
+        assert terms[text].std_error < 0.01
+
+
+def test_the_end_is_the_same_fit_from_every_start():
+    it, ends = tank(5), []
+    for start in STARTS.values():
+        theta = np.zeros(len(TANK.terms))
+        for k, value in start.items():
+            theta[k] = value
+        ends.append(search(it, theta).fit)
+    relations = [it.relations_of(f, f.covariance)[0] for f in ends]
+    for fit, relation in zip(ends[1:], relations[1:], strict=True):
+        assert fit.cost == pytest.approx(ends[0].cost, abs=1e-3)
+        assert [t.text for t in relation.terms] == [t.text for t in relations[0].terms]
+        for one, other in zip(relation.terms[1:], relations[0].terms[1:], strict=True):
+            assert one.coefficient == pytest.approx(other.coefficient, abs=0.03 * other.std_error)
+            assert one.std_error == pytest.approx(other.std_error, rel=1e-3)
+
+
+@pytest.mark.parametrize("share", [1e-2, 1e-4, 1e-6, 1e-8])
+def test_what_is_said_beside_a_target_that_is_next_to_nothing_is_not_rounding(share):
+    """A search that runs off leaves a coefficient that is held at so little of the others."""
+    it, present = tank(0), np.arange(4)
+    defect_std = 0.01 * it.segments.spread
+    good = it.fit(TANK.theta, present, it.segments.initial, defect_std)
+    theta = good.theta.copy()
+    theta[0] = share
+    bare = np.where(np.arange(len(theta)) == 0, np.inf, 0.0)
+    found = it.fit(theta, present, good.x0, defect_std, bare, iterations=0)
+    assert 0 not in found.held
+    program, free = it.program(present), found.free
+    information = it.evaluator.expand(program, found.theta[present], free, found.x0, defect_std).information
+    np.testing.assert_allclose(found.wald, found.theta[free] ** 2 / np.diag(np.linalg.inv(information)), rtol=0.05)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("begun", [0.3, -0.3])
+def test_a_fit_that_begins_with_a_weak_coefficient_held_is_the_fit_all_the_same(begun, seed):
+    """Of either sign: where the best is on the other side of nothing, all others would have to pass infinity."""
+    it, present = tank(seed), np.arange(4)
+    defect_std = 0.01 * it.segments.spread
+    good = it.fit(TANK.theta, present, it.segments.initial, defect_std)
+    theta = TANK.theta.copy()
+    theta[0] = begun
+    bare = np.where(np.arange(len(theta)) == 0, np.inf, 0.0)
+    found = it.fit(theta, present, it.segments.initial, defect_std, bare)
+    assert 0 not in found.held
+    assert found.cost == pytest.approx(good.cost, abs=0.1)
+
+
+SPRING_LAW = [(f, text, c) for _, f, text, c in SPRING.terms if c]
+FACTORS = ["x_dot", "x", "cos(x)", "exp(x)"]
+
+
+def multiplied(by, extra=()):
+    """Return the spring's law, the law times a function, and more candidates."""
+    longer = [(f, by if text == "1" else f"{by}*{text}", c) for f, text, c in SPRING_LAW]
+    terms = [(0, *t) for t in (*SPRING_LAW, *longer, *extra)]
+    return System(SPRING.coordinates, SPRING.inputs, tuple(terms), (0,), None)
+
+
+def spring(system, seed):
+    """Return the space of a system on the spring's record, the states smoothed: no velocity is exactly zero."""
+    rng, states = np.random.default_rng(seed), spring_run()
+    spread = np.array([0.01, 0.05])
+    data = shots(states, drive(), SPRING_STEP, 0.02, rng, spread)
+    return space(system, replace(data, filtered=states + spread * rng.standard_normal(states.shape)))
+
+
+LONGER, ITS_LAW = np.arange(5, 10), np.arange(5)
+
+
+def start_from(system, drop=None):
+    theta = system.theta.copy()
+    theta[ITS_LAW] = 0.0
+    theta[list(drop or ())] = 0.0
+    return theta
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("lacks", [None, [7]], ids=["whole", "without friction"])
+@pytest.mark.parametrize("by", FACTORS)
+def test_a_function_times_the_law_ends_as_the_law(by, lacks, seed):
+    system = multiplied(by, ((-1, "x**2", 0.0), (-1, "1", 0.0)))
+    it = spring(system, seed)
+    found = search(it, start_from(system, lacks))
+    assert found.fit.present.tolist() == ITS_LAW.tolist()
+    bare = in_bare_gauge(it, found.fit)
+    terms = ITS_LAW[1:]
+    assert np.abs((bare.theta - system.theta)[terms] / bare.errors[terms]).max() < 4.0
+
+
+@pytest.mark.parametrize("by", ["x", "cos(x)", "exp(x)"])
+def test_the_law_is_as_good_as_a_function_times_it_and_cheaper(by):
+    system = multiplied(by)
+    it = spring(system, 0)
+    defect_std = 0.01 * it.segments.spread
+    longer = it.begin(start_from(system), defect_std)
+    law = it.fit(system.theta, ITS_LAW, longer.x0, defect_std)
+    assert law.cost == pytest.approx(longer.cost, abs=0.01)
+    # A factor more in each of five terms.
+    assert it.price(longer) - it.price(law) == pytest.approx(5 * 2.0 * np.log(2.0))
+    moves = Moves(it, WhiteResiduals(it, defect_std), 0.01, 1.0, [])
+    divided = moves.divide(longer)
+    assert divided.present.tolist() == ITS_LAW.tolist()
+    assert divided.cost == pytest.approx(law.cost, abs=0.01)
+    assert moves.divide(law) is None
+
+
+def at(it, theta):
+    """Return a fit that stands at these coefficients."""
+    begin = it.begin(theta, it.segments.spread)
+    return replace(begin, theta=theta, present=np.flatnonzero(theta))
+
+
+def test_division_takes_the_coefficients_along_and_the_other_relations_stay():
+    system = multiplied("x")
+    it = spring(system, 0)
+    theta = 2.0 * start_from(system)
+    np.testing.assert_allclose(it.divided(at(it, theta))[ITS_LAW], theta[LONGER])
+    assert not it.divided(at(it, theta))[LONGER].any()
+    assert it.divided(at(it, system.theta)) is None  # the bare target is not divisible
+
+
+def test_nothing_is_divided_where_the_library_lacks_what_is_left():
+    system = multiplied("x")
+    it = spring(system, 0)
+    found = at(it, start_from(system))
+    for k in ITS_LAW:
+        shorter = replace(it, mechanisms=tuple(m for j, m in enumerate(it.mechanisms) if j != k))
+        moved = replace(found, theta=np.delete(found.theta, k), present=found.present - 1)
+        assert shorter.divided(moved) is None
+
+
+def test_what_is_tied_or_known_is_not_divided():
+    system = multiplied("x")
+    it = spring(system, 0)
+    found = at(it, start_from(system))
+    assert it.divided(found) is not None
+
+    def with_one(mechanism) -> SearchSpace:
+        return replace(it, mechanisms=tuple(mechanism if j == LONGER[1] else m for j, m in enumerate(it.mechanisms)))
+
+    plain = it.mechanisms[LONGER[1]]
+    assert with_one(replace(plain, known=4.0)).divided(found) is None
+    two = Mechanism("tie", "both", "x_ddot", (*plain.parts, *it.mechanisms[LONGER[2]].parts), 1.0)
+    assert with_one(two).divided(found) is None
+
+
+def test_the_price_leaves_out_one_mechanism_a_group_and_what_is_known():
+    it = tank(0)
+    found = at(it, TANK.theta)
+    bare = it.penalty[0]
+    assert it.price(found) == pytest.approx(it.penalty[LAW].sum() - bare)
+    known = tuple(replace(m, known=1.0) if k == 1 else m for k, m in enumerate(it.mechanisms))
+    given = replace(it, mechanisms=known)
+    assert given.penalty[1] == 0.0
+    fixed = at(given, TANK.theta)
+    assert fixed.held.tolist() == [1]
+    # Its scale is given, so every other coefficient is a parameter.
+    assert given.price(fixed) == pytest.approx(given.penalty[[2, 3]].sum())
+    assert 1 not in given.free(fixed)
