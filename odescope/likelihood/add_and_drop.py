@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
+from odescope.library.mechanism import scale_groups
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.search_space import Move, SearchSpace
 
@@ -84,7 +85,11 @@ class Moves:
         if theta is None:
             return None
         trial = self.space.fit(theta, np.flatnonzero(theta), here.x0, self.defect_std)
-        return trial if trial is not None and self.penalised(trial) < self.penalised(here) else None
+        if trial is None or self.penalised(trial) >= self.penalised(here):
+            return None
+        for k in np.setdiff1d(trial.present, here.present):
+            self._note("divide", int(k), 0.0, trial)
+        return trial
 
     def drop(self, here: Fit) -> Fit | None:
         """Drop a mechanism that is not worth its penalty; of look-alikes that are worthless together, only one is."""
@@ -132,15 +137,14 @@ class Moves:
         wald = self.judge.wald(here)
         if wald is None:
             return None
-        wald = wald / self.scale
-        for weak in np.argsort(wald):
-            k = int(here.free[weak])
-            if wald[weak] > LOOK_ALIKE * self.space.penalty[k]:
+        held = [(self._together(here, wald, k), k) for k in here.held.tolist() if not self.space.stays(k)]
+        for statistic, k in sorted([*zip((wald / self.scale).tolist(), here.free.tolist(), strict=True), *held]):
+            if statistic > LOOK_ALIKE * self.space.penalty[k]:
                 return None
             detour = replace(self, trail=[], barred={k})
             there = detour.without(here, k)
             if there is not None:
-                detour._note("drop", k, float(wald[weak]), there)
+                detour._note("drop", k, statistic, there)
             for _ in range(DETOUR):
                 if there is None or there.cost > HOPELESS * here.cost or self.space.budget.over:
                     break
@@ -149,6 +153,11 @@ class Moves:
                     return there
                 there = detour.drop(there) or detour.add(there)
         return None
+
+    def _together(self, here: Fit, wald: FloatArray, held: int) -> float:
+        """Return the Wald statistic of a held coefficient: that of the best known of its group, which could be held."""
+        group = next(g for g in scale_groups(self.space.mechanisms, here.present) if held in g)
+        return float(wald[np.isin(here.free, group)].max(initial=0.0)) / self.scale
 
     def _note(self, action: str, k: int, statistic: float, after: Fit) -> None:
         self.trail.append(self.space.move(self.width, action, k, statistic, after))

@@ -16,6 +16,7 @@ from odescope.likelihood.program import Program
 ITERATIONS = 40
 CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit
 LARGEST_DAMPING = 1e8
+RUNAWAY = 1e10  # times the largest coefficient at first: what is held is nothing, all others grow without end
 CLOSING = 3  # steps more, at most, that close the defects which a long step left open
 
 
@@ -150,6 +151,7 @@ def fit(
     here = descent.at(theta, x0)
     if here is None:
         return None
+    largest = np.abs(theta).max(initial=1e-300)
     for _ in range(iterations):
         trial = descent.lower(here, damping)
         fall = -np.inf if trial is None else here.expansion.cost - trial.expansion.cost
@@ -157,6 +159,8 @@ def fit(
         if trial is not None and fall >= 0.0:
             here = trial
             damping = max(damping / 10.0, 1e-9)
+            if np.abs(here.theta).max(initial=0.0) > RUNAWAY * largest:
+                break
         else:
             damping *= 10.0
         if converged or damping > LARGEST_DAMPING:

@@ -13,9 +13,9 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.mechanism import Mechanism, scale_groups
-from odescope.likelihood.evaluator import scaled
+from odescope.likelihood.evaluator import LEAST, scaled
 
-BETTER = 4.0  # times the Wald statistic that the held coefficient has at best: another pair that has more is held
+WEAK = 100.0  # largest Wald statistic beside a held coefficient that is known to no more than a tenth of its value
 SINGULAR = 1e-10  # least eigenvalue of a scaled information matrix, over the largest, that is not rounding
 
 
@@ -26,7 +26,7 @@ def inverse(information: FloatArray) -> FloatArray:
     """
     correlations, scale = scaled(information)
     values, vectors = np.linalg.eigh(correlations)
-    values = np.maximum(values, SINGULAR * values.max(initial=0.0))
+    values = np.maximum(values, max(SINGULAR * values.max(initial=0.0), LEAST))
     covariance: FloatArray = (vectors / values) @ vectors.T / scale / scale[:, None]
     return covariance
 
@@ -47,9 +47,17 @@ def held_of(mechanisms: Sequence[Mechanism], present: IntArray, strength: FloatA
 
 
 def rechosen(
-    mechanisms: Sequence[Mechanism], present: IntArray, held: IntArray, theta: FloatArray, information: FloatArray
-) -> tuple[IntArray, FloatArray]:
-    """Return what is to be held, and the information about the others, where a fit held a weak coefficient.
+    mechanisms: Sequence[Mechanism],
+    present: IntArray,
+    held: IntArray,
+    theta: FloatArray,
+    information: FloatArray,
+    size: FloatArray,
+) -> IntArray:
+    """Return what is to be held, where a fit held a coefficient that the record hardly knows.
+
+    That is the best known of the others; where none is known, because all are relative to one that may be nothing, the
+    one that makes most of the inertia.
 
     Args:
         mechanisms: all candidates.
@@ -57,42 +65,17 @@ def rechosen(
         held: of these, ascending.
         theta: (mechanisms,) coefficients.
         information: (p, p) about those that were not held.
+        size: (mechanisms,) what each makes of the inertia.
     """
-    for group in map(np.array, scale_groups(mechanisms, present)):
-        own = [k for k in group.tolist() if k in held]
-        if len(group) < 3 or len(own) != 1 or mechanisms[own[0]].known is not None:
+    free = np.setdiff1d(present, held)
+    wald = np.zeros(len(mechanisms))
+    wald[free] = theta[free] ** 2 / np.maximum(np.diag(inverse(information)), 1e-300)
+    again = held.copy()
+    for group in scale_groups(mechanisms, present):
+        own = [k for k in group if k in held]
+        others = [k for k in group if k not in held]
+        if len(others) < 2 or mechanisms[own[0]].known is not None or max(wald[others]) >= WEAK:
             continue
-        free = np.setdiff1d(present, held)
-        wald = np.where(np.isin(free, group), theta[free] ** 2 / np.maximum(np.diag(inverse(information)), 1e-300), 0.0)
-        best = int(free[np.argmax(wald)])
-        others, moved = _moved(present, held, theta, information, group, own[0], best)
-        again = np.setdiff1d(present, others)
-        rest = np.isin(again, group) & (again != own[0])
-        there = theta[again] ** 2 / np.maximum(np.diag(inverse(moved)), 1e-300)
-        if there[rest].max() > BETTER * wald.max():
-            held, information = others, moved
-    return held, information
-
-
-def _moved(
-    present: IntArray,
-    held: IntArray,
-    theta: FloatArray,
-    information: FloatArray,
-    group: IntArray,
-    before: int,
-    after: int,
-) -> tuple[IntArray, FloatArray]:
-    """Return held mechanisms and information with another member of a group held.
-
-    Along the scale of a group nothing changes, so what the held coefficient does is minus what all others do together.
-    """
-    free, others = np.setdiff1d(present, held), np.sort(np.append(held[held != before], after))
-    again = np.setdiff1d(present, others)
-    slopes = np.zeros((len(free), len(again)))
-    for column, k in enumerate(again.tolist()):
-        if k == before:
-            slopes[:, column] = np.where(np.isin(free, group), -theta[free] / theta[before], 0.0)
-        else:
-            slopes[int(np.searchsorted(free, k)), column] = 1.0
-    return others, slopes.T @ information @ slopes
+        best = max(others, key=lambda k: (wald if wald[others].max() > 1.0 else size)[k])
+        again[again == own[0]] = best
+    return np.sort(again)

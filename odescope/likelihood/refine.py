@@ -26,7 +26,7 @@ from odescope.likelihood.program import Frame
 from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
-from odescope.model.relation import Relation
+from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
 from odescope.recordings.record import Records
 from odescope.signals.differentiators import Differentiator
@@ -47,7 +47,7 @@ STEP_MOVE = 0.2  # standard errors of any coefficient: changes of a refit that d
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """The relations at the end of the likelihood stage, and how it went.
+    """The relations at the end of the likelihood stage, the mechanisms that they add up from, and how it went.
 
     `outcome` is the search for a model that follows the record to within its noise. Where there is none, `process` is
     the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and `space`
@@ -57,6 +57,7 @@ class Refinement:
     """
 
     relations: tuple[Relation, ...]
+    mechanisms: tuple[FoundMechanism, ...]
     outcome: Outcome
     process: Noisy | None
     rejected: Noisy | None
@@ -144,6 +145,7 @@ def _judged(
         covariance = found.covariance * best.scale
     return Refinement(
         relations=space.relations_of(found, covariance),
+        mechanisms=space.mechanisms_of(found, covariance),
         covariance=covariance,
         outcome=best,
         process=process if adopted else None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,11 +18,12 @@ from odescope.likelihood.fit import ITERATIONS, Fit, fit
 from odescope.likelihood.gauge import held_of, rechosen
 from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.segments import Segments
-from odescope.model.assembled import relations_of
-from odescope.model.relation import Relation
+from odescope.model.assembled import relations_of, stated
+from odescope.model.relation import FoundMechanism, Relation
 from odescope.selection.criterion import penalty
 
 RARER = 2.0  # a product with one factor more is half as likely
+GAUGES = 3  # fits, at most, each with what the one before knew best held
 BARE = 10.0  # times as large in all: a bare target is held at first unless what multiplies the target otherwise is so
 
 
@@ -68,6 +70,10 @@ class SearchSpace:
         """Mechanisms whose coefficients are given: present throughout, and no parameters."""
         return np.array([k for k, m in enumerate(self.mechanisms) if m.known is not None], dtype=np.int64)
 
+    def stays(self, k: int) -> bool:
+        """Say whether a mechanism is there by default: what is known, or a relation's own target, bare."""
+        return self.mechanisms[k].known is not None or self.frame.own(self.mechanisms[k])
+
     @cached_property
     def penalty(self) -> FloatArray:
         """What each mechanism has to earn as a parameter (mechanisms,), see `selection.criterion`.
@@ -77,7 +83,7 @@ class SearchSpace:
         anyway, so the penalty is 2 ln(candidates) on the whole.
         """
         share = RARER ** -np.array([m.size for m in self.mechanisms], dtype=np.float64)
-        choice = [m.known is None and not self.frame.own(m) for m in self.mechanisms]
+        choice = [not self.stays(k) for k in range(len(self.mechanisms))]
         found: FloatArray = penalty(self.segments.samples, share / share[choice].sum())
         found[self.known] = 0.0
         return found
@@ -109,6 +115,10 @@ class SearchSpace:
     def on(self, segments: Segments) -> SearchSpace:
         """Return the space for other segments."""
         return replace(self, evaluator=Evaluator(segments, self.evaluator.substeps, self.budget))
+
+    def among(self, mechanisms: Sequence[Mechanism]) -> SearchSpace:
+        """Return the space with other candidates."""
+        return replace(self, mechanisms=tuple(mechanisms))
 
     def within(self, budget: Budget) -> SearchSpace:
         """Return the space with another budget."""
@@ -154,14 +164,30 @@ class SearchSpace:
             iterations: steps at most.
         """
         held = held_of(self.mechanisms, present, self._size(theta) if strength is None else strength)
-        places = np.searchsorted(present, held)
-        found = fit(self.evaluator, self.program(present), theta[present], places, x0, defect_std, iterations)
-        if found is None:
-            return None
-        whole = np.zeros(len(self.mechanisms))
-        whole[present] = found.theta
-        held, information = rechosen(self.mechanisms, present, held, whole, found.information)
-        return replace(found, theta=whole, present=present, held=held, information=information)
+        program = self.program(present)
+        for again in range(GAUGES):
+            places = np.searchsorted(present, held)
+            found = fit(self.evaluator, program, theta[present], places, x0, defect_std, iterations)
+            if found is None:
+                return None
+            whole = np.zeros(len(self.mechanisms))
+            whole[present] = found.theta
+            found = replace(found, theta=whole, present=present, held=held)
+            better = rechosen(self.mechanisms, found.present, held, whole, found.information, self._size(whole))
+            if np.array_equal(better, held) or again + 1 == GAUGES:
+                break
+            held, x0 = better, found.x0
+            theta = self._rescaled(whole, held)
+        return found
+
+    def _rescaled(self, theta: FloatArray, held: IntArray) -> FloatArray:
+        """Return coefficients (mechanisms,) of the same relations, with the held ones at 1."""
+        again = theta.copy()
+        for group in scale_groups(self.mechanisms, np.flatnonzero(theta)):
+            for k in set(group) & set(held.tolist()):
+                if self.mechanisms[k].known is None:
+                    again[list(group)] = theta[list(group)] / theta[k]
+        return again
 
     def begin(self, theta: FloatArray, defect_std: FloatArray) -> Fit | None:
         """Return the fit of what has a coefficient, from the smoothed states.
@@ -235,8 +261,20 @@ class SearchSpace:
             found: the fit.
             covariance: (p, p) of its parameters.
         """
+        return relations_of(*self._as_found(found, covariance), self.frame.targets)
+
+    def mechanisms_of(self, found: Fit, covariance: FloatArray) -> tuple[FoundMechanism, ...]:
+        """Return the mechanisms of a fit, plain candidates left out.
+
+        Args:
+            found: the fit.
+            covariance: (p, p) of its parameters.
+        """
+        return stated(*self._as_found(found, covariance))
+
+    def _as_found(self, found: Fit, covariance: FloatArray) -> tuple[list[Mechanism], FloatArray, FloatArray]:
+        """Return the present mechanisms, their coefficients, and the covariance of all of these."""
         among = np.searchsorted(found.present, found.free)
         whole = np.zeros((len(found.present), len(found.present)))
         whole[np.ix_(among, among)] = covariance
-        present = [self.mechanisms[k] for k in found.present]
-        return relations_of(present, found.theta[found.present], whole, self.frame.targets)
+        return [self.mechanisms[k] for k in found.present], found.theta[found.present], whole

@@ -136,6 +136,22 @@ class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     outliers: dict[str, int] = {}
     delays: dict[str, DelayScore] = {}
     streamed: Streamed | None = None
+    forms: tuple[FormScore, ...] = ()
+
+
+class FormScore(msgspec.Struct, frozen=True):
+    """How one of the forms that competed did: relations, Lagrange's equations, reactions.
+
+    `coefficients` were fitted; `free_run` is the mean squared error of free runs over what is held out, in units of the
+    variance and saturating at 1; `misfit` the residual variance over that of the noise.
+    """
+
+    form: str
+    coefficients: int
+    free_run: Number
+    misfit: Number
+    follows: bool
+    chosen: bool
 
 
 class Doubts(msgspec.Struct, frozen=True):

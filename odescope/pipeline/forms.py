@@ -17,6 +17,7 @@ from odescope.model.relation import Relation
 from odescope.pipeline.joint_models import Search, forward, plain
 from odescope.recordings.record import Record, Records
 from odescope.regression.mechanisms import MechanismProblem, proposed
+from odescope.regression.problem import Problem
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals, signals_like
 from odescope.study.options import Form, LeftOut, Study
@@ -37,20 +38,23 @@ class Posed:
 
 
 def relations_form(
-    study: Study, signals: Signals, searches: Sequence[Search], proposals: Sequence[tuple[tuple[Candidate, ...], Model]]
+    study: Study,
+    problems: Sequence[Problem],
+    searches: Sequence[Search],
+    proposals: Sequence[tuple[tuple[Candidate, ...], Model]],
 ) -> Posed:
     """Return the plain candidates of all targets, begun from what regression proposes and from a forward selection.
 
     Args:
         study: whose ties hold.
-        signals: names the targets.
-        searches: one a target.
+        problems: one a target.
+        searches: one a target, where regression found something for all.
         proposals: of the regression, the best first; there may be none.
     """
-    candidates = candidates_of([s.problem.terms for s in searches], signals.targets)
+    candidates = candidates_of([p.terms for p in problems], [p.target for p in problems])
     mechanisms = tied(candidates, study.library.ties, study.scope())
     starts: list[Sequence[Relation]] = [model.relations for _, model in proposals]
-    starts.append([forward(s.problem) for s in searches])
+    starts.append([forward(p) for p in problems])
     bare = None
     if proposals and not any(len(m.parts) > 1 for m in mechanisms):
         bare = [plain(s, c) for s, c in zip(searches, proposals[0][0], strict=True)]

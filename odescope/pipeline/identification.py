@@ -16,23 +16,12 @@ from odescope.likelihood.refine import Refinement
 from odescope.model.display import equations_html
 from odescope.model.model import Model
 from odescope.model.notes import notes_of, trust
-from odescope.model.scores import DelayScore, Streamed
+from odescope.model.scores import DelayScore, FormScore, Streamed
 from odescope.parallel.dask_cluster import open_workers
+from odescope.pipeline.competition import Regressed, adopted, compete, regress
 from odescope.pipeline.evaluation import domain, provenance, scores
 from odescope.pipeline.joint_models import Search
-from odescope.pipeline.reduce import Whole
-from odescope.pipeline.stages import (
-    Chosen,
-    Filtered,
-    Work,
-    draw_anew,
-    estimate,
-    pose_all,
-    prepare,
-    propose,
-    refine_model,
-    search_all,
-)
+from odescope.pipeline.stages import Filtered, Work, estimate, prepare
 from odescope.recordings.record import Records
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
@@ -130,43 +119,41 @@ def _identified(work: Work, data: Records | Table | Sequence[Table] | None, stor
     """Go through the stages."""
     prepared = prepare(work, data, store)
     filtered = estimate(work, prepared)
-    problems, whole = pose_all(work, prepared, filtered)
-    searches = search_all(work, prepared, problems)
-    proposed = propose(work, filtered.signals, searches)
-    chosen, model = proposed[0]
-    searches = draw_anew(work, searches, chosen)
+    regressed = regress(work, prepared, filtered)
 
-    def result(chosen: Chosen, model: Model, refinement: Refinement | None) -> Identification:
-        records, signals = filtered.sample.records, filtered.signals
+    def result(model: Model, refinement: Refinement | None) -> Identification:
+        records, signals, searches = filtered.sample.records, filtered.signals, regressed.searches
+        chosen = adopted(regressed, model)
         return Identification(
             work.study, records, signals, searches, chosen, model, refinement, work.seconds, work.memory
         )
 
-    work.monitor.tell(DraftReady(result(chosen, model, None)))
-    chosen, model, refinement = refine_model(work, filtered, searches, proposed)
+    if regressed.model is not None:
+        work.monitor.tell(DraftReady(result(regressed.model, None)))
+    model, refinement, forms = compete(work, filtered, regressed)
     with work.stage("model"):
-        model = _judged(work.study, model, filtered, searches, chosen, refinement, whole)
-    return result(chosen, model, refinement)
+        model = _judged(work.study, model, filtered, regressed, refinement, forms)
+    return result(model, refinement)
 
 
 def _judged(
     study: Study,
     model: Model,
     filtered: Filtered,
-    searches: Sequence[Search],
-    chosen: Chosen,
+    regressed: Regressed,
     refinement: Refinement | None,
-    whole: Whole | None,
+    forms: tuple[FormScore, ...],
 ) -> Model:
     """Return the model with its scores, its domain and what it was made from."""
-    signals, sample = filtered.signals, filtered.sample
-    told = scores(model, signals, searches, chosen, refinement, study.random.seed)
+    signals, sample, whole = filtered.signals, filtered.sample, regressed.whole
+    told = scores(model, signals, regressed.searches, adopted(regressed, model), refinement, study.random.seed)
     told = msgspec.structs.replace(
         told,
         left_out=filtered.left_out,
         outliers=filtered.outliers,
         delays={name: DelayScore(d.seconds, d.std_error) for name, d in filtered.delays.items()},
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
+        forms=forms,
     )
     found_in = domain(signals, model, whole)
     return replace(model, scores=told, domain=found_in, provenance=provenance(study, signals, whole))

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
 
+import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
@@ -114,19 +115,25 @@ def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other
     return bool(factor.residual(chosen.xi - same) ** 2 <= allowed * noise**2)
 
 
-def adopt(model: Model, refinement: Refinement | None, signals: Signals) -> tuple[Model, Refinement | None]:
+def adopt(
+    model: Model | None, refinement: Refinement | None, signals: Signals
+) -> tuple[Model | None, Refinement | None]:
     """Return the model of the likelihood stage where it follows the record, else that of the regression.
 
     A refinement whose denominators vanish inside the data is dropped: its errors are those of another model.
 
     Args:
-        model: of the regression.
+        model: of the regression, where that found one.
         refinement: what the likelihood stage returned.
         signals: where denominators must not vanish.
     """
-    if refinement is None or not refinement.follows:
+    if refinement is None or not (refinement.follows or model is None):
         return model, refinement
-    refined = replace(model, relations=refinement.relations)
+    relations, mechanisms = refinement.relations, refinement.mechanisms
+    if not refinement.follows:
+        relations = tuple(Relation(tuple(replace(t, std_error=None) for t in r.terms)) for r in relations)
+        mechanisms = tuple(msgspec.structs.replace(m, std_error=None) for m in mechanisms)
+    refined = Model(signals.coordinates, signals.inputs, relations, mechanisms=mechanisms)
     return (refined, refinement) if determined(refined, signals) else (model, None)
 
 

@@ -102,8 +102,12 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
             sample = Sample(data if isinstance(data, Records) else records_from(data, study.layout()))
         check_channels(sample.records, study.measured(), study.driven())
     with work.stage("library"):
-        libraries = tuple(study.candidates(c.target) for c in study.measured())
-        for c, library in zip(study.measured(), libraries, strict=True):
+        for form in study.forms():
+            if form != "relations":
+                study.mechanisms(form)  # what is wrong with them is said before anything is computed
+        wanted = "relations" in study.forms()
+        libraries = tuple(study.candidates(c.target) for c in study.measured()) if wanted else ()
+        for c, library in zip(study.measured(), libraries, strict=wanted):
             if sample.records.samples < len(library):
                 raise InputError(
                     f"{sample.records.samples} samples cannot decide between {len(library)} candidate terms for"
@@ -318,13 +322,18 @@ def draw_anew(work: Work, searches: Sequence[Search], chosen: Chosen) -> tuple[S
 
 
 def pose_forms(
-    work: Work, filtered: Filtered, searches: Sequence[Search], proposals: Sequence[tuple[Chosen, Model]]
+    work: Work,
+    filtered: Filtered,
+    problems: Sequence[Problem],
+    searches: Sequence[Search],
+    proposals: Sequence[tuple[Chosen, Model]],
 ) -> tuple[Posed, ...]:
     """Return the forms that compete, mechanisms first, each with its candidates and where to begin.
 
     Args:
         work: whose study names the forms.
         filtered: the records and their signals.
+        problems: of the relations, one a target.
         searches: of the relations, one a target.
         proposals: of the regression, the best first.
 
@@ -334,7 +343,7 @@ def pose_forms(
     study, found = work.study, list[Posed]()
     for form in sorted(study.forms(), key=lambda f: f == "relations"):
         if form == "relations":
-            found.append(relations_form(study, filtered.signals, searches, proposals))
+            found.append(relations_form(study, problems, searches, proposals))
         else:
             with work.stage("mechanisms"):
                 found.append(mechanisms_form(study, form, filtered.records, filtered.signals))

@@ -1,8 +1,9 @@
 """Regression on mechanisms: all relations together, each residual that of a predicted target.
 
-With A(theta) y = b(theta) the residual of the targets is r = y - yhat, yhat = A^-1 b, and its derivative with respect
-to a coefficient is A^-1 (a_k yhat - b_k), which vanishes along theta: the scale is no matter. Gauss-Newton steps on r, in
-rows weighted by the noise of the targets, and elimination of what the residual needs least. docs/method.md, Mechanisms.
+With A(theta) y = b(theta) the residual of the targets is r = y - yhat, yhat = A^-1 b. Its derivative with respect to a
+coefficient is A^-1 (a_k yhat - b_k), which vanishes along theta: the scale is no matter. Gauss-Newton steps on r, in
+rows weighted by the noise of the targets, and elimination of what the residual needs least.
+docs/method.md, Mechanisms.
 """
 
 from __future__ import annotations

@@ -70,15 +70,17 @@ def at_work(result: Identification, truth: Truth | None = None) -> AtWork:
 def without_last(result: Identification, longest: int) -> Model | None:
     """Return the model's terms with coefficients regressed on all blocks but those of the last one's fold.
 
-    None where the record is too short for blocks, or the fit without them determines no model.
+    None where the record is too short for blocks, or the library of the regression lacks a term, or the fit without
+    them determines no model.
     """
     relations = []
+    if not result.searches:
+        return None
     for search, relation in zip(result.searches, result.model.relations, strict=True):
-        problem = search.problem
-        if len(problem.folds) < 2:
+        problem, columns = search.problem, columns_of(search, relation)
+        if len(problem.folds) < 2 or columns is None:
             return None
         last = max((b for b in problem.blocks if b.record == longest), key=lambda b: b.start)
-        columns = columns_of(search, relation)
         xi = problem.training[last.fold].solve(tuple(sorted(columns)), left_column(problem, columns))
         terms = tuple(
             replace(t, coefficient=float(xi[j]), std_error=None) for t, j in zip(relation.terms, columns, strict=True)

@@ -28,7 +28,7 @@ def trust_text(report: Report) -> str:
     for heading in ("target", "terms", "chosen among", "R² held out"):
         table.add_column(heading, justify="left" if heading == "target" else "right")
     scores = model_of(report).scores
-    for searched, coefficients in zip(report.searches, report.coefficients, strict=True):
+    for searched, coefficients in zip(report.searches, report.coefficients, strict=False):
         score = None if scores is None else scores.targets.get(searched.target)
         held_out = "–" if score is None or score.r2_held_out is None else share(score.r2_held_out)
         table.add_row(searched.target, str(len(coefficients)), str(searched.kept), held_out)

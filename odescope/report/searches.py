@@ -31,13 +31,15 @@ def searched(result: Identification) -> tuple[Searched, ...]:
     units = quantity_units(result.model)
     return tuple(
         _searched(search, chosen, relation, shown(units[search.problem.target]))
-        for search, chosen, relation in zip(result.searches, result.chosen, result.model.relations, strict=True)
+        for search, chosen, relation in zip(result.searches, result.chosen, result.model.relations, strict=False)
     )
 
 
-def columns_of(search: Search, relation: Relation) -> tuple[int, ...]:
-    """Return the columns of the library that a relation's terms are, in the order of its terms."""
+def columns_of(search: Search, relation: Relation) -> tuple[int, ...] | None:
+    """Return the columns of the library that a relation's terms are, in order; None where it lacks one of them."""
     place = {product: j for j, product in enumerate(search.problem.terms)}
+    if not {t.product for t in relation.terms} <= place.keys():
+        return None
     return tuple(place[t.product] for t in relation.terms)
 
 
@@ -71,7 +73,7 @@ def _searched(search: Search, chosen: Candidate, relation: Relation, unit: str) 
             for j in np.argsort(-search.inclusion, kind="stable")
             if search.inclusion[j] >= LEAST_INCLUSION
         ),
-        adopted=set(columns_of(search, relation)) == set(chosen.support),
+        adopted=set(columns_of(search, relation) or ()) == set(chosen.support),
     )
 
 
