@@ -11,6 +11,7 @@ from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 
 FIFTH = 5  # one record in so many is held out; of fewer records, that part of each
+FEW = 3  # stretches of which no spread can be told
 WINDOWS = 4  # free runs a stretch that is held out
 
 
@@ -31,11 +32,11 @@ def without_held_out(segments: Segments) -> Segments:
     return replace(segments, start=begin[keep], count=segments.count[keep], joined=joined[keep])
 
 
-def free_run_error(space: SearchSpace, theta: FloatArray) -> float:
-    """Return the mean squared error of free runs over what is held out, saturating at 1.
+def free_run_errors(space: SearchSpace, theta: FloatArray) -> FloatArray:
+    """Return the mean squared error of free runs over every stretch that is held out, each saturating at 1.
 
-    They begin at smoothed states within every stretch, away from its edges where smoothing is poor, and last until its
-    end; errors are in units of the channel's variance over all records.
+    Of few stretches every free run counts as one. They begin at smoothed states within the stretch, away from its edges
+    where smoothing is poor, and last until its end; errors are in units of the channel's variance over all records.
     """
     segments = space.segments
     measured = segments.measured
@@ -53,9 +54,14 @@ def free_run_error(space: SearchSpace, theta: FloatArray) -> float:
         noise=np.maximum(measured.std(axis=0), 1e-300),
     )
     present = np.flatnonzero(theta)
-    none = np.zeros(0, dtype=np.int64)
-    cost = (
-        space.on(loose).evaluator.integrate(space.program(present), theta[present], none, segments.filtered[start]).cost
-    )
+    evaluator, program, none = space.on(loose).evaluator, space.program(present), np.zeros(0, dtype=np.int64)
+    cost = evaluator.integrate(program, theta[present], none, segments.filtered[start]).cost
     error = cost / (loose.count * measured.shape[1])
-    return float(np.mean(np.where(np.isfinite(error), error / (1.0 + error), 1.0)))
+    bounded = np.where(np.isfinite(error), error / (1.0 + error), 1.0)
+    errors: FloatArray = bounded.reshape(-1, WINDOWS).mean(axis=1)
+    return errors if len(errors) >= FEW else bounded
+
+
+def free_run_error(space: SearchSpace, theta: FloatArray) -> float:
+    """Return the mean of `free_run_errors`."""
+    return float(free_run_errors(space, theta).mean())

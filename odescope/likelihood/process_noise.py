@@ -19,7 +19,8 @@ from odescope.likelihood.block_cholesky import state_covariances
 from odescope.likelihood.evidence import Evidence, in_blocks, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, without_held_out
-from odescope.likelihood.search import THIN, Outcome
+from odescope.likelihood.path import ModelPath
+from odescope.likelihood.search import Outcome
 from odescope.likelihood.search_space import Move, SearchSpace
 from odescope.likelihood.segments import Segments
 
@@ -33,7 +34,7 @@ EM_STRIDE = 3.0  # change of a standard deviation in one step, at most, as a fac
 LEAST_NOISE = 1e-4  # of the first guess: standard deviations do not shrink below
 ALTERNATIONS = 5  # of search and noise
 STEPS = 40
-NO_WORSE = 1.02  # held-out error over the least: a term that buys less is left out
+PATH_SHARE = 0.3  # of the budget, for the way back
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class Noisy:
     """A model with process noise: the space's segments hold both noises, of an average and of a defect.
 
     `marginal` is -2 log of the marginal likelihood less a constant; `held_out` the error of free runs on what the
-    search did not see (`free_run_error`).
+    search did not see (`free_run_error`); `path` leads from the end of the search to the shortest model.
     """
 
     fit: Fit
@@ -50,6 +51,7 @@ class Noisy:
     evidence: Evidence
     held_out: float
     trail: tuple[Move, ...]
+    path: ModelPath
 
     @property
     def penalised(self) -> float:
@@ -206,15 +208,18 @@ def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequen
     return best
 
 
-def search_with_process_noise(space: SearchSpace, starts: Sequence[FloatArray]) -> Noisy | None:
+def search_with_process_noise(
+    space: SearchSpace, starts: Sequence[FloatArray], terms: int | None = None
+) -> Noisy | None:
     """Return the best model with process noise that searches end at, or None where none can start.
 
-    Some of the data are held out from the searches; along the way back from their ends, term by term, free runs of
-    that say where to stop. The best is then fitted to all.
+    Some of the data are held out from the searches; along the way back from the best of their ends, term by term, free
+    runs of that say where to stop. What is chosen is then fitted to all.
 
     Args:
         space: data cut into short segments (`in_pieces`), and candidates.
         starts: (mechanisms,) coefficients to begin with.
+        terms: number of mechanisms to stop at, where that is given.
     """
     seen = space.on(without_held_out(space.segments))
     ends = []
@@ -227,7 +232,10 @@ def search_with_process_noise(space: SearchSpace, starts: Sequence[FloatArray]) 
             break
     if not ends:
         return None
-    seen, here, _, trail = min(ends, key=lambda end: end[2])
+    seen, longest, _, trail = min(ends, key=lambda end: end[2])
+    way = ModelPath.back(seen.within(seen.budget.part(PATH_SHARE)), longest, seen.segments.spread)
+    way = way.chosen_at(terms) if terms is not None else way.at_knee
+    here = way.choice.fit
     begun = with_noise(space, seen.segments.noise, seen.segments.spread)
     found = begun.again(here, begun.segments.initial, begun.segments.spread)
     if found is None:
@@ -236,7 +244,7 @@ def search_with_process_noise(space: SearchSpace, starts: Sequence[FloatArray]) 
     evidence = robust_evidence(fitted, found)
     if evidence is None:
         return None
-    return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail)
+    return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail, way)
 
 
 def _search(seen: SearchSpace, theta: FloatArray) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]] | None:
@@ -251,7 +259,6 @@ def _search(seen: SearchSpace, theta: FloatArray) -> tuple[SearchSpace, Fit, flo
         here = _settle(seen, here, trail)
         if np.array_equal(before, here.present) or seen.budget.over:
             break
-    here = _shortest(seen, here, trail)
     return seen, here, marginal + seen.price(here), tuple(trail)
 
 
@@ -292,28 +299,3 @@ def _settle(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
             break
         here = moved
     return here
-
-
-def _shortest(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
-    """Return the shortest model, on the way back from `here`, whose free run of what it has not seen is no worse."""
-    path, left_out = [here], list[Move]()
-    judge = _BlockSpread(space)
-    moves = Moves(space, judge, 1.0, 1.0, left_out)
-    while len(path[-1].free) > 1 and not space.budget.over:
-        wald = judge.wald(path[-1])
-        if wald is None:
-            break
-        thin = wald / space.penalty[path[-1].free]
-        place = int(np.argmin(thin))
-        if thin[place] > THIN:
-            break
-        k = int(path[-1].free[place])
-        shorter = moves.without(path[-1], k)
-        if shorter is None:
-            break
-        left_out.append(space.move(1.0, "leave out", k, float(wald[place]), shorter))
-        path.append(shorter)
-    errors = np.array([free_run_error(space, f.theta) for f in path])
-    last = int(np.flatnonzero(errors <= NO_WORSE * errors.min())[-1])
-    trail.extend(left_out[:last])
-    return path[last]

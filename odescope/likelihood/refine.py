@@ -15,8 +15,10 @@ from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.held_out import free_run_error
+from odescope.likelihood.held_out import free_run_error, without_held_out
+from odescope.likelihood.path import ModelPath
 from odescope.likelihood.process_noise import (
+    PATH_SHARE,
     Noisy,
     cost_without_process_noise,
     in_pieces,
@@ -52,8 +54,8 @@ class Refinement:
     `outcome` is the search for a model that follows the record to within its noise. Where there is none, `process` is
     the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and `space`
     are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence` what the record says of
-    every candidate. Not `finished` if the budget ended a search, `late` if the clock did; `spent` is in units of the
-    budget.
+    every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget ended a search, `late`
+    if the clock did; `spent` is in units of the budget.
     """
 
     relations: tuple[Relation, ...]
@@ -65,6 +67,7 @@ class Refinement:
     covariance: FloatArray
     space: SearchSpace
     evidence: Evidence | None
+    path: ModelPath | None
     starts: int
     finished: bool
     late: bool
@@ -121,11 +124,15 @@ def refine(
     if not outcomes:
         return None
     budget.spent += sum(o.spent for o in outcomes)
-    return _judged(cut, space, starts, outcomes)
+    return _judged(cut, space, starts, outcomes, options.terms)
 
 
 def _judged(
-    cut: Callable[[int], Segments], space: SearchSpace, begun: Sequence[FloatArray], outcomes: Sequence[Outcome]
+    cut: Callable[[int], Segments],
+    space: SearchSpace,
+    begun: Sequence[FloatArray],
+    outcomes: Sequence[Outcome],
+    terms: int | None,
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
     best = min(outcomes, key=lambda o: o.rank)
@@ -135,12 +142,16 @@ def _judged(
     chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:
         space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
-        process, adopted = _with_process_noise(cut, space, best, begun)
+        process, adopted = _with_process_noise(cut, space, best, begun, terms)
     evidence: Evidence | None
+    path: ModelPath | None
     if process is not None and adopted:
-        found, last, evidence = process.fit, process.space, process.evidence
+        found, last, evidence, path = process.fit, process.space, process.evidence, process.path
         covariance = evidence.covariance
     else:
+        path = _path(space, best)
+        if path is not None and terms is not None:
+            path, best = _shortened(space, best, path.chosen_at(terms))
         found, last, evidence = best.fit, space, _evidence(space, best)
         covariance = found.covariance * best.scale
     return Refinement(
@@ -153,6 +164,7 @@ def _judged(
         fit=found,
         space=last,
         evidence=evidence,
+        path=path,
         starts=len(outcomes),
         finished=best.finished and not space.budget.over,
         late=best.late or space.budget.late,
@@ -208,12 +220,16 @@ def _shorter(space: SearchSpace, plain: FloatArray, outcomes: Sequence[Outcome])
 
 
 def _with_process_noise(
-    cut: Callable[[int], Segments], space: SearchSpace, best: Outcome, begun: Sequence[FloatArray]
+    cut: Callable[[int], Segments],
+    space: SearchSpace,
+    best: Outcome,
+    begun: Sequence[FloatArray],
+    terms: int | None,
 ) -> tuple[Noisy | None, bool]:
     """Return the model with process noise, None where no start can be followed, and whether the record needs it."""
     starts = [*begun, *([best.fit.theta] if np.isfinite(best.width) else [])]
     pieces = in_pieces(cut, space, starts)
-    process = search_with_process_noise(pieces, starts)
+    process = search_with_process_noise(pieces, starts, terms)
     if process is None:
         return None, False
     if _joined(best) and cost_without_process_noise(pieces, best) < process.penalised:
@@ -221,6 +237,25 @@ def _with_process_noise(
     # Compared as fitted to all: the proposal has seen what was held out too.
     proposed, found = (free_run_error(pieces, theta) for theta in (begun[0], process.fit.theta))
     return process, found < max(NO_WORSE_THAN_PROPOSED * proposed, NEGLIGIBLE)
+
+
+def _path(space: SearchSpace, outcome: Outcome) -> ModelPath | None:
+    """Return the models from the end of a search to the shortest, fitted without what is held out."""
+    seen = space.on(without_held_out(space.segments)).within(space.budget.part(PATH_SHARE))
+    if not len(seen.segments.start):
+        return None
+    defect_std = space.segments.spread * outcome.width
+    found = seen.again(outcome.fit, seen.segments.initial, defect_std)
+    return None if found is None else ModelPath.back(seen, found, defect_std)
+
+
+def _shortened(space: SearchSpace, outcome: Outcome, path: ModelPath) -> tuple[ModelPath, Outcome]:
+    """Return the path, and the outcome with the model that is chosen on it, fitted to all."""
+    shorter = space.again(path.choice.fit, space.segments.initial, space.segments.spread * outcome.width)
+    if shorter is None:
+        return path, outcome
+    prices = space.penalty[shorter.free], space.price(shorter)
+    return path, replace(outcome, fit=shorter, penalties=prices[0], price=prices[1])
 
 
 def _evidence(space: SearchSpace, outcome: Outcome) -> Evidence | None:

@@ -34,12 +34,14 @@ class LikelihoodSearch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Without `enabled` the model is what regression proposes. `starts` are the proposals that searches begin from, beside
     a sparse forward selection. Where the `budget` is spent the best model so far is returned: it counts evaluations by
     their size, so that the same study gives the same model on every machine, and a unit is about a second of two cores.
+    `terms` is the number of terms or mechanisms to stop at on the path of models, instead of what its errors say.
     `seconds` limits the time on the clock as well; a model that the clock has ended may differ from run to run.
     """
 
     enabled: bool = True
     starts: Annotated[int, msgspec.Meta(ge=1)] = 1
     budget: Annotated[float, msgspec.Meta(gt=0.0)] = 60.0
+    terms: Annotated[int, msgspec.Meta(ge=2)] | None = None
     seconds: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
 
 

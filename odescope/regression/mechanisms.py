@@ -24,6 +24,7 @@ from odescope.signals.estimate import Signals
 
 STEPS = 8  # of Gauss and Newton between two eliminations, at most
 SETTLED = 1e-3  # relative fall of the cost that ends them
+ENOUGH = 6000  # samples: of longer records a part of the blocks
 SIMPLE = 1  # size of a mechanism, at most, that a first fit of all may hold
 RIDGE = 1e-9  # of the scaled information: what the rows cannot tell stays where it is
 
@@ -55,6 +56,7 @@ class MechanismProblem:
     def of(signals: Signals, mechanisms: Sequence[Mechanism]) -> MechanismProblem:
         """Return the problem, its rows weighted by the noise of a derivative of white noise."""
         blocks = cut_blocks(signals)
+        blocks = blocks[:: -(-signals.samples // ENOUGH)]
         maps = tuple(NoiseWeighted(passes=0).row_map(signals, c.order, blocks, (), 0) for c in signals.coordinates)
         noise = np.array([max(c.noise, 1e-300) for c in signals.channels])
         return MechanismProblem(signals, tuple(mechanisms), blocks, maps, noise)

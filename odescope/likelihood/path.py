@@ -1,0 +1,113 @@
+"""The path of models from many mechanisms to few, and where on it to stop.
+
+What a model of a real machine misses is coloured, and every criterion for white noise keeps far more terms than are
+physics. Free runs of what a fit has not seen do not: the choice is the shortest model whose error is within its own
+spread of the least. docs/method.md, The path of models.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError
+from odescope.library.mechanism import Mechanism
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.held_out import free_run_errors
+from odescope.likelihood.search_space import SearchSpace
+
+
+@dataclass(frozen=True, eq=False)
+class PathStep:
+    """A model on the path: its fit to what is not held out, and its errors on what is.
+
+    `errors` are the root mean square errors of free runs in every stretch that is held out, in standard deviations of
+    what was measured and saturating at 1; `dropped` is what the model before it had beside, `statistic` the Wald
+    statistic of that.
+    """
+
+    fit: Fit
+    errors: FloatArray
+    dropped: Mechanism | None
+    statistic: float
+
+    @property
+    def terms(self) -> int:
+        """Number of mechanisms."""
+        return len(self.fit.present)
+
+    @property
+    def error(self) -> float:
+        """Root mean square of the errors."""
+        return float(np.sqrt(np.mean(self.errors**2)))
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the errors of stretches."""
+        return float(self.errors.std(ddof=1)) if len(self.errors) > 1 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class ModelPath:
+    """Models from the longest to the shortest, each without what the one before it needed least, and which is chosen.
+
+    `space` is what they were fitted in, without what is held out.
+    """
+
+    space: SearchSpace
+    steps: tuple[PathStep, ...]
+    chosen: int
+
+    @staticmethod
+    def back(seen: SearchSpace, found: Fit, defect_std: FloatArray) -> ModelPath:
+        """Return the path from a fit, which is chosen.
+
+        Args:
+            seen: the space without what is held out.
+            found: the longest model, fitted there.
+            defect_std: (n,) standard deviations of the defects between segments.
+        """
+        steps = [PathStep(found, _errors(seen, found), None, 0.0)]
+        while len(steps[-1].fit.free) > 1 and not seen.budget.over:
+            here = steps[-1].fit
+            weak = int(np.argmin(here.wald))
+            k, theta = int(here.free[weak]), here.theta.copy()
+            theta[k] = 0.0
+            shorter = seen.fit(theta, here.present[here.present != k], here.x0, defect_std, here.strength)
+            if shorter is None:
+                break
+            steps.append(PathStep(shorter, _errors(seen, shorter), seen.mechanisms[k], float(here.wald[weak])))
+        return ModelPath(seen, tuple(steps), 0)
+
+    @property
+    def choice(self) -> PathStep:
+        """The model that is chosen."""
+        return self.steps[self.chosen]
+
+    @property
+    def at_knee(self) -> ModelPath:
+        """The path with the shortest model chosen whose error is within its own spread of the least."""
+        least = min(s.error for s in self.steps)
+        return replace(self, chosen=max(k for k, s in enumerate(self.steps) if s.error - s.spread <= least))
+
+    def chosen_at(self, terms: int) -> ModelPath:
+        """Return the path with the model of so many mechanisms chosen.
+
+        Raises:
+            InputError: it has none.
+        """
+        for k, step in enumerate(self.steps):
+            if step.terms == terms:
+                return replace(self, chosen=k)
+        shortest, longest = self.steps[-1].terms, self.steps[0].terms
+        raise InputError(
+            f"[likelihood] terms = {terms}: the path of models goes from {longest} terms down to {shortest}; choose"
+            " one of these"
+        )
+
+
+def _errors(seen: SearchSpace, found: Fit) -> FloatArray:
+    errors: FloatArray = np.sqrt(free_run_errors(seen, found.theta))
+    return errors
