@@ -13,12 +13,15 @@ from pathlib import Path
 
 from odescope.errors import InputError
 from odescope.export.model_file import to_json
+from odescope.model.model import Model
+from odescope.model.scores import PathScore
 from odescope.pipeline.identification import Identification
 from odescope.study.options import Study
 from odescope.study.toml import study_toml
 
 RESULT_FILES = ("model.json", "candidates.csv", "study.toml", "report.html", "report.json")
 FIGURES = "figures"  # the folder beside them
+PATH = "path"  # that of the models from many terms to few, and the table of these beside it
 FACTORS = "factors"  # and the one of what is kept of logs that do not fit in memory
 
 CANDIDATE_COLUMNS = (
@@ -36,6 +39,9 @@ CANDIDATE_COLUMNS = (
     "criterion",
     "inclusion",
 )
+
+
+PATH_COLUMNS = ("terms", "held_out_error", "spread", "chosen", "dropped", "statistic", "support")
 
 
 def candidates_csv(result: Identification) -> str:
@@ -77,7 +83,36 @@ def result_files(result: Identification, resolved: Study, report: Mapping[str, s
         report: files of the report by name.
     """
     texts = (to_json(result.model), candidates_csv(result), study_toml(resolved))
-    return {**dict(zip(RESULT_FILES, texts, strict=False)), **report}
+    shorter = {f"{PATH}/{score.terms}_terms.json": to_json(model) for score, model in _on_path(result)}
+    table = {f"{PATH}.csv": path_csv(result)} if shorter else {}
+    return {**dict(zip(RESULT_FILES, texts, strict=False)), **table, **shorter, **report}
+
+
+def _on_path(result: Identification) -> list[tuple[PathScore, Model]]:
+    scores = result.model.scores
+    return [] if scores is None else list(zip(scores.path, result.path, strict=True))
+
+
+def path_csv(result: Identification) -> str:
+    """Return path.csv: one row a model on the path from many terms to few."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(PATH_COLUMNS)
+    for score, model in _on_path(result):
+        own = [t.text for r in model.relations for t in r.terms]
+        support = [f"{m.term} in {m.place}" for m in model.mechanisms] or own
+        writer.writerow(
+            (
+                score.terms,
+                repr(score.error),
+                repr(score.spread),
+                int(score.chosen),
+                score.dropped or "",
+                "" if score.statistic is None else repr(score.statistic),
+                " + ".join(support),
+            )
+        )
+    return out.getvalue()
 
 
 def check_writable(folder: Path) -> None:
@@ -95,8 +130,9 @@ def check_writable(folder: Path) -> None:
         for name in RESULT_FILES:
             if (folder / name).is_dir():
                 raise InputError(f"cannot write to {folder}: its {name} is a folder; name another with --out")
-        if (folder / FIGURES).exists() and not (folder / FIGURES).is_dir():
-            raise InputError(f"cannot write to {folder}: its {FIGURES} is no folder; name another with --out")
+        for name in (FIGURES, PATH):
+            if (folder / name).exists() and not (folder / name).is_dir():
+                raise InputError(f"cannot write to {folder}: its {name} is no folder; name another with --out")
         with tempfile.TemporaryFile(dir=existing):
             pass
     except OSError as error:

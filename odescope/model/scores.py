@@ -137,20 +137,38 @@ class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     delays: dict[str, DelayScore] = {}
     streamed: Streamed | None = None
     forms: tuple[FormScore, ...] = ()
+    path: tuple[PathScore, ...] = ()
 
 
 class FormScore(msgspec.Struct, frozen=True):
     """How one of the forms that competed did: relations, Lagrange's equations, reactions.
 
     `coefficients` were fitted; `free_run` is the mean squared error of free runs over what is held out, in units of the
-    variance and saturating at 1; `misfit` the residual variance over that of the noise.
+    variance and saturating at 1; `misfit` the residual variance over that of the noise, and
+    `follows` whether it follows the record: both None where regression alone was done.
     """
 
     form: str
     coefficients: int
     free_run: Number
     misfit: Number
-    follows: bool
+    follows: bool | None
+    chosen: bool
+
+
+class PathScore(msgspec.Struct, frozen=True):
+    """A model on the path from many terms to few.
+
+    `error` is the root mean square error of free runs over what is held out, in standard deviations of what was
+    measured, `spread` how far it differs between stretches; `dropped` is what the model before it had beside,
+    `statistic` the Wald statistic of that.
+    """
+
+    terms: int
+    error: Number
+    spread: Number
+    dropped: str | None
+    statistic: Number
     chosen: bool
 
 

@@ -105,7 +105,8 @@ class _Contender:
     def score(self, chosen: bool) -> FormScore:
         """Return how it did."""
         misfit = self.misfit if np.isfinite(self.misfit) else None
-        return FormScore(self.form, self.coefficients, self.free_run, misfit, self.follows, chosen)
+        follows = None if self.refinement is None else self.follows
+        return FormScore(self.form, self.coefficients, self.free_run, misfit, follows, chosen)
 
 
 def compete(

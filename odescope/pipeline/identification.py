@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
 from threadpoolctl import threadpool_limits
 
 from odescope.arrays import Table
+from odescope.errors import InputError
 from odescope.events import Event, Monitor, Note, never, unheard
 from odescope.likelihood.findings import doubts
 from odescope.likelihood.refine import Refinement
 from odescope.model.display import equations_html
 from odescope.model.model import Model
 from odescope.model.notes import notes_of, trust
-from odescope.model.scores import DelayScore, FormScore, Streamed
+from odescope.model.scores import DelayScore, FormScore, ModelScores, Streamed
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.competition import Regressed, adopted, compete, regress
-from odescope.pipeline.evaluation import domain, provenance, scores
+from odescope.pipeline.evaluation import domain, free_run, provenance, scores
 from odescope.pipeline.joint_models import Search
+from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.stages import Filtered, Work, estimate, prepare
 from odescope.recordings.record import Records
 from odescope.selection.ranking import Candidate
@@ -53,6 +56,27 @@ class Identification:
     def _repr_latex_(self) -> str:
         """Return the equations as LaTeX for a notebook."""
         return self.model._repr_latex_()
+
+    @cached_property
+    def path(self) -> tuple[Model, ...]:
+        """The models from many terms to few, in the order of `model.scores.path`; their scores are there."""
+        models = path_models(self.refinement, self.signals)
+        return tuple(replace(m, domain=self.model.domain, provenance=self.model.provenance) for m in models)
+
+    def with_terms(self, terms: int) -> Identification:
+        """Return the result with the model on the path that has so many terms; nothing is computed anew.
+
+        Raises:
+            InputError: there is no such model on the path.
+        """
+        scored = () if self.model.scores is None else self.model.scores.path
+        for score, model in zip(scored, self.path, strict=True):
+            if score.terms == terms:
+                chosen = tuple(msgspec.structs.replace(s, chosen=s is score) for s in scored)
+                scores = ModelScores(path=chosen, free_run=free_run(model, self.signals))
+                return replace(self, model=replace(model, scores=scores))
+        known = ", ".join(str(s.terms) for s in scored) or "none"
+        raise InputError(f"there is no model with {terms} terms on the path; those on it have {known}")
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -154,6 +178,7 @@ def _judged(
         delays={name: DelayScore(d.seconds, d.std_error) for name, d in filtered.delays.items()},
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
         forms=forms,
+        path=path_scores(refinement),
     )
     found_in = domain(signals, model, whole)
     return replace(model, scores=told, domain=found_in, provenance=provenance(study, signals, whole))
