@@ -1,8 +1,8 @@
 """The path of models from many mechanisms to few, and where on it to stop.
 
 What a model of a real machine misses is coloured, and every criterion for white noise keeps far more terms than are
-physics. Free runs of what a fit has not seen do not: the choice is the shortest model whose error is within its own
-spread of the least. docs/method.md, The path of models.
+physics. Free runs of what a fit has not seen do not: the choice is the shortest model whose error is the least, within
+the spreads of both. docs/method.md, The path of models.
 """
 
 from __future__ import annotations
@@ -88,9 +88,10 @@ class ModelPath:
 
     @property
     def at_knee(self) -> ModelPath:
-        """The path with the shortest model chosen whose error is within its own spread of the least."""
-        least = min(s.error for s in self.steps)
-        return replace(self, chosen=max(k for k, s in enumerate(self.steps) if s.error - s.spread <= least))
+        """The path with the shortest model chosen whose error is, within the spreads of both, the least."""
+        best = min(self.steps, key=lambda s: s.error)
+        within = [k for k, s in enumerate(self.steps) if s.error - s.spread <= best.error + best.spread]
+        return replace(self, chosen=max(within))
 
     def chosen_at(self, terms: int) -> ModelPath:
         """Return the path with the model of so many mechanisms chosen.

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.likelihood.add_and_drop import Moves
+from odescope.likelihood.add_and_drop import HOPELESS, Moves
 from odescope.likelihood.block_cholesky import state_covariances
 from odescope.likelihood.evidence import Evidence, in_blocks, weigh
 from odescope.likelihood.fit import Fit
@@ -223,11 +223,9 @@ def search_with_process_noise(
     """
     seen = space.on(without_held_out(space.segments))
     ends = []
-    for theta in starts:
-        end = _search(seen, theta)
-        if end is not None:
-            ends.append(end)
-            seen = end[0]  # the next start begins with the noise that this one found
+    for here in _able(seen, starts):
+        ends.append(_search(seen, here))
+        seen = ends[-1][0]  # the next start begins with the noise that this one found
         if space.budget.over:
             break
     if not ends:
@@ -247,12 +245,16 @@ def search_with_process_noise(
     return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail, way)
 
 
-def _search(seen: SearchSpace, theta: FloatArray) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]] | None:
+def _able(seen: SearchSpace, starts: Sequence[FloatArray]) -> list[Fit]:
+    """Return the starts as fitted, the best first, without those that are hopeless beside it."""
+    fits = [f for f in (seen.begin(theta, seen.segments.spread) for theta in starts) if f is not None]
+    fits.sort(key=lambda f: f.cost)
+    return [f for f in fits if f.cost <= HOPELESS * fits[0].cost]
+
+
+def _search(seen: SearchSpace, start: Fit) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]]:
     """Return the end of one search: the space with its noise, the fit, its penalised cost, the trail."""
-    here = seen.begin(theta, seen.segments.spread)
-    if here is None:
-        return None
-    trail = list[Move]()
+    here, trail = start, list[Move]()
     for _ in range(ALTERNATIONS):
         seen, here, marginal = estimate_noise(seen, here)
         before = here.present

@@ -227,7 +227,7 @@ def _with_process_noise(
     terms: int | None,
 ) -> tuple[Noisy | None, bool]:
     """Return the model with process noise, None where no start can be followed, and whether the record needs it."""
-    starts = [*begun, *([best.fit.theta] if np.isfinite(best.width) else [])]
+    starts = [*begun, best.fit.theta]
     pieces = in_pieces(cut, space, starts)
     process = search_with_process_noise(pieces, starts, terms)
     if process is None:
