@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from odescope.events import Note
+from odescope.library.mechanism import candidates_of
+from odescope.library.ties import tied
 from odescope.report.assemble import read_report
 from odescope.study.options import Data
 from odescope.study.pieces import PLACES
@@ -81,15 +83,15 @@ def test_libraries_of_forms_are_libraries() -> None:
     cart = "[coordinates.x]\norder = 2\ncyclic = true\n[coordinates.phi]\norder = 2\nangle = true\n[inputs.u]\n"
     masses = "[coordinates.x]\norder = 2\n[coordinates.y]\norder = 2\n"
     species = "".join(f"[coordinates.{name}]\n" for name in "SECP")
-    default, named, tied, composed = blocks("docs/forms.md", "toml")
+    default, named, equal, composed = blocks("docs/forms.md", "toml")
     assert parse_study(cart + default).forms() == ("lagrangian",)
     mechanisms, left_out = parse_study(cart + named).mechanisms("lagrangian")
     assert len(mechanisms) == 10
     assert not left_out
-    study = parse_study(masses + tied)
-    libraries = [study.candidates(c.target) for c in study.measured()]
-    plain = candidates_of([[p.product for p in library] for library in libraries], ("x_ddot", "y_ddot"))
-    assert any(m.kind == "tie" for m in tied_together(plain, study.library.ties, study.scope()))
+    study = parse_study(masses + equal)
+    targets = [c.target for c in study.measured()]
+    plain = candidates_of([study.candidates(target).products(targets) for target in targets], targets)
+    assert [m.term for m in tied(plain, study.library.ties, study.scope()) if m.kind == "tie"] == ["x"]
     assert parse_study(species + composed).forms() == ("reactions",)
 
 
