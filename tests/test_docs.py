@@ -125,8 +125,11 @@ def test_readme_python_runs(
 
 
 def test_readme_study_is_a_study() -> None:
-    study, streamed = blocks("README.md", "toml")
+    study, forms, streamed = blocks("README.md", "toml")
     assert parse_study(study).coordinates["phi"].column == "angle"
+    mechanisms, _ = parse_study(f"{study}\n{forms}").mechanisms("lagrangian")
+    assert [m.known for m in mechanisms if m.kind == "kinetic"].count(0.9) == 1
+    assert sum(m.kind == "potential" for m in mechanisms) == 2
     assert parse_study(f"{streamed}\n[coordinates.x]").data.memory == Data().memory
 
 
