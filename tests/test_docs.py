@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from odescope.events import Note
+from odescope.library.mechanism import candidates_of
+from odescope.library.ties import tied
 from odescope.report.assemble import read_report
 from odescope.study.options import Data
 from odescope.study.pieces import PLACES
@@ -51,6 +53,48 @@ def test_extending_runs_and_recovers_the_system(capsys: pytest.CaptureFixture[st
     assert sum("cannot name" in note for note in notes) == 2
 
 
+NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
+
+
+def test_forms_runs_and_prints_what_it_shows(capsys: pytest.CaptureFixture[str]) -> None:
+    """Words are the same, numbers are to the error of the fits; true values are those of the simulations."""
+    page = (ROOT / "docs/forms.md").read_text(encoding="utf-8")
+    pairs = re.findall(r"^```python\n(.*?)^```(?:\n+```text\n(.*?)^```)?", page, re.MULTILINE | re.DOTALL)
+    assert len(pairs) == len(blocks("docs/forms.md", "python"))
+    assert sum(bool(shown) for _, shown in pairs) == len(blocks("docs/forms.md", "text"))
+    session: dict[str, object] = {}
+    for block, shown in pairs:
+        exec(compile(block, "docs/forms.md", "exec"), session)  # noqa: S102 (our own documentation)
+        printed = capsys.readouterr().out
+        assert NUMBER.sub("#", printed).split() == NUMBER.sub("#", shown).split()
+        numbers = [[float(n) for n in NUMBER.findall(text)] for text in (printed, shown)]
+        assert numbers[0] == pytest.approx(numbers[1], rel=0.05)
+    mechanics = {("kinetic", "x_dot**2"): 0.9, ("kinetic", "phi_dot*x_dot*cos(phi)"): 0.18}
+    mechanics |= {("kinetic", "phi_dot**2"): 0.02754, ("potential", "cos(phi)"): -1.7658}
+    mechanics |= {("dissipation", "x_dot**2"): 5.0, ("dissipation", "phi_dot**2"): 0.005, ("force", "u"): 1.0}
+    found = {(m.kind, m.name): m.coefficient for m in session["result"].model.mechanisms}  # type: ignore[attr-defined]
+    assert found == pytest.approx(mechanics, rel=2e-3)
+    rates = {m.name: m.coefficient for m in session["found"].model.mechanisms}  # type: ignore[attr-defined]
+    assert rates == pytest.approx({"S + E -> C": 1.0, "C -> S + E": 0.5, "C -> E + P": 0.3}, rel=0.02)
+
+
+def test_libraries_of_forms_are_libraries() -> None:
+    """Each with the coordinates that its terms are about; nothing in it is refused, nothing is left out of it."""
+    cart = "[coordinates.x]\norder = 2\ncyclic = true\n[coordinates.phi]\norder = 2\nangle = true\n[inputs.u]\n"
+    masses = "[coordinates.x]\norder = 2\n[coordinates.y]\norder = 2\n"
+    species = "".join(f"[coordinates.{name}]\n" for name in "SECP")
+    default, named, equal, composed = blocks("docs/forms.md", "toml")
+    assert parse_study(cart + default).forms() == ("lagrangian",)
+    mechanisms, left_out = parse_study(cart + named).mechanisms("lagrangian")
+    assert len(mechanisms) == 10
+    assert not left_out
+    study = parse_study(masses + equal)
+    targets = [c.target for c in study.measured()]
+    plain = candidates_of([study.candidates(target).products(targets) for target in targets], targets)
+    assert [m.term for m in tied(plain, study.library.ties, study.scope()) if m.kind == "tie"] == ["x"]
+    assert parse_study(species + composed).forms() == ("reactions",)
+
+
 def test_the_entry_points_of_extending_are_those_that_are_looked_up() -> None:
     basis, package, study = (tomllib.loads(block) for block in blocks("docs/extending.md", "toml"))
     assert basis["library"]["functions"]
@@ -81,8 +125,11 @@ def test_readme_python_runs(
 
 
 def test_readme_study_is_a_study() -> None:
-    study, streamed = blocks("README.md", "toml")
+    study, forms, streamed = blocks("README.md", "toml")
     assert parse_study(study).coordinates["phi"].column == "angle"
+    mechanisms, _ = parse_study(f"{study}\n{forms}").mechanisms("lagrangian")
+    assert [m.known for m in mechanisms if m.kind == "kinetic"].count(0.9) == 1
+    assert sum(m.kind == "potential" for m in mechanisms) == 2
     assert parse_study(f"{streamed}\n[coordinates.x]").data.memory == Data().memory
 
 
