@@ -98,7 +98,8 @@ def _force(relation: int, term: Term, coordinates: Sequence[Coordinate]) -> Mech
     what = f"the term {term} of the {place}"
     _check_names(what, term, coordinates)
     parts = _parts(what, [(relation, None, Combination(((-1.0, term),)))])
-    return Mechanism("force", term.text, place, parts, _size("force", term, coordinates))
+    name = f"{term} on {coordinates[relation].name}"
+    return Mechanism("force", term.text, place, parts, _size("force", term, coordinates), name=name)
 
 
 def _check_names(what: str, term: Term, coordinates: Sequence[Coordinate]) -> None:

@@ -15,7 +15,7 @@ from odescope.library.product import Product
 CANCELLED = 1e-13  # of what a share is the sum of: what is left is rounding
 EQUAL = 1e-12  # relative difference of two numbers that are the same but for rounding
 
-_PLACE = re.compile(r"(?P<what>.+?)\s+in\s+(?P<place>[A-Za-z_]\w*)", re.ASCII | re.DOTALL)
+_PLACE = re.compile(r"(?P<what>.+?)\s+in\s+(?P<place>[A-Za-z_]\w*(?: on \w+)?)", re.ASCII | re.DOTALL)
 _FACTOR = re.compile(r"(?P<factor>[+-]?\s*[\d.]+(?:[eE][+-]?\d+)?)\s*\*(?!\*)\s*(?P<what>.+)", re.ASCII | re.DOTALL)
 _SIGN = re.compile(r"(?P<factor>[+-])\s*(?P<what>[^>].*)", re.ASCII | re.DOTALL)
 
@@ -48,8 +48,8 @@ def tied(mechanisms: Sequence[Mechanism], ties: Sequence[str], scope: Scope) -> 
     place a tie holds in every place with both, and between places only where each side names one mechanism.
 
     Coefficients are those of sum of coefficient * parts = 0. That of a plain candidate which is given a value is
-    relative to its bare target, which thereby becomes known to be 1. Between plain candidates of two relations a tie
-    alone only says how one relation is scaled to the other: hold both bare targets too ("x_ddot in x_ddot = 1").
+    relative to its bare target, which thereby becomes known to be 1. So do both bare targets where a tie is between
+    candidates without a target in two relations, which would else only say how one is scaled to the other.
 
     Args:
         mechanisms: all candidates.
@@ -74,7 +74,23 @@ def tied(mechanisms: Sequence[Mechanism], ties: Sequence[str], scope: Scope) -> 
             members = _group(k, bonds)
             seen |= members.keys()
             found.append(_together(members, mechanisms, bonds, values))
-    return tuple(found)
+    return tuple(_bare_held(found))
+
+
+def _bare_held(found: Sequence[Mechanism]) -> list[Mechanism]:
+    """Return the mechanisms with the bare targets known to be 1 in relations that a tie without a target joins."""
+    joined = {
+        p.relation
+        for m in found
+        if m.kind == "tie" and len(m.relations) > 1 and all(p.product.factor is None for p in m.parts)
+        for p in m.parts
+    }
+    return [
+        replace(m, known=1.0)
+        if m.kind == "term" and m.known is None and m.relations <= joined and m.parts[0].product == Product(m.place)
+        else m
+        for m in found
+    ]
 
 
 @dataclass(frozen=True)
@@ -193,6 +209,11 @@ def _statements(text: str, index: _Index) -> list[_Tie | _Value]:
     if value is not None:
         if value == 0.0:
             raise _nothing(sides[1], text)
+        if len(first) > 1:
+            raise InputError(
+                f"the tie {text!r} may mean several: {', '.join(map(index.label, first.values()))}; say which, such as"
+                f" '{sides[0]} in {next(iter(first))} = {sides[1]}'"
+            )
         return [_Value(k, value / ours, text) for k in first.values()]
     theirs, second = _named(sides[1], text, index)
     shared = [(first[place], second[place]) for place in first if place in second]

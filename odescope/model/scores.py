@@ -143,8 +143,8 @@ class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
 class FormScore(msgspec.Struct, frozen=True):
     """How one of the forms that competed did: relations, Lagrange's equations, reactions.
 
-    `coefficients` were fitted; `free_run` is the mean squared error of free runs over what is held out, in units of the
-    variance and saturating at 1; `misfit` the residual variance over that of the noise, and
+    `coefficients` were fitted; `free_run` is the root mean square error of free runs over what is held out, in standard
+    deviations of what was measured; `misfit` the residual variance over that of the noise, and
     `follows` whether it follows the record: both None where regression alone was done.
     """
 

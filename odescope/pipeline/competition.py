@@ -31,7 +31,7 @@ from odescope.pipeline.stages import (
 )
 from odescope.regression.problem import Problem
 from odescope.signals.estimate import Signals
-from odescope.study.options import Form
+from odescope.study.options import Form, LeftOut
 
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
 
@@ -57,6 +57,11 @@ class Regressed:
 
 def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
     """Return what regression on relations finds; nothing where that form does not compete.
+
+    Args:
+        work: whose study says how.
+        prepared: the libraries.
+        filtered: the signals.
 
     Raises:
         NoModelError: it finds nothing, and there is no likelihood stage that could begin without it.
@@ -89,6 +94,7 @@ class _Contender:
     form: Form
     model: Model
     refinement: Refinement | None
+    left_out: LeftOut
     coefficients: int
     free_run: float
 
@@ -102,6 +108,11 @@ class _Contender:
         """Whether it follows the record, with process noise if need be."""
         return self.refinement is not None and self.refinement.follows
 
+    @property
+    def clear(self) -> bool:
+        """Whether it follows the record to within its noise, and no term of it is in doubt."""
+        return self.refinement is not None and self.refinement.process is None and self.refinement.outcome.clear
+
     def score(self, chosen: bool) -> FormScore:
         """Return how it did."""
         misfit = self.misfit if np.isfinite(self.misfit) else None
@@ -109,10 +120,26 @@ class _Contender:
         return FormScore(self.form, self.coefficients, self.free_run, misfit, follows, chosen)
 
 
-def compete(
-    work: Work, filtered: Filtered, regressed: Regressed
-) -> tuple[Model, Refinement | None, tuple[FormScore, ...]]:
-    """Return the model of the form that describes the record best, what led to it, and how each form did.
+@dataclass(frozen=True, eq=False)
+class Winner:
+    """The model of the form that describes the record best, what led to it, and how each form that competed did.
+
+    `left_out` are the mechanisms that no data could tell from others.
+    """
+
+    model: Model
+    refinement: Refinement | None
+    left_out: LeftOut
+    forms: tuple[FormScore, ...]
+
+
+def compete(work: Work, filtered: Filtered, regressed: Regressed) -> Winner:
+    """Return the form that describes the record best.
+
+    Args:
+        work: whose study names the forms.
+        filtered: the records and their signals.
+        regressed: what regression on relations found.
 
     Raises:
         InputError: the library says what a form cannot hold.
@@ -122,9 +149,14 @@ def compete(
     for posed in pose_forms(work, filtered, regressed.problems, regressed.searches, regressed.proposals):
         own = regressed.model if posed.form == "relations" else _regressed(posed, filtered.signals)
         done = [c.refinement for c in contenders if c.refinement is not None]
-        # Mechanisms that follow the record leave nothing to find: relations then compete as regression has them.
-        settled = any(r.process is None and r.outcome.clear for r in done)
-        refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled and not settled else None
+        if own is not None and done:
+            # Mechanisms that follow the record leave little to find: relations then compete as regression has them,
+            # unless these already run better.
+            asis = _contender(posed, own, None, done)
+            if any(c.follows and (c.clear or c.free_run <= asis.free_run) for c in contenders):
+                contenders.append(asis)
+                continue
+        refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
         model, refinement = adopt(own, refinement, filtered.signals)
         if model is not None:
             contenders.append(_contender(posed, model, refinement, done))
@@ -134,7 +166,7 @@ def compete(
         )
     best = _best(contenders)
     scores = tuple(c.score(c is best) for c in contenders) if len(contenders) > 1 else ()
-    return best.model, best.refinement, scores
+    return Winner(best.model, best.refinement, best.left_out, scores)
 
 
 def _best(contenders: Sequence[_Contender]) -> _Contender:
@@ -165,13 +197,20 @@ def _regressed(posed: Posed, signals: Signals) -> Model | None:
 
 
 def _contender(posed: Posed, model: Model, refinement: Refinement | None, others: Sequence[Refinement]) -> _Contender:
-    """Return a form with how it does on free runs, over the data of any likelihood stage."""
+    """Return a form with how it does on free runs.
+
+    Args:
+        posed: the form.
+        model: its model.
+        refinement: what the likelihood led to; without it the model of the regression runs on the data of the others.
+        others: what the likelihood led to in other forms.
+    """
     if refinement is not None:
-        coefficients, space = len(refinement.fit.free), refinement.space
-        return _Contender(posed.form, model, refinement, coefficients, free_run_error(space, refinement.fit.theta))
+        path, count = refinement.path, len(refinement.fit.free)
+        error = np.inf if path is None else path.choice.error
+        return _Contender(posed.form, model, refinement, posed.left_out, count, error)
     theta = posed.starts[0] if posed.form == "relations" else posed.starts[-1]
-    error = np.inf
-    for other in others[:1]:
-        space = other.space.among(posed.mechanisms)
-        error = free_run_error(space, theta)
-    return _Contender(posed.form, model, None, int(np.count_nonzero(theta)) - len(model.relations), error)
+    spaces = [other.space.among(posed.mechanisms) for other in others[:1]]
+    error = np.sqrt(free_run_error(spaces[0], theta)) if spaces else np.inf
+    count = int(np.count_nonzero(theta)) - len(model.relations)
+    return _Contender(posed.form, model, None, posed.left_out, count, error)

@@ -85,7 +85,7 @@ def mechanisms_form(study: Study, form: Form, records: Records, signals: Signals
     twice = Records(tuple(_with_noise(run, noise, rng) for run in records))
     noisy = signals_like(signals, twice.stretches, study.signals.differentiator, study.signals.margin)
     regression = proposed(MechanismProblem.of(signals, mechanisms), noisy)
-    starts = [_little(mechanisms, signals)] if form == "lagrangian" else []
+    starts = [_little(mechanisms, signals)]
     if regression is not None:
         starts.append(regression)
     return Posed(form, mechanisms, left_out, tuple(starts))
@@ -98,9 +98,9 @@ def _with_noise(run: Record, noise: dict[str, float], rng: np.random.Generator) 
 
 
 def _little(mechanisms: Sequence[Mechanism], signals: Signals) -> FloatArray:
-    """Return the simplest kinetic term of every coordinate at 1, and forces as large as they then seem to be."""
+    """Return what is known, the simplest kinetic term of every coordinate at 1, and forces of the size they seem."""
     theta, joined = np.zeros(len(mechanisms)), signals.joined()
-    inertia: dict[int, float] = {}
+    inertia = np.zeros(len(signals.targets))
     for r, target in enumerate(signals.targets):
         own = [
             (m.size, m.term != f"{signals.coordinates[r].derivative(1)}**2", k, p.share)
@@ -108,14 +108,15 @@ def _little(mechanisms: Sequence[Mechanism], signals: Signals) -> FloatArray:
             for p in m.parts
             if m.kind == "kinetic" and p.relation == r and p.product.factor == target
         ]
-        _, _, k, share = min(own)
-        theta[k], inertia[r] = 1.0, share
+        if own:
+            _, _, k, inertia[r] = min(own)
+            theta[k] = 1.0
     for k, m in enumerate(mechanisms):
         first = m.parts[0]
-        if m.kind == "force" and first.product.term.names <= {i.name for i in signals.inputs}:
+        if m.known is not None:
+            theta[k] = m.known
+        elif m.kind == "force" and first.product.term.names <= {i.name for i in signals.inputs}:
             y = joined[signals.row(signals.targets[first.relation])]
             u = evaluate(write_tape(signals.names, [first.product.term]), joined)[0]
             theta[k] = inertia[first.relation] * float(y @ u) / max(float(u @ u), 1e-300) / -first.share
-    for k, m in enumerate(mechanisms):
-        theta[k] = m.known if m.known is not None else theta[k]
     return theta

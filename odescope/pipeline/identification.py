@@ -18,9 +18,9 @@ from odescope.likelihood.refine import Refinement
 from odescope.model.display import equations_html
 from odescope.model.model import Model
 from odescope.model.notes import notes_of, trust
-from odescope.model.scores import DelayScore, FormScore, ModelScores, Streamed
+from odescope.model.scores import DelayScore, ModelScores, Streamed
 from odescope.parallel.dask_cluster import open_workers
-from odescope.pipeline.competition import Regressed, adopted, compete, regress
+from odescope.pipeline.competition import Regressed, Winner, adopted, compete, regress
 from odescope.pipeline.evaluation import domain, free_run, provenance, scores
 from odescope.pipeline.joint_models import Search
 from odescope.pipeline.path_models import path_models, path_scores
@@ -28,7 +28,7 @@ from odescope.pipeline.stages import Filtered, Work, estimate, prepare
 from odescope.recordings.record import Records
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
-from odescope.study.options import Study
+from odescope.study.options import LeftOut, Study
 from odescope.study.pieces import tables
 
 
@@ -36,7 +36,8 @@ from odescope.study.pieces import tables
 class Identification:
     """The result: what went in, what every stage found, and the model.
 
-    `seconds` is the time of each stage, `memory` the most that the process had held, in bytes, when it ended.
+    `seconds` is the time of each stage, `memory` the most that the process had held, in bytes, when it ended;
+    `left_out` are mechanisms that no data could tell from others.
     """
 
     study: Study
@@ -48,6 +49,7 @@ class Identification:
     refinement: Refinement | None
     seconds: dict[str, float]
     memory: dict[str, int | None] = field(default_factory=dict)
+    left_out: LeftOut = ()
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the equations, how far to trust them, and the notes."""
@@ -81,7 +83,10 @@ class Identification:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know: candidates left out as dependent, denominators that may vanish, early ends."""
-        dependent = [(t.text, [o.text for o in others]) for s in self.searches for t, others in s.problem.dependent]
+        dependent = [(str(m), [str(o) for o in others]) for m, others in self.left_out]
+        if not self.model.mechanisms:
+            searches = self.searches
+            dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
         judged = None if self.refinement is None else doubts(self.refinement, self.model.targets)
         return (*notes_of(self.model.scores, dependent, judged), *(u.note for u in tables(self.study)[1]))
 
@@ -145,30 +150,24 @@ def _identified(work: Work, data: Records | Table | Sequence[Table] | None, stor
     filtered = estimate(work, prepared)
     regressed = regress(work, prepared, filtered)
 
-    def result(model: Model, refinement: Refinement | None) -> Identification:
+    def result(model: Model, refinement: Refinement | None, left_out: LeftOut = ()) -> Identification:
         records, signals, searches = filtered.sample.records, filtered.signals, regressed.searches
         chosen = adopted(regressed, model)
         return Identification(
-            work.study, records, signals, searches, chosen, model, refinement, work.seconds, work.memory
+            work.study, records, signals, searches, chosen, model, refinement, work.seconds, work.memory, left_out
         )
 
     if regressed.model is not None:
         work.monitor.tell(DraftReady(result(regressed.model, None)))
-    model, refinement, forms = compete(work, filtered, regressed)
+    winner = compete(work, filtered, regressed)
     with work.stage("model"):
-        model = _judged(work.study, model, filtered, regressed, refinement, forms)
-    return result(model, refinement)
+        model = _judged(work.study, filtered, regressed, winner)
+    return result(model, winner.refinement, winner.left_out)
 
 
-def _judged(
-    study: Study,
-    model: Model,
-    filtered: Filtered,
-    regressed: Regressed,
-    refinement: Refinement | None,
-    forms: tuple[FormScore, ...],
-) -> Model:
+def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winner) -> Model:
     """Return the model with its scores, its domain and what it was made from."""
+    model, refinement = winner.model, winner.refinement
     signals, sample, whole = filtered.signals, filtered.sample, regressed.whole
     told = scores(model, signals, regressed.searches, adopted(regressed, model), refinement, study.random.seed)
     told = msgspec.structs.replace(
@@ -177,7 +176,7 @@ def _judged(
         outliers=filtered.outliers,
         delays={name: DelayScore(d.seconds, d.std_error) for name, d in filtered.delays.items()},
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
-        forms=forms,
+        forms=winner.forms,
         path=path_scores(refinement),
     )
     found_in = domain(signals, model, whole)

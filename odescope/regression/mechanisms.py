@@ -215,9 +215,8 @@ def proposed(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
         problem: data and mechanisms.
         noisy: the signals of the same records with as much noise once more.
     """
-    simple = np.array(
-        [k for k, m in enumerate(problem.mechanisms) if m.known is not None or _simple(m)], dtype=np.int64
-    )
+    given = any(m.known is not None for m in problem.mechanisms)  # the first fit is then linear in all others
+    simple = np.array([k for k, m in enumerate(problem.mechanisms) if given or _simple(m)], dtype=np.int64)
     theta = _least(problem, noisy, simple)
     dear = 2.0 * np.log(len(problem.mechanisms))
     best, least = None, np.inf

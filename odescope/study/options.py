@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import msgspec
 import numpy as np
@@ -127,6 +127,8 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ties: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.form not in ("auto", *get_args(Form)):
+            raise InputError(f'form must be "auto", {", ".join(map(repr, get_args(Form)))}; {self.form!r} came')
         for name, form in _BELONG.items():
             if getattr(self, name) is not None and self.form not in ("auto", form):
                 raise InputError(f'[library] {name} belongs to form = "{form}", but form is "{self.form}"')
