@@ -19,6 +19,9 @@ from odescope.likelihood.held_out import free_run_errors
 from odescope.likelihood.search_space import SearchSpace
 
 
+FAITHFUL = 0.005  # standard deviations of what was measured: a free run that is nearer to the record needs no more terms
+
+
 @dataclass(frozen=True, eq=False)
 class PathStep:
     """A model on the path: its fit to what is not held out, and its errors on what is.
@@ -90,7 +93,8 @@ class ModelPath:
     def at_knee(self) -> ModelPath:
         """The path with the shortest model chosen whose error is, within the spreads of both, the least."""
         best = min(self.steps, key=lambda s: s.error)
-        within = [k for k, s in enumerate(self.steps) if s.error - s.spread <= best.error + best.spread]
+        enough = max(best.error + best.spread, FAITHFUL)
+        within = [k for k, s in enumerate(self.steps) if s.error - s.spread <= enough]
         return replace(self, chosen=max(within))
 
     def chosen_at(self, terms: int) -> ModelPath:
