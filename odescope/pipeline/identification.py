@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from odescope.arrays import Table
 from odescope.events import Event, Monitor, Note, never, unheard
+from odescope.library.mechanism import Mechanism
 from odescope.likelihood.findings import doubts
 from odescope.likelihood.refine import Refinement
 from odescope.model.display import equations_html
@@ -21,6 +22,7 @@ from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.competition import Regressed, adopted, compete, regress
 from odescope.pipeline.evaluation import domain, provenance, scores
 from odescope.pipeline.joint_models import Search
+from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.stages import Filtered, Work, estimate, prepare
 from odescope.recordings.record import Records
 from odescope.selection.ranking import Candidate
@@ -48,7 +50,12 @@ class Identification:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the equations, how far to trust them, and the notes."""
-        return equations_html(self.model.quotients, (*trust(self.model.scores), *self.notes))
+        return equations_html(
+            self.model.equations,
+            (*trust(self.model.scores), *self.notes),
+            self.model.mechanisms,
+            self.model.variables,
+        )
 
     def _repr_latex_(self) -> str:
         """Return the equations as LaTeX for a notebook."""
@@ -136,6 +143,13 @@ def _identified(work: Work, data: Records | Table | Sequence[Table] | None, stor
     return result(model, refinement)
 
 
+def _present(model: Model, refinement: Refinement | None) -> tuple[Mechanism, ...]:
+    """Return the mechanisms that the model was fitted with, where the likelihood stage knows them."""
+    if refinement is None or not model.mechanisms:
+        return ()
+    return tuple(refinement.space.mechanisms[k] for k in refinement.fit.present)
+
+
 def _judged(
     study: Study,
     model: Model,
@@ -154,6 +168,8 @@ def _judged(
         delays={name: DelayScore(d.seconds, d.std_error) for name, d in filtered.delays.items()},
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
         forms=forms,
+        energy=energy_of(model, signals),
+        conserved=() if whole is not None else constants_of(filtered.records, signals, _present(model, refinement)),
     )
     found_in = domain(signals, model, whole)
     return replace(model, scores=told, domain=found_in, provenance=provenance(study, signals, whole))
