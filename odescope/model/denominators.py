@@ -47,11 +47,12 @@ def _determinants(model: Model, block: Block, points: FloatArray) -> FloatArray:
     count = len(block.rows)
     parts = [model.relations[r].part(t) for r in block.rows for t in block.targets]
     entries = evaluate(write_tape(model.variables, parts), points)
+    found: FloatArray = entries[0]
     if count == 1:
-        return entries[0]
+        return found
     matrices = np.moveaxis(entries.reshape(count, count, -1), -1, 0)
     with np.errstate(invalid="ignore", over="ignore"):
-        found: FloatArray = np.linalg.det(matrices)
+        found = np.asarray(np.linalg.det(matrices), dtype=np.float64)
         size = np.prod(np.linalg.norm(matrices, axis=2), axis=1)
     found[np.abs(found) <= SINGULAR * size] = 0.0
     return found

@@ -154,8 +154,7 @@ def _least_eigenvalues(energies: Energies, names: Sequence[str], columns: FloatA
     count = len(energies.rates)
     entries = _values(names, [entry for row in energies.mass_matrix for entry in row], columns)
     matrices = np.moveaxis(entries.reshape(count, count, -1), -1, 0)
-    least: FloatArray = np.linalg.eigvalsh(matrices)[:, 0]
-    return least
+    return np.asarray(np.linalg.eigvalsh(matrices)[:, 0], dtype=np.float64)
 
 
 def _imbalance(energies: Energies, names: Sequence[str], columns: Sequence[FloatArray], h: float) -> float | None:

@@ -60,7 +60,8 @@ def _shown(relations: Sequence[Relation], block: Block, stand_for_mechanisms: bo
     found = short_explicit(relations, block)
     sizes = [_products(q) for q in found.values()]
     if stand_for_mechanisms:
-        return found if sum(sizes) < sum(len(relations[r].terms) for r in block.rows) else {}
+        shorter = sum(sizes) + len(sizes) < sum(len(relations[r].terms) for r in block.rows)
+        return found if shorter else {}
     return found if max(sizes, default=0) <= LONGEST else {}
 
 

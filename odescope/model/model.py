@@ -86,7 +86,7 @@ class Model:
 
     @cached_property
     def equations(self) -> tuple[Equation, ...]:
-        """The equations as people are shown them, as many as targets: quotients where these are short, else relations."""
+        """The equations as people are shown them, one a target: quotients where these are short, else relations."""
         return shown_equations(self.relations, self.coordinates, self.inputs, self.mechanisms)
 
     def _repr_html_(self) -> str:

@@ -11,7 +11,7 @@ from odescope.library.mathml import math
 from odescope.library.parse import Scope
 from odescope.model.display import equation_mathml, product_mathml, relation_mathml
 from odescope.model.mechanism_display import HEADINGS, by_kind, mechanisms_mathml, reaction_mathml, term_mathml
-from odescope.model.notes import trust
+from odescope.model.notes import findings, trust
 from odescope.model.relation import FoundMechanism, RelationTerm
 from odescope.model.rounding import places, rounded
 from odescope.model.scores import Likelihood, Step
@@ -54,6 +54,7 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
     for picture in shown:
         figures.setdefault(picture.section, []).append((picture, Markup(inline(drawn[picture.name]))))
     model = model_of(report)
+    found = findings(model.scores)
     judged = None if model.scores is None else model.scores.likelihood
     return environment.get_template("page.html.jinja").render(
         r=report,
@@ -62,7 +63,8 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
         formulas=tuple(Markup(math(f)) for f in mechanisms_mathml(model.mechanisms, model.variables, errors=False)),
         mechanisms=_mechanisms(report),
         relations=_relations(report),
-        trust=trust(model.scores),
+        trust=(*trust(model.scores), *found),
+        notes=[note for note in report.notes if note not in found],
         likelihood=judged,
         limits=((judged and judged.limits) or ())[:MOST_LISTED],
         correlations=((judged and judged.correlations) or ())[:MOST_LISTED],
