@@ -9,7 +9,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.tape import evaluate, write_tape
-from odescope.model.explicit import Block, blocks
+from odescope.model.explicit import Coupled, blocks
 from odescope.model.model import Model
 
 SINGULAR = 1e-13  # of the product of the lengths of its rows: a smaller determinant is rounding
@@ -42,7 +42,7 @@ def denominator_ranges(
     return ranges
 
 
-def _determinants(model: Model, block: Block, points: FloatArray) -> FloatArray:
+def _determinants(model: Model, block: Coupled, points: FloatArray) -> FloatArray:
     """Return the determinant of what multiplies the targets of a block, at every point (N,)."""
     count = len(block.rows)
     parts = [model.relations[r].part(t) for r in block.rows for t in block.targets]

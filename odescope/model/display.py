@@ -88,6 +88,12 @@ def equations_html(
 def equations_latex(
     equations: Sequence[Equation], mechanisms: Sequence[FoundMechanism] = (), names: Sequence[str] = ()
 ) -> str:
-    """Return mechanisms and equations as displayed LaTeX, one a line; arguments as `equations_html`."""
+    """Return mechanisms and equations as displayed LaTeX, one a line.
+
+    Args:
+        equations: of the model, as they are shown.
+        mechanisms: of the model.
+        names: its states and inputs, which mechanisms may name.
+    """
     lines = [*mechanisms_latex(mechanisms, names), *map(equation_latex, equations)]
     return "$$\\begin{gathered}\n" + " \\\\\n".join(lines) + "\n\\end{gathered}$$"

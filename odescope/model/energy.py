@@ -100,7 +100,13 @@ def _on_coordinates(mechanisms: Sequence[FoundMechanism], coordinates: Sequence[
 def mass_matrix(
     coordinates: Sequence[Coordinate], inputs: Sequence[Input], mechanisms: Sequence[FoundMechanism]
 ) -> list[list[Combination]] | None:
-    """Return what multiplies the accelerations, by coordinates; None where mechanisms are no Lagrangian."""
+    """Return what multiplies the accelerations, by coordinates; None where mechanisms are no Lagrangian.
+
+    Args:
+        coordinates: of the model.
+        inputs: of the model.
+        mechanisms: of the model.
+    """
     energies = energies_of(coordinates, inputs, mechanisms)
     try:
         return None if energies is None else energies.mass_matrix

@@ -12,7 +12,7 @@ from dataclasses import replace
 from odescope.errors import InputError
 from odescope.library.expression import Combination
 from odescope.model.energy import mass_matrix
-from odescope.model.explicit import Block, Quotient, blocks, short_explicit
+from odescope.model.explicit import Coupled, Quotient, blocks, short_explicit
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.recordings.coordinate import Coordinate, Input
 
@@ -53,7 +53,7 @@ def shown_equations(
     return tuple(equations)
 
 
-def _shown(relations: Sequence[Relation], block: Block, stand_for_mechanisms: bool) -> dict[str, Quotient]:
+def _shown(relations: Sequence[Relation], block: Coupled, stand_for_mechanisms: bool) -> dict[str, Quotient]:
     """Return the fractions of a block by target; none where its relations are shown instead."""
     if len(block.rows) > MOST_COUPLED:
         return {}

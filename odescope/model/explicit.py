@@ -42,7 +42,7 @@ class Quotient:
 
 
 @dataclass(frozen=True)
-class Block:
+class Coupled:
     """Relations, by number, and the targets that they share with no others: as many of the one as of the other."""
 
     rows: tuple[int, ...]
@@ -63,7 +63,7 @@ def explicit(relations: Sequence[Relation], targets: Sequence[str]) -> tuple[Quo
     return tuple(found[t] for t in targets)
 
 
-def short_explicit(relations: Sequence[Relation], block: Block) -> dict[str, Quotient]:
+def short_explicit(relations: Sequence[Relation], block: Coupled) -> dict[str, Quotient]:
     """Return the quotients of a block by target; none where they would take thousands of products to work out.
 
     Raises:
@@ -81,7 +81,7 @@ def short_explicit(relations: Sequence[Relation], block: Block) -> dict[str, Quo
     return _solved(relations, block) if products <= MOST_PRODUCTS else {}
 
 
-def blocks(relations: Sequence[Relation], targets: Sequence[str]) -> list[Block]:
+def blocks(relations: Sequence[Relation], targets: Sequence[str]) -> list[Coupled]:
     """Return the connected groups of relations and targets.
 
     Raises:
@@ -100,7 +100,7 @@ def blocks(relations: Sequence[Relation], targets: Sequence[str]) -> list[Block]
     unused = set(targets) - {t for _, held in groups for t in held}
     if unused:
         raise InputError(f"no relation holds the target {min(unused)}")
-    found = [Block(tuple(sorted(rows)), tuple(t for t in targets if t in held)) for rows, held in groups]
+    found = [Coupled(tuple(sorted(rows)), tuple(t for t in targets if t in held)) for rows, held in groups]
     for block in found:
         if len(block.rows) != len(block.targets):
             raise InputError(
@@ -110,7 +110,7 @@ def blocks(relations: Sequence[Relation], targets: Sequence[str]) -> list[Block]
     return found
 
 
-def _solved(relations: Sequence[Relation], block: Block) -> dict[str, Quotient]:
+def _solved(relations: Sequence[Relation], block: Coupled) -> dict[str, Quotient]:
     """Return the quotients of a block, by Cramer's rule."""
     matrix = [[relations[r].part(t) for t in block.targets] for r in block.rows]
     right = [relations[r].right for r in block.rows]

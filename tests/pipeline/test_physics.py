@@ -25,8 +25,8 @@ def measured(leak=0.0):
                 bind, split, turn = s[0] * s[1], 0.4 * s[2], 0.8 * s[2]
                 change = [split - bind, split + turn - bind - leak * s[1], bind - split - turn, turn]
                 s = s + 0.005 * np.array(change)
-        values = np.array(states).T + NOISE * rng.standard_normal((4, len(t)))
-        runs.append(Record(t, values, tuple("SECP")))
+        values = np.array(states) + NOISE * rng.standard_normal((len(t), 4))
+        runs.append(Record(t, values, tuple("SECP"), (None,) * 4))
     records = Records(tuple(runs))
     return records, estimate_signals(records, SPECIES, (), Spectral())
 
