@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from odescope.library.mathml import math
+from odescope.library.mathml import math, mathml_name
 from odescope.library.parse import Scope
 from odescope.model.display import equation_mathml, product_mathml, relation_mathml
 from odescope.model.mechanism_display import HEADINGS, by_kind, mechanisms_mathml, reaction_mathml, term_mathml
 from odescope.model.notes import findings, trust
-from odescope.model.relation import FoundMechanism, RelationTerm
+from odescope.model.relation import FORCE_ON, FoundMechanism, RelationTerm
 from odescope.model.rounding import places, rounded
 from odescope.model.scores import Likelihood, Step
 from odescope.report.assemble import model_of, to_json_text
@@ -119,8 +119,10 @@ def _mechanisms(report: Report) -> list[tuple[str, list[Row]]]:
     scope, units = Scope.of(model.variables), mechanism_units(model)
 
     def shown(m: FoundMechanism) -> Markup:
-        named = reaction_mathml(m.name) if m.kind == "reaction" else term_mathml(m.term, scope)
-        return Markup(_small(named))
+        if m.kind == "reaction":
+            return Markup(_small(reaction_mathml(m.name)))
+        term, on = Markup(_small(term_mathml(m.term, scope))), m.name.rpartition(FORCE_ON)[2]
+        return term + Markup(" on ") + Markup(_small(mathml_name(on))) if m.kind == "force" else term
 
     return [
         (HEADINGS[kind], [(shown(m), *_numbers(m), units[m]) for m in members])
