@@ -54,14 +54,20 @@ def standing(event: Event) -> str:
 
 
 def found(event: Event) -> str:
-    """Return the equations, if an event brings them."""
+    """Return the equations, if an event brings them: mechanisms with standard errors first, where there are any."""
     from odescope.pipeline.identification import EquationsReady
 
     if not isinstance(event, EquationsReady):
         return ""
-    from odescope.export.languages.text import to_text
+    from odescope.export.languages.text import equation_lines
+    from odescope.model.mechanism_display import mechanisms_text
 
-    return to_text(event.result.model, 6)
+    model = event.result.model
+    made_of, equations = mechanisms_text(model.mechanisms), equation_lines(model, 6)
+    if not made_of:
+        return "\n".join(equations)
+    heading = "rates of change" if all(c.order == 1 for c in model.coordinates) else "equations of motion"
+    return "\n".join([*made_of, heading, *(f"  {line}" for line in equations)])
 
 
 def remark(event: Event) -> str:

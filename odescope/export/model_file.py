@@ -13,6 +13,7 @@ from odescope.errors import InputError
 from odescope.library.mechanism import Kind
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
+from odescope.model.explicit import blocks, short_explicit
 from odescope.model.model import Model
 from odescope.model.relation import FoundMechanism, Relation, RelationTerm
 from odescope.model.scores import ModelScores
@@ -75,7 +76,7 @@ def to_json(model: Model) -> str:
             _Relation([_Term(t.factor, t.term.text, t.coefficient, t.std_error) for t in r.terms])
             for r in model.relations
         ],
-        "explicit": {q.target: q.text for q in model.quotients if len(q.text) <= LONGEST_EXPLICIT},
+        "explicit": _explicit(model),
         "scores": model.scores or ModelScores(),
         "domain": {name: (float(low), float(high)) for name, (low, high) in model.domain.items()},
         "provenance": dict(model.provenance),
@@ -83,6 +84,14 @@ def to_json(model: Model) -> str:
     if model.mechanisms:
         file["mechanisms"] = [_Mechanism(m.name, m.kind, m.term, m.coefficient, m.std_error) for m in model.mechanisms]
     return msgspec.json.format(msgspec.json.encode(file), indent=2).decode() + "\n"
+
+
+def _explicit(model: Model) -> dict[str, str]:
+    """Return the fractions that are short enough to be read, by target in the order of the targets."""
+    found = dict[str, str]()
+    for block in blocks(model.relations, model.targets):
+        found |= {t: q.text for t, q in short_explicit(model.relations, block).items()}
+    return {t: found[t] for t in model.targets if t in found and len(found[t]) <= LONGEST_EXPLICIT}
 
 
 def _prompt(plain: dict[str, object]) -> dict[str, object]:

@@ -20,10 +20,15 @@ def derivative(term: Term, name: str) -> Combination:
     return Combination.of(parts)
 
 
+def slope(combination: Combination, name: str) -> Combination:
+    """Return the partial derivative of a combination with respect to a state, target or input."""
+    return Combination.of((c * k, t) for c, term in combination.parts for k, t in derivative(term, name).parts)
+
+
 def _of_atom(atom: Atom, name: str) -> Combination:
     if isinstance(atom, Name):
         return Combination(((1.0, Term()),)) if atom.name == name else Combination()
-    inner = Combination.of((c * k, t) for c, term in atom.argument.parts for k, t in derivative(term, name).parts)
+    inner = slope(atom.argument, name)
     if not atom.function or not inner.parts:
         return inner
     outer = _substituted(_of_function(atom.function), atom.argument)

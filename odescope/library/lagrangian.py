@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal
 
 from odescope.errors import InputError, nearest
-from odescope.library.derivative import derivative
+from odescope.library.derivative import derivative, slope
 from odescope.library.expansion import expanded
 from odescope.library.expression import Call, Combination, Name, Term
 from odescope.library.lagrangian_defaults import default_dissipation, default_energies, default_forces
@@ -99,7 +99,7 @@ def _force(relation: int, term: Term, coordinates: Sequence[Coordinate]) -> Mech
     _check_names(what, term, coordinates)
     parts = _parts(what, [(relation, None, Combination(((-1.0, term),)))])
     name = f"{term} on {coordinates[relation].name}"
-    return Mechanism("force", term.text, place, parts, _size("force", term, coordinates), name=name)
+    return Mechanism("force", term.text, place, parts, _size("force", term, coordinates), name)
 
 
 def _check_names(what: str, term: Term, coordinates: Sequence[Coordinate]) -> None:
@@ -137,8 +137,8 @@ def _raw_parts(
         else:
             momentum = derivative(term, _rate(c))
             for other in coordinates:
-                yield i, other.target, _slope(momentum, _rate(other))
-                yield i, None, _times(_slope(momentum, other.name), 1.0, Term(((Name(_rate(other)), 1),)))
+                yield i, other.target, slope(momentum, _rate(other))
+                yield i, None, _times(slope(momentum, other.name), 1.0, Term(((Name(_rate(other)), 1),)))
             yield i, None, _times(derivative(term, c.name), -1.0, Term())
 
 
@@ -148,10 +148,6 @@ def _parts(what: str, raw: Iterable[tuple[int, str | None, Combination]]) -> tup
         return merged(Part(r, Product(factor, t), c) for r, factor, much in raw for c, t in expanded(much).parts)
     except InputError as error:
         raise InputError(f"{what} is too long: {error}; name its products one by one") from error
-
-
-def _slope(combination: Combination, name: str) -> Combination:
-    return Combination.of((c * k, t) for c, term in combination.parts for k, t in derivative(term, name).parts)
 
 
 def _times(combination: Combination, coefficient: float, term: Term) -> Combination:

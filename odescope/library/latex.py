@@ -22,15 +22,27 @@ def latex_name(name: str) -> str:
 
 def latex_sum(parts: Iterable[tuple[float, str]], digits: int = 6) -> str:
     """Return LaTeX of a signed sum of coefficient and text, coefficients to `digits` significant digits."""
-    out = ""
+    bodies = list[tuple[bool, str]]()
     for coefficient, text in parts:
-        size = f"{abs(coefficient):.{digits}g}"
-        if "e" in size:
-            mantissa, exponent = size.split("e")
-            size = rf"{mantissa} \cdot 10^{{{int(exponent)}}}"
-        body = size if text == "1" else text if size == "1" else rf"{size} \, {text}"
-        out += (("-" if coefficient < 0 else "") if not out else (" - " if coefficient < 0 else " + ")) + body
+        size = latex_number(f"{abs(coefficient):.{digits}g}")
+        bodies.append((coefficient < 0, size if text == "1" else text if size == "1" else rf"{size} \, {text}"))
+    return latex_joined(bodies)
+
+
+def latex_joined(bodies: Iterable[tuple[bool, str]]) -> str:
+    """Return LaTeX of a sum of bodies, each with whether it is negative."""
+    out = ""
+    for negative, body in bodies:
+        out += (("-" if negative else "") if not out else (" - " if negative else " + ")) + body
     return out or "0"
+
+
+def latex_number(text: str) -> str:
+    """Return LaTeX of a number as Python writes it."""
+    if "e" not in text:
+        return text
+    mantissa, exponent = text.split("e")
+    return rf"{mantissa} \cdot 10^{{{int(exponent)}}}"
 
 
 def latex_fraction(numerator: str, denominator: str) -> str:

@@ -37,9 +37,8 @@ def mathml_name(name: str) -> str:
     return body
 
 
-def mathml_number(size: float, digits: int = 6) -> str:
-    """Return MathML of a number that is not negative, to `digits` significant digits."""
-    text = f"{size:.{digits}g}"
+def mathml_number(text: str) -> str:
+    """Return MathML of a number that is not negative, as Python writes it."""
     if "e" not in text:
         return f"<mn>{text}</mn>"
     mantissa, exponent = text.split("e")
@@ -49,12 +48,20 @@ def mathml_number(size: float, digits: int = 6) -> str:
 
 def mathml_sum(parts: Iterable[tuple[float, str]], digits: int = 6) -> str:
     """Return MathML of a signed sum of coefficient and MathML, to `digits` significant digits, over lines if long."""
+    bodies = list[tuple[bool, str]]()
+    for coefficient, product in parts:
+        size = mathml_number(f"{abs(coefficient):.{digits}g}")
+        body = size if product == _ONE else product if size == _ONE else size + TIMES + product
+        bodies.append((coefficient < 0, body))
+    return mathml_joined(bodies)
+
+
+def mathml_joined(bodies: Iterable[tuple[bool, str]]) -> str:
+    """Return MathML of a sum of bodies, each with whether it is negative, over lines if long."""
     rows: list[list[str]] = [[]]
     width = 0
-    for coefficient, product in parts:
-        sign = MINUS if coefficient < 0 else "<mo>+</mo>" if any(rows) else ""
-        size = mathml_number(abs(coefficient), digits)
-        body = size if product == _ONE else product if size == _ONE else size + TIMES + product
+    for negative, body in bodies:
+        sign = MINUS if negative else "<mo>+</mo>" if any(rows) else ""
         length = len(_MARKUP.sub("", body)) + 3
         if rows[-1] and width + length > LINE:
             rows.append([])

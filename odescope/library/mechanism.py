@@ -33,7 +33,7 @@ class Mechanism:
         place: where that is: the target of its relation, or the kind.
         parts: one a relation and product.
         size: how elaborate it is; laws are simple, so every step of it halves the prior.
-        name: by which people know it, such as S + E -> C; the term where it has none of its own.
+        name: by which people know it, such as S + E -> C or u on x; the term where it has none of its own.
         known: its coefficient, where that is given; None where it is looked for.
     """
 

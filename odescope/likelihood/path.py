@@ -18,8 +18,9 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_errors
 from odescope.likelihood.search_space import SearchSpace
 
-
-FAITHFUL = 0.005  # standard deviations of what was measured: a free run that is nearer to the record needs no more terms
+FAITHFUL = (
+    0.005  # standard deviations of what was measured: a free run that is nearer to the record needs no more terms
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,11 +5,38 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from odescope.library.latex import LATEX, latex_fraction, latex_name
+from odescope.library.expression import signed_sum
+from odescope.library.latex import LATEX, latex_fraction, latex_name, latex_sum
 from odescope.library.mathml import MATHML, math, mathml_fraction, mathml_name, mathml_sum
 from odescope.library.printer import print_combination, print_product
+from odescope.model.equations import Equation
 from odescope.model.explicit import Quotient
-from odescope.model.relation import Relation, RelationTerm
+from odescope.model.mechanism_display import mechanisms_latex, mechanisms_mathml
+from odescope.model.relation import FoundMechanism, Relation, RelationTerm
+
+
+def equation_text(equation: Equation) -> str:
+    """Return an equation in Python syntax: a target and its fraction, or a relation with its targets on the left."""
+    if isinstance(equation, Quotient):
+        return f"{equation.target} = {equation.text}"
+    left = signed_sum((t.coefficient, t.text) for t in equation.left)
+    return f"{left} = {equation.right.text}"
+
+
+def equation_latex(equation: Equation) -> str:
+    """Return an equation in LaTeX, as `equation_text`."""
+    if isinstance(equation, Quotient):
+        return quotient_latex(equation)
+    left = latex_sum((t.coefficient, print_product(LATEX, t.factor, t.term)) for t in equation.left)
+    return f"{left} = {print_combination(LATEX, equation.right)}"
+
+
+def equation_mathml(equation: Equation) -> str:
+    """Return an equation in MathML, as `equation_text`."""
+    if isinstance(equation, Quotient):
+        return quotient_mathml(equation)
+    left = mathml_sum((t.coefficient, product_mathml(t)) for t in equation.left)
+    return f"{left}<mo>=</mo>{print_combination(MATHML, equation.right)}"
 
 
 def quotient_latex(quotient: Quotient) -> str:
@@ -38,13 +65,35 @@ def product_mathml(term: RelationTerm) -> str:
     return print_product(MATHML, term.factor, term.term)
 
 
-def equations_html(quotients: Sequence[Quotient], said: Sequence[str]) -> str:
-    """Return the equations in MathML, and below them a list of sentences; all text is escaped."""
-    equations = "".join(f"<p>{math(quotient_mathml(q))}</p>" for q in quotients)
+def equations_html(
+    equations: Sequence[Equation],
+    said: Sequence[str],
+    mechanisms: Sequence[FoundMechanism] = (),
+    names: Sequence[str] = (),
+) -> str:
+    """Return mechanisms and equations in MathML, and below them a list of sentences; all text is escaped.
+
+    Args:
+        equations: of the model, as they are shown.
+        said: the sentences.
+        mechanisms: of the model.
+        names: its states and inputs, which mechanisms may name.
+    """
+    formulas = [*mechanisms_mathml(mechanisms, names), *map(equation_mathml, equations)]
+    shown = "".join(f"<p>{math(formula)}</p>" for formula in formulas)
     items = "".join(f"<li>{escape(line)}</li>" for line in said)
-    return f"<div>{equations}{f'<ul>{items}</ul>' if items else ''}</div>"
+    return f"<div>{shown}{f'<ul>{items}</ul>' if items else ''}</div>"
 
 
-def equations_latex(quotients: Sequence[Quotient]) -> str:
-    """Return the equations as displayed LaTeX, one a line."""
-    return "$$\\begin{gathered}\n" + " \\\\\n".join(map(quotient_latex, quotients)) + "\n\\end{gathered}$$"
+def equations_latex(
+    equations: Sequence[Equation], mechanisms: Sequence[FoundMechanism] = (), names: Sequence[str] = ()
+) -> str:
+    """Return mechanisms and equations as displayed LaTeX, one a line.
+
+    Args:
+        equations: of the model, as they are shown.
+        mechanisms: of the model.
+        names: its states and inputs, which mechanisms may name.
+    """
+    lines = [*mechanisms_latex(mechanisms, names), *map(equation_latex, equations)]
+    return "$$\\begin{gathered}\n" + " \\\\\n".join(lines) + "\n\\end{gathered}$$"

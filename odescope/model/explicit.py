@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import permutations
+from math import prod
 
 from odescope.errors import InputError
 from odescope.library.expression import ONE, Combination
@@ -16,6 +17,7 @@ from odescope.model.relation import Relation
 
 ROUNDING = 1e-14  # of the products that a coefficient is the sum of
 LARGEST_BLOCK = 5  # targets in one coupled block; its determinant has n! products
+MOST_PRODUCTS = 5000  # of a block, before equal ones are collected: more take long, and nobody reads what they come to
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,14 @@ class Quotient:
         return f"({self.numerator.text})/({self.denominator.text})"
 
 
+@dataclass(frozen=True)
+class Coupled:
+    """Relations, by number, and the targets that they share with no others: as many of the one as of the other."""
+
+    rows: tuple[int, ...]
+    targets: tuple[str, ...]
+
+
 def explicit(relations: Sequence[Relation], targets: Sequence[str]) -> tuple[Quotient, ...]:
     """Return one quotient a target, in the order of the targets.
 
@@ -46,27 +56,37 @@ def explicit(relations: Sequence[Relation], targets: Sequence[str]) -> tuple[Quo
         InputError: the relations do not determine the targets, or more than five are coupled.
     """
     found: dict[str, Quotient] = {}
-    for rows, block in _blocks(relations, targets):
-        if len(rows) != len(block):
-            raise InputError(
-                f"{len(rows)} relations cannot determine {len(block)} targets ({', '.join(block)}): two relations"
-                " say the same, or one target appears in none"
-            )
-        if len(rows) > LARGEST_BLOCK:
-            raise InputError(f"{len(rows)} coupled targets have no readable explicit form; use the relations")
-        matrix = [[relations[r].part(t) for t in block] for r in rows]
-        right = [relations[r].right for r in rows]
-        denominator = _determinant(matrix)
-        if not denominator.parts:
-            raise InputError(f"the relations for {', '.join(block)} are not independent")
-        for k, target in enumerate(block):
-            replaced = [[*row[:k], b, *row[k + 1 :]] for row, b in zip(matrix, right, strict=True)]
-            found[target] = Quotient(target, _determinant(replaced), denominator)
+    for block in blocks(relations, targets):
+        if len(block.rows) > LARGEST_BLOCK:
+            raise InputError(f"{len(block.rows)} coupled targets have no readable explicit form; use the relations")
+        found |= _solved(relations, block)
     return tuple(found[t] for t in targets)
 
 
-def _blocks(relations: Sequence[Relation], targets: Sequence[str]) -> list[tuple[list[int], list[str]]]:
-    """Return the connected groups of relations and targets."""
+def short_explicit(relations: Sequence[Relation], block: Coupled) -> dict[str, Quotient]:
+    """Return the quotients of a block by target; none where they would take thousands of products to work out.
+
+    Raises:
+        InputError: the relations of the block are not independent.
+    """
+    count = len(block.rows)
+    if count > LARGEST_BLOCK:
+        return {}
+    widths = [[len(relations[r].part(t).parts) for t in block.targets] for r in block.rows]
+    right = [len(relations[r].right.parts) for r in block.rows]
+    # Of the determinant, and of those with the right-hand side in place of one column.
+    each = [widths] + [[[*w[:k], b, *w[k + 1 :]] for w, b in zip(widths, right, strict=True)] for k in range(count)]
+    orders = list(permutations(range(count)))
+    products = sum(prod(m[r][c] for r, c in enumerate(order)) for m in each for order in orders)
+    return _solved(relations, block) if products <= MOST_PRODUCTS else {}
+
+
+def blocks(relations: Sequence[Relation], targets: Sequence[str]) -> list[Coupled]:
+    """Return the connected groups of relations and targets.
+
+    Raises:
+        InputError: a group has not as many relations as targets, or a target stands in no relation.
+    """
     groups: list[tuple[set[int], set[str]]] = []
     for r, relation in enumerate(relations):
         rows, held = {r}, {t.factor for t in relation.terms if t.factor is not None}
@@ -80,7 +100,28 @@ def _blocks(relations: Sequence[Relation], targets: Sequence[str]) -> list[tuple
     unused = set(targets) - {t for _, held in groups for t in held}
     if unused:
         raise InputError(f"no relation holds the target {min(unused)}")
-    return [(sorted(rows), [t for t in targets if t in held]) for rows, held in groups]
+    found = [Coupled(tuple(sorted(rows)), tuple(t for t in targets if t in held)) for rows, held in groups]
+    for block in found:
+        if len(block.rows) != len(block.targets):
+            raise InputError(
+                f"{len(block.rows)} relations cannot determine {len(block.targets)} targets"
+                f" ({', '.join(block.targets)}): two relations say the same, or one target appears in none"
+            )
+    return found
+
+
+def _solved(relations: Sequence[Relation], block: Coupled) -> dict[str, Quotient]:
+    """Return the quotients of a block, by Cramer's rule."""
+    matrix = [[relations[r].part(t) for t in block.targets] for r in block.rows]
+    right = [relations[r].right for r in block.rows]
+    denominator = _determinant(matrix)
+    if not denominator.parts:
+        raise InputError(f"the relations for {', '.join(block.targets)} are not independent")
+    found: dict[str, Quotient] = {}
+    for k, target in enumerate(block.targets):
+        replaced = [[*row[:k], b, *row[k + 1 :]] for row, b in zip(matrix, right, strict=True)]
+        found[target] = Quotient(target, _determinant(replaced), denominator)
+    return found
 
 
 def _determinant(matrix: Sequence[Sequence[Combination]]) -> Combination:

@@ -11,6 +11,7 @@ import msgspec
 from odescope.errors import InputError
 from odescope.library.tape import Tape, write_tape
 from odescope.model.display import equations_html, equations_latex
+from odescope.model.equations import Equation, shown_equations
 from odescope.model.explicit import Quotient, explicit
 from odescope.model.notes import trust
 from odescope.model.relation import FoundMechanism, Relation
@@ -77,16 +78,24 @@ class Model:
 
     @cached_property
     def quotients(self) -> tuple[Quotient, ...]:
-        """The explicit form, one quotient a target; an InputError where the relations do not determine the targets."""
+        """The explicit form, one quotient a target, however long.
+
+        An InputError where the relations do not determine the targets, or couple more than five of them.
+        """
         return explicit(self.relations, self.targets)
 
+    @cached_property
+    def equations(self) -> tuple[Equation, ...]:
+        """The equations as people are shown them, one a target: quotients where these are short, else relations."""
+        return shown_equations(self.relations, self.coordinates, self.inputs, self.mechanisms)
+
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: the equations, and how far to trust them."""
-        return equations_html(self.quotients, trust(self.scores))
+        """Return what a notebook shows: mechanisms where there are any, the equations, and how far to trust them."""
+        return equations_html(self.equations, trust(self.scores), self.mechanisms, self.variables)
 
     def _repr_latex_(self) -> str:
-        """Return the equations as LaTeX for a notebook."""
-        return equations_latex(self.quotients)
+        """Return mechanisms and equations as LaTeX for a notebook."""
+        return equations_latex(self.equations, self.mechanisms, self.variables)
 
 
 def without_delays(model: Model) -> Model:

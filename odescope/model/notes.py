@@ -7,9 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from odescope.model.scores import Doubts, Likelihood, ModelScores
+from odescope.model.scores import Conserved, Doubts, EnergyScore, FormScore, Likelihood, ModelScores
 
 TOLD = 6  # notes of one kind
+UNSIGNED = 1e-6  # of the largest power dissipated: less is rounding
+IMBALANCE = 0.1  # of the energy turned over: less is what noise of the velocities makes
+LOOSE = 1.0  # standard error over coefficient of a kinetic term that another Lagrangian could do without
+FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
 
 
 def trust(scores: ModelScores | None) -> tuple[str, ...]:
@@ -55,10 +59,17 @@ def notes_of(
     """
     said = [*_left_out(dependent)]
     if scores is not None:
-        said += [*_of_the_data(scores)]
+        said += [*findings(scores), *_of_the_data(scores), *_unlikely(scores.conserved)]
+        if scores.energy is not None:
+            said += [*_of_the_energy(scores.energy)]
         if scores.likelihood is not None and doubts is not None:
             said += [*_of_the_likelihood(scores.likelihood, doubts), *scores.likelihood.hints]
     return tuple(dict.fromkeys(said))
+
+
+def findings(scores: ModelScores | None) -> tuple[str, ...]:
+    """Return sentences on what was found beside the equations: which form did best, and what stays constant."""
+    return () if scores is None else (*_of_the_forms(scores.forms), *_of_constants(scores.conserved))
 
 
 def _left_out(dependent: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
@@ -90,6 +101,69 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
     for name, count in scores.outliers.items():
         if count:
             yield f"{count} samples of {name} were clipped as outliers"
+
+
+def _of_the_forms(forms: Sequence[FormScore]) -> Iterator[str]:
+    kept = [f for f in forms if f.chosen]
+    others = [f for f in forms if not f.chosen]
+    if not kept or not others:
+        return
+    first = kept[0]
+    shown = (
+        f"{FORMS.get(first.form, first.form)} ({first.coefficients} coefficients{_free_run(first, 'free-run error ')})"
+    )
+    yield f"{shown} were preferred to " + _listed(
+        [f"{FORMS.get(f.form, f.form)} ({f.coefficients}{_free_run(f, '')})" for f in others]
+    )
+
+
+def _free_run(form: FormScore, what: str) -> str:
+    return "" if form.free_run is None else f", {what}{form.free_run:.2g}"
+
+
+def _of_the_energy(found: EnergyScore) -> Iterator[str]:
+    """Yield what is wrong with the energies of a Lagrangian; nothing where all is as it must be."""
+    if found.least_inertia is not None and found.least_inertia <= 0.0:
+        yield (
+            "the kinetic energy is not positive everywhere in the data (smallest eigenvalue of the mass matrix"
+            f" {found.least_inertia:.2g}): some mechanism is wrong or missing"
+        )
+    if found.least_dissipation is not None and found.least_dissipation < -UNSIGNED:
+        yield (
+            "the dissipation gives energy back at some states of the data (up to"
+            f" {share(-found.least_dissipation)} of its largest power): no friction does that"
+        )
+    if found.imbalance is not None and found.imbalance > IMBALANCE:
+        yield (
+            f"{share(found.imbalance)} of the energy that was turned over is missing from the balance of what came in,"
+            " what was dissipated and what was stored: look for a force or friction that is not in the library"
+        )
+    if found.loosest is not None and found.loosest > LOOSE:
+        yield (
+            "two Lagrangians fit this record: a term of the kinetic energy is not told from nothing"
+            f" (its standard error is {found.loosest:.2g} times its coefficient); record it at another energy"
+        )
+
+
+def _of_constants(sums: Sequence[Conserved]) -> Iterator[str]:
+    """Yield a sentence a sum that stays constant in the data."""
+    for found in sums:
+        if not found.values:
+            continue
+        told = [f"{value:.3g}" for value in found.values[:TOLD] if value is not None]
+        more = ", ..." if len(found.values) > TOLD else ""
+        many = f"recordings 1 to {len(found.values)}" if len(found.values) > 1 else "recording 1"
+        reason = ", as these reactions have it" if found.by_model else ""
+        yield f"{found.sum} stays constant at {', '.join(told)}{more} in {many}{reason}"
+
+
+def _unlikely(sums: Sequence[Conserved]) -> Iterator[str]:
+    """Yield a sentence a sum on which the data and the reactions of the model do not agree."""
+    for found in sums:
+        if not found.values:
+            yield f"these reactions would keep {found.sum} constant, but in the data it is not seen to be"
+        elif found.by_model is False:
+            yield f"these reactions would change {found.sum}, which the data show constant"
 
 
 def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:

@@ -10,6 +10,7 @@ from odescope.library.expression import Combination, Term
 from odescope.library.mechanism import Kind
 from odescope.library.product import Product
 
+FORCE_ON = " on "  # between the term of a force and the coordinate that it acts on, in its name
 NORMAL = 1.959963984540054  # of a standard normal, 97.5 %
 
 
@@ -39,15 +40,18 @@ class RelationTerm:
     @property
     def interval(self) -> tuple[float, float] | None:
         """The 95 % interval of the coefficient, None without a standard error."""
-        if self.std_error is None:
-            return None
-        return self.coefficient - NORMAL * self.std_error, self.coefficient + NORMAL * self.std_error
+        return _interval(self.coefficient, self.std_error)
+
+
+def _interval(coefficient: float, std_error: float | None) -> tuple[float, float] | None:
+    return None if std_error is None else (coefficient - NORMAL * std_error, coefficient + NORMAL * std_error)
 
 
 class FoundMechanism(msgspec.Struct, frozen=True):
     """A mechanism of a model: a term of an energy, a force, a reaction, with its coefficient and standard error.
 
-    `place` says where it acts, for a force or a tie; relations hold what all of them add up to.
+    `name` is that of a reaction, such as S + E -> C, or says on what a force acts, as in u on x; it is the term of all
+    others. `place` says where a tie acts; relations hold what all of them add up to.
     """
 
     name: str
@@ -56,6 +60,11 @@ class FoundMechanism(msgspec.Struct, frozen=True):
     coefficient: float
     std_error: float | None = None
     place: str = ""
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The 95 % interval of the coefficient, None without a standard error."""
+        return _interval(self.coefficient, self.std_error)
 
 
 @dataclass(frozen=True)
@@ -67,6 +76,11 @@ class Relation:
     def part(self, factor: str | None) -> Combination:
         """Return what multiplies `factor`."""
         return Combination.of((t.coefficient, t.term) for t in self.terms if t.factor == factor)
+
+    @property
+    def left(self) -> tuple[RelationTerm, ...]:
+        """What stands on the left where the targets do: the terms with one."""
+        return tuple(t for t in self.terms if t.factor is not None)
 
     @property
     def right(self) -> Combination:

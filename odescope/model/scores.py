@@ -138,6 +138,8 @@ class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     streamed: Streamed | None = None
     forms: tuple[FormScore, ...] = ()
     path: tuple[PathScore, ...] = ()
+    energy: EnergyScore | None = None
+    conserved: tuple[Conserved, ...] = ()
 
 
 class FormScore(msgspec.Struct, frozen=True):
@@ -170,6 +172,31 @@ class PathScore(msgspec.Struct, frozen=True):
     dropped: str | None
     statistic: Number
     chosen: bool
+
+
+class EnergyScore(msgspec.Struct, frozen=True):
+    """How a Lagrangian stands the data.
+
+    `least_inertia` is the smallest eigenvalue of the mass matrix over the data, `least_dissipation` the least power
+    dissipated, over the largest; `imbalance` is what is missing in the balance of energy, over what is turned over;
+    `loosest` the largest standard error of a kinetic mechanism, over its coefficient.
+    """
+
+    least_inertia: Number
+    least_dissipation: Number
+    imbalance: Number
+    loosest: Number
+
+
+class Conserved(msgspec.Struct, frozen=True):
+    """A sum of coordinates that stays constant: in the data, and whether it does by the mechanisms of the model.
+
+    `values` are those in the recordings, where the data show it; `by_model` is None where the model has no reactions.
+    """
+
+    sum: str
+    values: tuple[Number, ...]
+    by_model: bool | None
 
 
 class Doubts(msgspec.Struct, frozen=True):

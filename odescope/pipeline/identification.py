@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from odescope.arrays import Table
 from odescope.errors import InputError
 from odescope.events import Event, Monitor, Note, never, unheard
+from odescope.library.mechanism import Mechanism
 from odescope.likelihood.findings import doubts
 from odescope.likelihood.refine import Refinement
 from odescope.model.display import equations_html
@@ -24,6 +25,7 @@ from odescope.pipeline.competition import Regressed, Winner, adopted, compete, r
 from odescope.pipeline.evaluation import domain, free_run, provenance, scores
 from odescope.pipeline.joint_models import Search
 from odescope.pipeline.path_models import path_models, path_scores
+from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.stages import Filtered, Work, estimate, prepare
 from odescope.recordings.record import Records
 from odescope.selection.ranking import Candidate
@@ -53,7 +55,12 @@ class Identification:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the equations, how far to trust them, and the notes."""
-        return equations_html(self.model.quotients, (*trust(self.model.scores), *self.notes))
+        return equations_html(
+            self.model.equations,
+            (*trust(self.model.scores), *self.notes),
+            self.model.mechanisms,
+            self.model.variables,
+        )
 
     def _repr_latex_(self) -> str:
         """Return the equations as LaTeX for a notebook."""
@@ -165,6 +172,13 @@ def _identified(work: Work, data: Records | Table | Sequence[Table] | None, stor
     return result(model, winner.refinement, winner.left_out)
 
 
+def _present(model: Model, refinement: Refinement | None) -> tuple[Mechanism, ...]:
+    """Return the mechanisms that the model was fitted with, where the likelihood stage knows them."""
+    if refinement is None or not model.mechanisms:
+        return ()
+    return tuple(refinement.space.mechanisms[k] for k in refinement.fit.present)
+
+
 def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winner) -> Model:
     """Return the model with its scores, its domain and what it was made from."""
     model, refinement = winner.model, winner.refinement
@@ -178,6 +192,8 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
         forms=winner.forms,
         path=path_scores(refinement),
+        energy=energy_of(model, signals),
+        conserved=() if whole is not None else constants_of(filtered.records, signals, _present(model, refinement)),
     )
     found_in = domain(signals, model, whole)
     return replace(model, scores=told, domain=found_in, provenance=provenance(study, signals, whole))

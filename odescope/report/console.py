@@ -34,7 +34,7 @@ def trust_text(report: Report) -> str:
         table.add_row(searched.target, str(len(coefficients)), str(searched.kept), held_out)
     work = report.at_work
     run = f"free run: {work.valid_time:.4g} of {work.duration:.4g} s with the record"
-    return _shown(table) + run + (f"; {work.ended}" if work.ended else "") + "\n"
+    return (_shown(table) if table.rows else "") + run + (f"; {work.ended}" if work.ended else "") + "\n"
 
 
 def _shown(table: object) -> str:

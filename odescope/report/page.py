@@ -8,14 +8,18 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from odescope.library.mathml import math, mathml_name
-from odescope.model.display import product_mathml, quotient_mathml, relation_mathml
-from odescope.model.notes import trust
-from odescope.model.relation import RelationTerm
+from odescope.library.parse import Scope
+from odescope.model.display import equation_mathml, product_mathml, relation_mathml
+from odescope.model.mechanism_display import HEADINGS, by_kind, mechanisms_mathml, reaction_mathml, term_mathml
+from odescope.model.notes import findings, trust
+from odescope.model.relation import FORCE_ON, FoundMechanism, RelationTerm
+from odescope.model.rounding import places, rounded
 from odescope.model.scores import Likelihood, Step
 from odescope.report.assemble import model_of, to_json_text
 from odescope.report.data import Report
 from odescope.report.figures.catalogue import Picture, draw_job, pictures
 from odescope.report.numerals import raised as exponent_digits
+from odescope.report.units import mechanism_units
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -50,12 +54,17 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
     for picture in shown:
         figures.setdefault(picture.section, []).append((picture, Markup(inline(drawn[picture.name]))))
     model = model_of(report)
+    found = findings(model.scores)
     judged = None if model.scores is None else model.scores.likelihood
     return environment.get_template("page.html.jinja").render(
         r=report,
         model=model,
-        equations=_equations(report),
-        trust=trust(model.scores),
+        equations=tuple(Markup(math(equation_mathml(e))) for e in model.equations),
+        formulas=tuple(Markup(math(f)) for f in mechanisms_mathml(model.mechanisms, model.variables, errors=False)),
+        mechanisms=_mechanisms(report),
+        relations=_relations(report),
+        trust=(*trust(model.scores), *found),
+        notes=[note for note in report.notes if note not in found],
         likelihood=judged,
         limits=((judged and judged.limits) or ())[:MOST_LISTED],
         correlations=((judged and judged.correlations) or ())[:MOST_LISTED],
@@ -76,45 +85,57 @@ def report_files(report: Report, drawn: Mapping[str, tuple[str, bytes]]) -> dict
     return files
 
 
-@dataclass(frozen=True)
-class Equation:
-    """One target's equation as the page shows it."""
+Row = tuple["Markup", str, str, str, str]  # what a coefficient stands before; it, its error, interval and unit
 
-    target: Markup
-    explicit: Markup
+
+@dataclass(frozen=True)
+class ShownRelation:
+    """A relation as the page shows it: a sum that is zero, and its coefficients."""
+
     relation: Markup
-    rows: tuple[tuple[Markup, str, str, str, str], ...]
+    rows: tuple[Row, ...]
     stated: bool
 
 
-def _equations(report: Report) -> list[Equation]:
+def _relations(report: Report) -> list[ShownRelation]:
     from markupsafe import Markup
 
-    model = model_of(report)
     found = []
-    for quotient, relation, units in zip(model.quotients, model.relations, report.coefficients, strict=True):
-        rows = []
-        for term, more in zip(relation.terms, units, strict=True):
-            error = "" if term.std_error is None else with_error(term.coefficient, term.std_error)[1]
-            value = number(term.coefficient, 6) if not error else with_error(term.coefficient, term.std_error or 0.0)[0]
-            rows.append((Markup(_small(product_mathml(term))), value, error, _interval(term), more.unit))
-        found.append(
-            Equation(
-                Markup(_small(mathml_name(quotient.target))),
-                Markup(math(quotient_mathml(quotient))),
-                Markup(math(relation_mathml(relation))),
-                tuple(rows),
-                any(t.std_error is not None for t in relation.terms),
-            )
+    for relation, units in zip(model_of(report).relations, report.coefficients, strict=True):
+        rows = tuple(
+            (Markup(_small(product_mathml(term))), *_numbers(term), more.unit)
+            for term, more in zip(relation.terms, units, strict=True)
         )
+        stated = any(t.std_error is not None for t in relation.terms)
+        found.append(ShownRelation(Markup(math(relation_mathml(relation))), rows, stated))
     return found
 
 
-def _interval(term: RelationTerm) -> str:
-    """Return the 95 % interval of a coefficient, to the place of its error's second digit."""
-    if term.interval is None or term.std_error is None:
-        return ""
-    return " to ".join(with_error(end, term.std_error)[0] for end in term.interval)
+def _mechanisms(report: Report) -> list[tuple[str, list[Row]]]:
+    """Return the mechanisms of the model by headings."""
+    from markupsafe import Markup
+
+    model = model_of(report)
+    scope, units = Scope.of(model.variables), mechanism_units(model)
+
+    def shown(m: FoundMechanism) -> Markup:
+        if m.kind == "reaction":
+            return Markup(_small(reaction_mathml(m.name)))
+        term, on = Markup(_small(term_mathml(m.term, scope))), m.name.rpartition(FORCE_ON)[2]
+        return term + Markup(" on ") + Markup(_small(mathml_name(on))) if m.kind == "force" else term
+
+    return [
+        (HEADINGS[kind], [(shown(m), *_numbers(m), units[m]) for m in members])
+        for kind, members in by_kind(model.mechanisms).items()
+    ]
+
+
+def _numbers(of: RelationTerm | FoundMechanism) -> tuple[str, str, str]:
+    """Return a coefficient, its standard error and its 95 % interval, to the place of the error's second digit."""
+    if of.std_error is None or of.interval is None:
+        return number(of.coefficient, 6), "", ""
+    value, error = with_error(of.coefficient, of.std_error)
+    return value, error, " to ".join(with_error(end, of.std_error)[0] for end in of.interval)
 
 
 def _small(body: str) -> str:
@@ -142,11 +163,10 @@ def number(value: float | None, digits: int = 4) -> str:
 
 def with_error(value: float, error: float) -> tuple[str, str]:
     """Return a coefficient and its standard error to the same place, the error to two digits."""
-    if not 0.0 < error < abs(value) or not 1e-7 < error < 1e7 or abs(value) >= 1e10:
+    if places(value, error) is None:
         return number(value, 6), number(error, 2)
-    size = f"{error:.1e}"
-    places = max(1 - int(size.partition("e")[2]), 0)
-    return f"{value:.{places}f}".replace("-", "−"), f"{error:.{places}f}"
+    shown, shown_error = rounded(value, error)
+    return shown.replace("-", "−"), shown_error
 
 
 def joints(step: Step, likelihood: Likelihood) -> str:

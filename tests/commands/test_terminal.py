@@ -3,14 +3,18 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from found_models import cart, enzyme
 from logs import OSCILLATOR_OPTIONS, oscillator, write
 
 from odescope.commands import cli
-from odescope.commands.terminal import remark, shown, span, standing
+from odescope.commands.terminal import found, remark, shown, span, standing
 from odescope.events import FilesWritten, Note, Progress, StageBegan
+from odescope.pipeline.identification import EquationsReady
 
 ROOT = Path(cli.__file__).parents[2]
 
@@ -36,6 +40,26 @@ def test_where_a_run_stands_is_one_line(event, line):
 )
 def test_a_span_is_said_in_its_two_largest_units(seconds, text):
     assert span(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("model", "heading", "first", "last"),
+    [
+        (cart(), "equations of motion", "kinetic energy T", "  0.055*phi_ddot + 0.18*x_ddot*cos(phi) = -1.8*sin(phi)"),
+        (enzyme(), "rates of change", "reactions", "  C_dot = -0.4*C + 0.98*E*S"),
+    ],
+)
+def test_mechanisms_stand_before_the_equations(model, heading, first, last):
+    lines = found(EquationsReady(SimpleNamespace(model=model))).splitlines()
+    assert (lines[0], lines[-1]) == (first, last)
+    assert lines[-1 - len(model.targets)] == heading
+    assert any(" +- " in line for line in lines[: lines.index(heading)])
+
+
+def test_a_model_without_mechanisms_is_its_equations_alone():
+    model = replace(cart(), mechanisms=())
+    lines = found(EquationsReady(SimpleNamespace(model=model))).splitlines()
+    assert [line.partition(" = ")[0] for line in lines] == ["x_ddot", "phi_ddot"]
 
 
 def test_what_stays_is_on_standard_error_alone(capsys):

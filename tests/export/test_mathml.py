@@ -187,8 +187,8 @@ def test_every_letter_of_the_greek_alphabet_has_a_sign():
 
 
 def test_numbers():
-    assert mathml_number(0.1 + 0.2) == "<mn>0.3</mn>"
-    assert "".join(ElementTree.fromstring(math(mathml_number(1.25e-17))).itertext()) == "1.25×10−17"
+    assert mathml_number("0.3") == "<mn>0.3</mn>"
+    assert "".join(ElementTree.fromstring(math(mathml_number("1.25e-17"))).itertext()) == "1.25×10−17"
 
 
 def test_a_long_sum_goes_over_lines_and_a_short_one_does_not():

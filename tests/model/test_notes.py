@@ -7,9 +7,12 @@ import pytest
 
 from odescope.model.notes import TOLD, notes_of, share, trust
 from odescope.model.scores import (
+    Conserved,
     DelayScore,
     Denominator,
     Doubts,
+    EnergyScore,
+    FormScore,
     FreeRun,
     Likelihood,
     ModelScores,
@@ -97,3 +100,59 @@ def test_a_model_that_does_not_follow_has_no_errors_to_speak_of():
 
 def test_a_share_is_never_rounded_up_to_the_whole():
     assert [share(v) for v in (0.5, 0.99989, 0.99995, 1.0)] == ["50.00 %", "99.99 %", "more than 99.99 %", "100.00 %"]
+
+
+# forms, energies and constants
+
+
+FORMS = (FormScore("lagrangian", 6, 0.0012, 1.01, True, True), FormScore("relations", 12, 0.0034, 1.2, True, False))
+SOUND_ENERGY = EnergyScore(0.03, 0.0, 0.01, 0.2)
+
+
+def test_the_form_that_was_preferred_is_said_with_how_each_did():
+    (line,) = said(ModelScores(forms=FORMS))
+    assert (
+        line == "Lagrange's equations (6 coefficients, free-run error 0.0012) were preferred to relations (12, 0.0034)"
+    )
+    assert said(ModelScores(forms=FORMS[:1])) == ()
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"least_inertia": -0.1}, "kinetic energy is not positive"),
+        ({"least_inertia": 0.0}, "kinetic energy is not positive"),
+        ({"least_dissipation": -0.2}, "20.00 % of its largest power"),
+        ({"imbalance": 0.3}, "30.00 % of the energy"),
+        ({"loosest": 1.5}, "record it at another energy"),
+    ],
+)
+def test_energies_are_spoken_of_only_where_something_is_wrong(changed, words):
+    assert said(ModelScores(energy=SOUND_ENERGY)) == ()
+    (line,) = said(ModelScores(energy=msgspec.structs.replace(SOUND_ENERGY, **changed)))
+    assert words in line
+
+
+@pytest.mark.parametrize(
+    ("found", "lines"),
+    [
+        (Conserved("E + C", (0.98,), None), ["E + C stays constant at 0.98 in recording 1"]),
+        (
+            Conserved("E + C", (0.98, 1.2), True),
+            ["E + C stays constant at 0.98, 1.2 in recordings 1 to 2, as these reactions have it"],
+        ),
+        (
+            Conserved("E + C", (), True),
+            ["these reactions would keep E + C constant, but in the data it is not seen to be"],
+        ),
+        (
+            Conserved("E + C", (1.0,), False),
+            [
+                "E + C stays constant at 1 in recording 1",
+                "these reactions would change E + C, which the data show constant",
+            ],
+        ),
+    ],
+)
+def test_sums_that_stay_constant_are_said_in_words(found, lines):
+    assert list(said(ModelScores(conserved=(found,)))) == lines

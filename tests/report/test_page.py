@@ -8,8 +8,9 @@ import pytest
 from pages import ATTACK, Page, identified, samples
 
 from odescope.errors import InputError
-from odescope.model.relation import RelationTerm
-from odescope.model.scores import FreeRun
+from odescope.export.model_file import to_json
+from odescope.model.relation import FoundMechanism, RelationTerm
+from odescope.model.scores import Conserved, FormScore, FreeRun, ModelScores
 from odescope.pipeline.identification import DraftReady, identify
 from odescope.report import read_report, summary, to_html, to_json_text
 from odescope.report.assemble import model_of
@@ -292,3 +293,28 @@ def test_numbers_for_people():
     assert with_error(1234.0, 95.0) == ("1234", "95")
     assert with_error(0.001, 0.5) == ("0.001", "0.5")
     assert [in_time(v) for v in (65.0, 600.0, 36000.0)] == ["65 s", "10 min", "10 h"]
+
+
+def test_mechanisms_come_first_and_what_was_found_beside_them_is_no_warning(report, result):
+    forms = (FormScore("reactions", 3, 0.01, 1.0, True, True), FormScore("relations", 7, 0.02, 1.0, True, False))
+    scores = ModelScores(forms=forms, conserved=(Conserved("x + y", (0.98,), True),))
+    mechanisms = (
+        FoundMechanism("x + y -> 2 x", "reaction", "x*y", 1.03, 0.021),
+        FoundMechanism(f"{ATTACK} -> y", "reaction", ATTACK, 2.0),
+    )
+    model = replace(result.model, mechanisms=mechanisms, scores=scores)
+    notes = ("reactions (3 coefficients, free-run error 0.01) were preferred to relations (7, 0.02)", "mind the gap")
+    changed = msgspec.structs.replace(
+        report, model=msgspec.Raw(msgspec.json.format(to_json(model).encode(), indent=0)), notes=notes
+    )
+    html = to_html(changed, blank(changed))
+    page = Page(html)
+    assert page.text.index("Rates of change") > page.text.index("Reactions")
+    (row,) = [cells for _, cells in page.rows if cells[1:2] == ["1.030"]]
+    assert row[2:4] == ["0.021", "0.989 to 1.071"]
+    assert "<img" not in html
+    warned = html[html.index('<div class="warning">') :].partition("</div>")[0]
+    assert "mind the gap" in warned
+    assert "preferred" not in warned
+    assert page.text.count("were preferred to relations") == 1
+    assert "x + y stays constant at 0.98 in recording 1" in page.text

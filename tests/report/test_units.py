@@ -1,4 +1,5 @@
 import pytest
+from found_models import cart, enzyme
 
 from odescope.commands.demo import cart_pendulum
 from odescope.library.parse import Scope, parse_term
@@ -6,7 +7,7 @@ from odescope.library.product import Product
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.recordings.coordinate import Coordinate, Input
-from odescope.report.units import coefficient_units, quantity_units, shown
+from odescope.report.units import coefficient_units, mechanism_units, quantity_units, shown
 
 
 def test_the_pendulum_on_a_cart():
@@ -20,6 +21,13 @@ def test_the_pendulum_on_a_cart():
     assert cart["x_dot"] == "s⁻¹"
     assert cart["x_ddot*cos(phi)**2"] == "1"
     assert cart["phi_dot**2*sin(phi)"] == "m rad⁻²"
+
+
+def test_mechanisms_are_in_the_unit_of_the_work_of_the_force():
+    assert list(mechanism_units(cart()).values()) == [
+        "N s² m⁻¹", "N s² rad⁻¹", "N m s² rad⁻²", "N m", "N s m⁻¹", "1"
+    ]  # fmt: skip
+    assert list(mechanism_units(enzyme()).values()) == ["mol⁻¹ s⁻¹", "s⁻¹"]
 
 
 def unit(term, own="m", driver="N m"):

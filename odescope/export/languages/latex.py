@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from odescope.model.display import quotient_latex
+from odescope.model.display import equation_latex
+from odescope.model.mechanism_display import mechanisms_latex
 from odescope.model.model import Model
 
 
 def to_latex(model: Model) -> str:
-    """Return the explicit equations as LaTeX, one a line, to six significant digits."""
-    return " \\\\\n".join(quotient_latex(q) for q in model.quotients)
+    """Return mechanisms, where there are any, and the equations as LaTeX, one a line.
+
+    Coefficients of equations have six significant digits, those of mechanisms as many as their standard errors allow.
+    What stands above the arrow of a reaction needs amsmath.
+    """
+    lines = [*mechanisms_latex(model.mechanisms, model.variables), *map(equation_latex, model.equations)]
+    return " \\\\\n".join(lines)
 
 
 write = to_latex

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from odescope.library.mathml import math
-from odescope.model.display import quotient_mathml
+from odescope.model.display import equation_mathml
+from odescope.model.mechanism_display import mechanisms_mathml
 from odescope.model.model import Model
 
 
 def to_mathml(model: Model) -> str:
-    """Return the explicit equations as MathML, one a line, to six significant digits."""
-    return "\n".join(math(quotient_mathml(q)) for q in model.quotients)
+    """Return mechanisms, where there are any, and the equations as MathML, one a line.
+
+    Coefficients of equations have six significant digits, those of mechanisms as many as their standard errors allow.
+    """
+    formulas = [*mechanisms_mathml(model.mechanisms, model.variables), *map(equation_mathml, model.equations)]
+    return "\n".join(math(formula) for formula in formulas)
 
 
 write = to_mathml

@@ -5,22 +5,43 @@ from __future__ import annotations
 from dataclasses import replace
 
 from odescope.library.expression import Combination
+from odescope.model.display import equation_text
+from odescope.model.equations import Equation
+from odescope.model.explicit import Quotient
+from odescope.model.mechanism_display import mechanisms_text
 from odescope.model.model import Model
+from odescope.model.relation import Relation
 
 
 def to_text(model: Model, digits: int | None = None) -> str:
-    """Return one explicit equation a line; floats round-trip, or are rounded to `digits` significant digits."""
-    quotients = model.quotients
-    if digits is not None:
-        quotients = tuple(
-            replace(q, numerator=_rounded(q.numerator, digits), denominator=_rounded(q.denominator, digits))
-            for q in quotients
-        )
-    return "\n".join(f"{q.target} = {q.text}" for q in quotients)
+    """Return one equation a line: target = fraction, or, where that is long, what multiplies targets = the rest.
+
+    Floats round-trip, or are rounded to `digits` significant digits. Where the model is made of mechanisms, these come
+    first, in lines that begin with #.
+    """
+    lines = [f"# {line}" for line in mechanisms_text(model.mechanisms)]
+    return "\n".join([*lines, *equation_lines(model, digits)])
 
 
 write = to_text
 
 
-def _rounded(combination: Combination, digits: int) -> Combination:
-    return Combination(tuple((float(f"{c:.{digits}g}"), term) for c, term in combination.parts))
+def equation_lines(model: Model, digits: int | None = None) -> list[str]:
+    """Return the equations, one a line; see `to_text`."""
+    equations = model.equations if digits is None else tuple(_rounded(e, digits) for e in model.equations)
+    return [equation_text(e) for e in equations]
+
+
+def _rounded(equation: Equation, digits: int) -> Equation:
+    if isinstance(equation, Quotient):
+        top, bottom = (_to_digits(c, digits) for c in (equation.numerator, equation.denominator))
+        return replace(equation, numerator=top, denominator=bottom)
+    return Relation(tuple(replace(t, coefficient=_to(t.coefficient, digits)) for t in equation.terms))
+
+
+def _to_digits(combination: Combination, digits: int) -> Combination:
+    return Combination(tuple((_to(c, digits), term) for c, term in combination.parts))
+
+
+def _to(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}")

@@ -1,0 +1,18 @@
+"""Coefficients beside their standard errors, to the same place, the error to two digits."""
+
+from __future__ import annotations
+
+
+def places(value: float, error: float) -> int | None:
+    """Return the decimals that a coefficient and its error are written to; None where powers of ten read better."""
+    if not 0.0 < error < abs(value) or not 1e-7 < error < 1e7 or abs(value) >= 1e10:
+        return None
+    return max(1 - int(f"{error:.1e}".partition("e")[2]), 0)
+
+
+def rounded(value: float, error: float | None) -> tuple[str, str]:
+    """Return a coefficient and its standard error as plain text; "" for an error that is not known."""
+    decimals = None if error is None else places(value, error)
+    if decimals is not None:
+        return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
+    return f"{value:.6g}", "" if error is None else f"{error:.2g}"

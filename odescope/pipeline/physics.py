@@ -1,0 +1,60 @@
+"""What holds of a model beside its equations: the energies of a Lagrangian, and sums that stay constant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from odescope.library.conservation import conserved, constant_sums
+from odescope.library.expression import signed_sum
+from odescope.library.mechanism import Mechanism
+from odescope.model.energy import energies_of, energy_scores
+from odescope.model.model import Model
+from odescope.model.scores import Conserved, EnergyScore
+from odescope.pipeline.joint_models import samples_of
+from odescope.recordings.record import Records
+from odescope.signals.estimate import Signals
+
+MOST_SPECIES = 16  # of more, sums of four are too many to look at
+
+
+def energy_of(model: Model, signals: Signals) -> EnergyScore | None:
+    """Return how the model stands the data as a Lagrangian; None where it is none.
+
+    Args:
+        model: what was found.
+        signals: what it was found in.
+    """
+    energies = energies_of(model.coordinates, model.inputs, model.mechanisms)
+    if energies is None:
+        return None
+    return energy_scores(energies, model.mechanisms, model.variables, samples_of(signals, model), signals.period)
+
+
+def constants_of(records: Records, signals: Signals, mechanisms: Sequence[Mechanism]) -> tuple[Conserved, ...]:
+    """Return the sums of coordinates of order 1 that stay constant, in the data and by the mechanisms of the model.
+
+    Args:
+        records: as measured.
+        signals: the noise that was found in them.
+        mechanisms: those that are in the model; none where they are not known.
+    """
+    names = tuple(c.name for c in signals.coordinates)
+    if any(c.order != 1 for c in signals.coordinates) or not 2 <= len(names) <= MOST_SPECIES:
+        return ()
+    columns = [np.array([run.column(name) for name in names]) for run in records]
+    noise = np.array([c.noise for c in signals.channels])
+    reacting = any(m.kind == "reaction" for m in mechanisms)
+    laws = conserved(signals.coordinates, mechanisms) if reacting else ()
+    seen = constant_sums(columns, names, noise)
+    found = [Conserved(str(s), s.values, _follows(s.weights, laws, names) if reacting else None) for s in seen]
+    weights = [s.weights for s in seen]
+    hidden = [law for law in laws if not _follows(law, weights, names)]
+    return (*found, *(Conserved(signed_sum((w, n) for n, w in law.items()), (), True) for law in hidden))
+
+
+def _follows(law: Mapping[str, float], laws: Sequence[Mapping[str, float]], names: Sequence[str]) -> bool:
+    """Say whether a sum is a combination of others, whose constancy is then its own."""
+    rows = np.array([[w.get(n, 0.0) for n in names] for w in (*laws, law)])
+    return bool(np.linalg.matrix_rank(rows) == np.linalg.matrix_rank(rows[:-1])) if laws else False

@@ -1,0 +1,65 @@
+"""Sums that stay constant, in data and by reactions; and what is said of energies in the end."""
+
+import numpy as np
+import pytest
+
+from odescope.library.reactions import reactions
+from odescope.pipeline.physics import constants_of
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Record, Records
+from odescope.signals.differentiators import Spectral
+from odescope.signals.estimate import estimate_signals
+
+SPECIES = tuple(Coordinate(name) for name in "SECP")
+NOISE = 0.01
+
+
+def measured(leak=0.0):
+    """S + E <-> C -> P + E, twice; E leaks at a rate."""
+    rng, t, runs = np.random.default_rng(1), 0.02 * np.arange(500), []
+    for start in ([2.0, 0.8, 0.0, 0.0], [3.0, 0.5, 0.3, 0.0]):
+        s, states = np.array(start), []
+        for _ in t:
+            states.append(s)
+            for _ in range(4):
+                bind, split, turn = s[0] * s[1], 0.4 * s[2], 0.8 * s[2]
+                change = [split - bind, split + turn - bind - leak * s[1], bind - split - turn, turn]
+                s = s + 0.005 * np.array(change)
+        values = np.array(states) + NOISE * rng.standard_normal((len(t), 4))
+        runs.append(Record(t, values, tuple("SECP"), (None,) * 4))
+    records = Records(tuple(runs))
+    return records, estimate_signals(records, SPECIES, (), Spectral())
+
+
+TRUE = reactions(SPECIES, (), named=["S + E <-> C", "C -> P + E"], composition=None)
+
+
+@pytest.fixture(scope="module")
+def closed():
+    return measured()
+
+
+def test_what_the_data_and_the_reactions_keep_constant(closed):
+    found = constants_of(*closed, TRUE)
+    assert [(c.sum, c.by_model) for c in found] == [("E + C", True), ("S + C + P", True)]
+    assert found[0].values == pytest.approx((0.8, 0.8), abs=0.005)
+
+
+def test_without_reactions_the_data_alone_speak(closed):
+    assert [c.by_model for c in constants_of(*closed, ())] == [None, None]
+
+
+def test_a_reaction_that_breaks_what_the_data_keep(closed):
+    wrong = (*TRUE, *reactions(SPECIES, (), named=["E ->"], composition=None)[4:])
+    assert [(c.sum, c.by_model) for c in constants_of(*closed, wrong)] == [("E + C", False), ("S + C + P", True)]
+
+
+def test_what_the_reactions_keep_and_the_data_do_not():
+    found = constants_of(*measured(leak=0.05), TRUE)
+    assert ("E + C", (), True) in [(c.sum, c.values, c.by_model) for c in found]
+
+
+def test_positions_are_no_amounts(closed):
+    records, _ = closed
+    positions = tuple(Coordinate(name, 2) for name in "SECP")
+    assert constants_of(records, estimate_signals(records, positions, (), Spectral()), ()) == ()
