@@ -58,6 +58,11 @@ class Regressed:
 def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
     """Return what regression on relations finds; nothing where that form does not compete.
 
+    Args:
+        work: whose study says how.
+        prepared: the libraries, none where relations do not compete.
+        filtered: the signals.
+
     Raises:
         NoModelError: it finds nothing, and there is no likelihood stage that could begin without it.
     """
@@ -112,6 +117,11 @@ def compete(
     work: Work, filtered: Filtered, regressed: Regressed
 ) -> tuple[Model, Refinement | None, tuple[FormScore, ...]]:
     """Return the model of the form that describes the record best, what led to it, and how each form did.
+
+    Args:
+        work: whose study names the forms.
+        filtered: the records and their signals.
+        regressed: what regression on relations found.
 
     Raises:
         InputError: the library says what a form cannot hold.
