@@ -185,3 +185,21 @@ def test_searches_begin_from_as_many_proposals_as_asked_for_and_the_best_end_is_
     )
     assert [r.model.scores.likelihood.starts for r in (few, more)] == [3, 5]
     assert more.refinement.outcome.penalised < few.refinement.outcome.penalised + 1e-3
+
+
+@pytest.mark.parametrize(
+    ("name", "noise", "seed", "penalised"),
+    [
+        ("michaelis-menten", 0.5, 7, 158.2),
+        ("predator-prey", 0.2, 11, 596.1),
+        ("predator-prey", 0.3, 1, 485.3),
+        ("predator-prey", 0.2, 4, 457.9),
+    ],
+)
+def test_no_coefficient_runs_off_beside_one_that_is_next_to_nothing(systems, name, noise, seed, penalised):
+    """Logs on which a search came to hold a weak coefficient: all others then grew without end."""
+    case = systems.CASES[name]
+    result = identify(case.study, systems.noisy(case, noise, np.random.default_rng(seed)))
+    assert result.refinement.outcome.penalised < penalised
+    assert np.abs(result.refinement.fit.theta).max() < 100.0
+    assert all(abs(t.coefficient) < 100.0 for r in result.model.relations for t in r.terms)
