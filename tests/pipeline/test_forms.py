@@ -160,6 +160,19 @@ def test_without_the_likelihood_the_regression_on_mechanisms_is_the_model(log):
         assert mechanisms[key].std_error is None
 
 
+def test_a_delay_is_estimated_for_lagranges_equations_too():
+    log = simulate_log(2, 2)
+    data = columns(log)
+    data["u"] = np.interp(log.t + 0.03, log.t, log.force)  # it acts 0.03 s after it was recorded
+    terms = ("u", "x_dot", "phi_dot", "sin(phi)", "phi_dot**2*sin(phi)", "x_ddot", "phi_ddot")
+    terms += ("x_ddot*cos(phi)", "phi_ddot*cos(phi)")
+    late = with_library(CART, form="lagrangian", terms=terms, coupled=True)
+    late = msgspec.structs.replace(late, inputs={"u": Driven(delay="estimate")})
+    result = identify(late, {name: values[:20_000] for name, values in data.items()})
+    assert result.model.scores.delays["u"].delay == pytest.approx(0.03, abs=0.002)
+    assert found(result)["kinetic", "x_dot**2"].coefficient == pytest.approx(0.9, rel=0.01)
+
+
 # auto
 
 
