@@ -135,7 +135,9 @@ def compete(
         settled = any(r.process is None and r.outcome.clear for r in done)
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled and not settled else None
         model, refinement = adopt(own, refinement, filtered.signals)
-        if model is not None:
+        # Of what regression finds no law in, process noise explains anything: only what needs none is then a model.
+        exact = refinement is not None and refinement.follows and refinement.process is None
+        if model is not None and (exact or regressed.failure is None):
             contenders.append(_contender(posed, model, refinement, done))
     if not contenders:
         raise regressed.failure or NoModelError(
