@@ -66,6 +66,17 @@ def test_a_random_walk_has_no_law(order, seed):
     assert "none is left" in str(e.value) or "less than the 50% asked for" in str(e.value)
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_random_walk_has_no_law_for_the_likelihood_either(order):
+    """With process noise a search describes any record, whatever its terms."""
+    rng = np.random.default_rng(0)
+    coordinates = {"x": Measured(order=order), "y": Measured(order=order)}
+    study = study_of(coordinates=coordinates, likelihood=LikelihoodSearch(budget=4.0))
+    walks = {name: np.cumsum(rng.standard_normal(1000)) for name in "xy"}
+    with pytest.raises(NoModelError, match="the selection stage came out empty"):
+        identify(study, {"t": 0.01 * np.arange(1000), **walks})
+
+
 @pytest.fixture(scope="module")
 def driven():
     """x' = -x + u."""
