@@ -37,6 +37,7 @@ class _Mechanism(msgspec.Struct, forbid_unknown_fields=True):
     name: str
     kind: Kind
     term: str
+    place: str
     coefficient: float
     std_error: float | None
 
@@ -82,7 +83,9 @@ def to_json(model: Model) -> str:
         "provenance": dict(model.provenance),
     }
     if model.mechanisms:
-        file["mechanisms"] = [_Mechanism(m.name, m.kind, m.term, m.coefficient, m.std_error) for m in model.mechanisms]
+        file["mechanisms"] = [
+            _Mechanism(m.name, m.kind, m.term, m.place, m.coefficient, m.std_error) for m in model.mechanisms
+        ]
     return msgspec.json.format(msgspec.json.encode(file), indent=2).decode() + "\n"
 
 
@@ -136,7 +139,7 @@ def from_json(data: bytes | str) -> Model:
         raise InputError(f"the name {max(names, key=names.count)!r} is used twice")
     scope = Scope.of([n for c in coordinates for n in c.states] + [i.name for i in inputs])
     relations = tuple(Relation(tuple(_read_term(t, scope) for t in r.terms)) for r in file.relations)
-    mechanisms = tuple(FoundMechanism(m.name, m.kind, m.term, m.coefficient, m.std_error) for m in file.mechanisms)
+    mechanisms = tuple(_read_mechanism(m) for m in file.mechanisms)
     scores = None if file.scores == ModelScores() else file.scores
     model = Model(coordinates, inputs, relations, scores, file.domain, file.provenance, mechanisms)
     for what, came, expected in (("states", file.states, model.states), ("targets", file.targets, model.targets)):
@@ -163,9 +166,18 @@ def _explained(message: str) -> str:
     return message.replace("`$.", "`").replace("Object", "an object")
 
 
+def _read_mechanism(m: _Mechanism) -> FoundMechanism:
+    _check_numbers(m.name, m.coefficient, m.std_error)
+    return FoundMechanism(m.name, m.kind, m.term, m.coefficient, m.std_error, m.place)
+
+
+def _check_numbers(what: str, coefficient: float, std_error: float | None) -> None:
+    if not math.isfinite(coefficient):
+        raise InputError(f"the coefficient of {what!r} is not finite")
+    if std_error is not None and not std_error >= 0.0:
+        raise InputError(f"the standard error of {what!r} is negative")
+
+
 def _read_term(t: _Term, scope: Scope) -> RelationTerm:
-    if not math.isfinite(t.coefficient):
-        raise InputError(f"the coefficient of {t.term!r} is not finite")
-    if t.std_error is not None and not t.std_error >= 0.0:
-        raise InputError(f"the standard error of {t.term!r} is negative")
+    _check_numbers(t.term, t.coefficient, t.std_error)
     return RelationTerm(Product(t.factor, parse_term(t.term, scope)), t.coefficient, t.std_error)

@@ -39,6 +39,7 @@ class Projection:
         told: BoolArray = self.left > TOLD_APART
         return told
 
+    @np.errstate(over="ignore")  # of candidates that cannot be told apart, which have none
     def scores(self, spread: FloatArray) -> FloatArray:
         """Return the score statistics (a,), each chi-squared with one degree of freedom.
 

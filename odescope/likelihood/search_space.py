@@ -23,6 +23,7 @@ from odescope.model.relation import FoundMechanism, Relation
 from odescope.selection.criterion import penalty
 
 RARER = 2.0  # a product with one factor more is half as likely
+GROWN = 10.0  # times as large: coefficients that run off beside one that is held and may be nothing
 GAUGES = 3  # fits, at most, each with what the one before knew best held
 BARE = 10.0  # times as large in all: a bare target is held at first unless what multiplies the target otherwise is so
 
@@ -164,17 +165,20 @@ class SearchSpace:
             iterations: steps at most.
         """
         held = held_of(self.mechanisms, present, self._size(theta) if strength is None else strength)
-        program = self.program(present)
-        for again in range(GAUGES):
+        program, found = self.program(present), None
+        for _ in range(GAUGES):
             places = np.searchsorted(present, held)
-            found = fit(self.evaluator, program, theta[present], places, x0, defect_std, iterations)
-            if found is None:
-                return None
+            there = fit(self.evaluator, program, theta[present], places, x0, defect_std, iterations)
+            if there is None:
+                break  # beside a pole rounding decides whether the same relations can be followed in another gauge
             whole = np.zeros(len(self.mechanisms))
-            whole[present] = found.theta
-            found = replace(found, theta=whole, present=present, held=held)
-            better = rechosen(self.mechanisms, found.present, held, whole, found.information, self._size(whole))
-            if np.array_equal(better, held) or again + 1 == GAUGES:
+            whole[present] = there.theta
+            found = replace(there, theta=whole, present=present, held=held)
+            grown = np.abs(there.theta).max() > GROWN * np.abs(theta[present]).max()
+            if iterations > 0 and not (found.converged or grown):
+                break  # on its way: what it says of how well coefficients are known is about to change
+            better = rechosen(self.mechanisms, present, held, whole, found.information, self._size(whole))
+            if np.array_equal(better, held):
                 break
             held, x0 = better, found.x0
             theta = self._rescaled(whole, held)

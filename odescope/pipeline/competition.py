@@ -33,6 +33,7 @@ from odescope.regression.problem import Problem
 from odescope.signals.estimate import Signals
 from odescope.study.options import Form, LeftOut
 
+LOST = 0.5  # error of free runs, in standard deviations, of a model that says little of the record
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
 
 
@@ -60,7 +61,7 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
 
     Args:
         work: whose study says how.
-        prepared: the libraries.
+        prepared: the libraries, none where relations do not compete.
         filtered: the signals.
 
     Raises:
@@ -159,7 +160,11 @@ def compete(work: Work, filtered: Filtered, regressed: Regressed) -> Winner:
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
         model, refinement = adopt(own, refinement, filtered.signals)
         if model is not None:
-            contenders.append(_contender(posed, model, refinement, done))
+            contender = _contender(posed, model, refinement, done)
+            # Of what regression finds no law in, process noise explains anything: it has to run freely, too.
+            exact = contender.follows and refinement is not None and refinement.process is None
+            if regressed.failure is None or exact or (contender.follows and contender.free_run < LOST):
+                contenders.append(contender)
     if not contenders:
         raise regressed.failure or NoModelError(
             "likelihood", "no model follows the record, even in short segments: look for missing physics or wrong units"

@@ -163,7 +163,9 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     wanted = [name for name, i in study.inputs.items() if i.delay == "estimate"]
     if wanted:
         with work.stage("delays"):
-            delays = _delays(work, records, prepared.libraries, wanted)
+            # Delays are found with relations, whatever form the model is to have.
+            libraries = prepared.libraries or tuple(study.candidates(c.target) for c in study.measured())
+            delays = _delays(work, records, libraries, wanted)
         inputs = tuple(with_delays(inputs, {name: d.seconds for name, d in delays.items()}))
     lead = max((abs(i.delay) for i in inputs), default=0.0) or None
     with work.stage("signals"):

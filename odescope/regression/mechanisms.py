@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.library.mechanism import Mechanism
+from odescope.library.mechanism import Mechanism, scale_groups
 from odescope.library.tape import evaluate, write_tape
 from odescope.parallel.workers import Threads
 from odescope.regression.rows import Block, NoiseWeighted, RowMap, cut_blocks
@@ -26,6 +26,7 @@ STEPS = 8  # of Gauss and Newton between two eliminations, at most
 SETTLED = 1e-3  # relative fall of the cost that ends them
 ENOUGH = 6000  # samples: of longer records a part of the blocks
 SIMPLE = 1  # size of a mechanism, at most, that a first fit of all may hold
+MANY = 250  # mechanisms, at most, that it may hold whatever their size where the scale of all relations is given
 RIDGE = 1e-9  # of the scaled information: what the rows cannot tell stays where it is
 
 
@@ -146,13 +147,27 @@ class MechanismProblem:
             return None
         return np.concatenate([m.rows(s) / w for m, s, w in zip(self.maps, slopes, self.scale, strict=True)])
 
+    def scales(self, theta: FloatArray, free: IntArray) -> FloatArray:
+        """Return the directions (g, k) in which nothing changes: one a group of relations whose scale is not given.
+
+        Args:
+            theta: coefficients of all mechanisms.
+            free: numbers of those that may change.
+        """
+        groups = scale_groups(self.mechanisms, np.flatnonzero(theta))
+        loose = [list(g) for g in groups if all(self.mechanisms[k].known is None for k in g)]
+        found = np.zeros((len(loose), len(theta)))
+        for row, group in zip(found, loose, strict=True):
+            row[group] = theta[group]
+        return found[:, free]
+
     def settle(self, theta: FloatArray, free: IntArray) -> tuple[FloatArray, Linearised] | None:
         """Return where Gauss-Newton steps from theta lead, and the derivatives there."""
         here = self.linearised(theta, free)
         if here is None:
             return None
         for _ in range(STEPS):
-            step, before = _step(here, theta[free]), here.cost
+            step, before = _step(here, self.scales(theta, free)), here.cost
             for share in (1.0, 0.5, 0.25, 0.0625):
                 trial = theta.copy()
                 trial[free] += share * step
@@ -165,24 +180,33 @@ class MechanismProblem:
         return theta, here
 
 
-def _step(here: Linearised, theta: FloatArray) -> FloatArray:
-    """Return the step that the derivatives ask for, across theta: along it nothing changes."""
-    scale = np.sqrt(np.maximum(np.diag(here.information), 1e-300))
-    information = here.information / scale / scale[:, None] + RIDGE * np.eye(len(scale))
-    along = theta * scale
-    along = along / max(float(np.linalg.norm(along)), 1e-300)
-    step: FloatArray = np.linalg.solve(information + np.outer(along, along), -here.gradient / scale) / scale
+def _step(here: Linearised, scales: FloatArray) -> FloatArray:
+    """Return the step that the derivatives ask for, across the scales (g, k): along them nothing changes."""
+    information, scale = _across(here, scales)
+    step: FloatArray = np.linalg.solve(information, -here.gradient / scale) / scale
     return step
 
 
-def weights(here: Linearised, theta: FloatArray) -> FloatArray:
-    """Return by how much the cost would rise without each of some coefficients, the others refitted (k,)."""
-    scale = np.sqrt(np.maximum(np.diag(here.information), 1e-300))
-    along = theta * scale
-    along = along / max(float(np.linalg.norm(along)), 1e-300)
-    information = here.information / scale / scale[:, None] + RIDGE * np.eye(len(scale)) + np.outer(along, along)
+def weights(here: Linearised, theta: FloatArray, scales: FloatArray) -> FloatArray:
+    """Return by how much the cost would rise without each of some coefficients, the others refitted (k,).
+
+    Args:
+        here: derivatives with respect to these.
+        theta: (k,) the coefficients.
+        scales: (g, k) the directions in which nothing changes.
+    """
+    information, scale = _across(here, scales)
     rise: FloatArray = (theta * scale) ** 2 / np.maximum(np.diag(np.linalg.inv(information)), 1e-300)
     return rise
+
+
+def _across(here: Linearised, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the scaled information (k, k), made regular along the scales, and what it was divided by (k,)."""
+    scale = np.sqrt(np.maximum(np.diag(here.information), 1e-300))
+    along = scales * scale
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    information = here.information / scale / scale[:, None] + RIDGE * np.eye(len(scale))
+    return information + along.T @ along, scale
 
 
 def eliminated(problem: MechanismProblem, theta: FloatArray) -> Iterator[tuple[FloatArray, Linearised]]:
@@ -201,7 +225,7 @@ def eliminated(problem: MechanismProblem, theta: FloatArray) -> Iterator[tuple[F
         theta, here = settled
         yield theta, here
         theta = theta.copy()
-        theta[free[np.argmin(weights(here, theta[free]))]] = 0.0
+        theta[free[np.argmin(weights(here, theta[free], problem.scales(theta, free)))]] = 0.0
 
 
 def proposed(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
@@ -215,9 +239,7 @@ def proposed(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
         problem: data and mechanisms.
         noisy: the signals of the same records with as much noise once more.
     """
-    given = any(m.known is not None for m in problem.mechanisms)  # the first fit is then linear in all others
-    simple = np.array([k for k, m in enumerate(problem.mechanisms) if given or _simple(m)], dtype=np.int64)
-    theta = _least(problem, noisy, simple)
+    theta = _least(problem, noisy, _first(problem.mechanisms))
     dear = 2.0 * np.log(len(problem.mechanisms))
     best, least = None, np.inf
     for found, here in eliminated(problem, theta):
@@ -226,6 +248,18 @@ def proposed(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
         if criterion < least:
             best, least = found, criterion
     return best
+
+
+def _first(mechanisms: Sequence[Mechanism]) -> IntArray:
+    """Return what a first fit holds: the simple mechanisms, or all where it is plain least squares and they are few."""
+    everything = _linear(mechanisms) and len(mechanisms) <= MANY
+    kept = [k for k, m in enumerate(mechanisms) if everything or m.known is not None or _simple(m)]
+    return np.array(kept, dtype=np.int64)
+
+
+def _linear(mechanisms: Sequence[Mechanism]) -> bool:
+    """Say whether all that multiplies a target is known: the other coefficients follow by plain least squares."""
+    return all(m.known is not None or all(p.product.factor is None for p in m.parts) for m in mechanisms)
 
 
 def _simple(mechanism: Mechanism) -> bool:
@@ -238,13 +272,14 @@ def _simple(mechanism: Mechanism) -> bool:
 def _least(problem: MechanismProblem, noisy: Signals, among: IntArray) -> FloatArray:
     """Return the coefficients of some mechanisms in the linear relations, all variables with errors."""
     theta = np.zeros(len(problem.mechanisms))
-    known = [k for k in among.tolist() if problem.mechanisms[k].known is not None]
-    if known:  # the scale is given: Gauss-Newton begins from what is known alone
-        theta[known] = [problem.mechanisms[k].known or 0.0 for k in known]
+    known = np.array([k for k in among.tolist() if problem.mechanisms[k].known is not None], dtype=np.int64)
+    values = np.array([problem.mechanisms[k].known or 0.0 for k in known])
+    if _linear(problem.mechanisms):
+        theta[known] = values
         free = np.setdiff1d(among, known)
         here = problem.linearised(theta, free)
         if here is not None:
-            theta[free] = _step(here, np.zeros(len(free)))
+            theta[free] = _step(here, np.zeros((0, len(free))))
         return theta
     rows = np.concatenate(problem.raw(problem.signals))[:, among]
     noise = np.concatenate(problem.raw(noisy))[:, among] - rows
@@ -252,4 +287,7 @@ def _least(problem: MechanismProblem, noisy: Signals, among: IntArray) -> FloatA
     gram, error = ((v / scale).T @ (v / scale) for v in (rows, noise))
     vectors = scipy.linalg.eigh(gram, error + RIDGE * np.eye(len(among)), subset_by_index=[0, 0])[1]
     theta[among] = vectors[:, 0] / scale
+    if len(known):  # in the scale of what is known
+        theta *= values @ theta[known] / max(float(theta[known] @ theta[known]), 1e-300)
+        theta[known] = values
     return theta

@@ -86,6 +86,22 @@ def test_data_options_do_not_go_with_a_study(run):
         assert "only --out" in run.refused("identify", "s.toml", *option)
 
 
+@pytest.mark.parametrize(
+    ("library", "part"),
+    [
+        ("form = 'relations'\nkinetic = ['x_dot**2']", 'kinetic belongs to form = "lagrangian"'),
+        ("form = 'reactions'", "needs [library] reactions"),
+        ("form = 'reactions'\nreactions = ['-> x']", "order"),
+        ("form = 'hamiltonian'", "unknown value 'hamiltonian' at `library.form`"),
+        ("form = 'lagrangian'\npotential = ['x_dot']", "a potential is a function of positions"),
+        ("ties = ['x = y']", "'y'"),
+    ],
+)
+def test_a_form_that_cannot_be_ends_with_2(run, library, part):
+    Path("form.toml").write_text(STUDY + f"[library]\n{library}\n")
+    assert part in run.refused("identify", "form.toml")
+
+
 def test_an_output_folder_that_cannot_be_written(run):
     Path("f").write_text("keep")
     Path("g/study.toml").mkdir(parents=True)

@@ -16,6 +16,7 @@ from odescope.commands.run import Reference, draw_again, run_study
 from odescope.errors import InputError, NoModelError, Stopped
 from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageBegan
 from odescope.export.model_file import read_model
+from odescope.likelihood.search import LikelihoodSearch
 from odescope.pipeline.identification import DraftReady, EquationsReady
 from odescope.selection.ranking import Ranking
 from odescope.study.options import Candidates, Data, Driven, Measured, Study
@@ -103,7 +104,7 @@ def test_what_cannot_be_done_is_refused_with_its_exit_code(folder):
     with pytest.raises(InputError, match=r"overwrite .*model\.json") as refused:
         run_study(STUDY, folder, folder / "out", source=folder / "out/model.json")
     assert refused.value.exit_code == 2
-    few = structs.replace(STUDY, selection=Ranking(terms=1))
+    few = structs.replace(STUDY, selection=Ranking(terms=1), likelihood=LikelihoodSearch(enabled=False))
     with pytest.raises(NoModelError) as unfound:
         run_study(few, folder, folder / "out")
     assert unfound.value.exit_code == 3

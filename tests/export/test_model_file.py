@@ -1,6 +1,7 @@
 import copy
 import json
 import math
+from dataclasses import replace
 
 import msgspec
 import pytest
@@ -8,6 +9,7 @@ from hand_models import MODELS
 
 from odescope.errors import InputError
 from odescope.export.model_file import from_json, read_model, to_json
+from odescope.model.relation import FoundMechanism
 from odescope.model.scores import ModelScores, TargetScore
 
 TOP = {
@@ -226,3 +228,53 @@ def test_reading_a_file_names_it(tmp_path):
         read_model(path)
     path.write_text(to_json(MODELS["coupled"]))
     assert read_model(path).relations == MODELS["coupled"].relations
+
+
+# mechanisms
+
+
+MECHANISMS = (
+    FoundMechanism("x_dot**2", "kinetic", "x_dot**2", 0.1 + 0.2, 1e-300, "kinetic"),
+    FoundMechanism("cos(phi)", "potential", "cos(phi)", -1 / 3, None, "potential"),
+    FoundMechanism("u", "force", "u", 1.0, None, "force on x"),
+    FoundMechanism("S + E -> C", "reaction", "S*E", 5e-324, 0.0, "reaction"),
+)
+MECHANICAL = to_json(replace(MODELS["rational"], mechanisms=MECHANISMS))
+
+
+def test_mechanisms_read_back_as_they_were_to_the_last_digit():
+    again = from_json(MECHANICAL)
+    assert again.mechanisms == MECHANISMS
+    assert again.relations == MODELS["rational"].relations
+    assert to_json(again) == MECHANICAL
+    file = json.loads(MECHANICAL)
+    assert set(file) == TOP | {"mechanisms"}
+    assert file["mechanisms"][2] == {
+        "name": "u", "kind": "force", "term": "u", "place": "force on x", "coefficient": 1.0, "std_error": None,
+    }  # fmt: skip
+    assert from_json(json.dumps(GOOD)).mechanisms == ()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "parts"),
+    [
+        ("kind", "magic", ["'magic'", "`mechanisms[1].kind`"]),
+        ("coefficient", "1.0", ["`mechanisms[1].coefficient`"]),
+        ("coefficient", math.nan, ["JSON"]),
+        ("std_error", -1e-9, ["standard error of 'cos(phi)' is negative"]),
+        ("surprise", 1, ["`surprise`", "`mechanisms[1]`"]),
+        ("place", None, ["`mechanisms[1].place`"]),
+    ],
+)
+def test_what_is_wrong_with_a_mechanism_is_named(field, value, parts):
+    file = json.loads(MECHANICAL)
+    file["mechanisms"][1][field] = value
+    message = refused(file)
+    assert all(part in message for part in parts)
+
+
+@pytest.mark.parametrize("key", msgspec.structs.asdict(MECHANISMS[0]))
+def test_a_missing_key_of_a_mechanism_is_named(key):
+    file = json.loads(MECHANICAL)
+    del file["mechanisms"][3][key]
+    assert f"`{key}`" in refused(file)

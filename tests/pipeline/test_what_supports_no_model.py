@@ -66,6 +66,17 @@ def test_a_random_walk_has_no_law(order, seed):
     assert "none is left" in str(e.value) or "less than the 50% asked for" in str(e.value)
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_random_walk_has_no_law_for_the_likelihood_either(order):
+    """With process noise a search describes any record, whatever its terms."""
+    rng = np.random.default_rng(0)
+    coordinates = {"x": Measured(order=order), "y": Measured(order=order)}
+    study = study_of(coordinates=coordinates, likelihood=LikelihoodSearch(budget=4.0))
+    walks = {name: np.cumsum(rng.standard_normal(1000)) for name in "xy"}
+    with pytest.raises(NoModelError, match="the selection stage came out empty"):
+        identify(study, {"t": 0.01 * np.arange(1000), **walks})
+
+
 @pytest.fixture(scope="module")
 def driven():
     """x' = -x + u."""
@@ -185,3 +196,21 @@ def test_searches_begin_from_as_many_proposals_as_asked_for_and_the_best_end_is_
     )
     assert [r.model.scores.likelihood.starts for r in (few, more)] == [3, 5]
     assert more.refinement.outcome.penalised < few.refinement.outcome.penalised + 1e-3
+
+
+@pytest.mark.parametrize(
+    ("name", "noise", "seed", "penalised"),
+    [
+        ("michaelis-menten", 0.5, 7, 158.2),
+        ("predator-prey", 0.2, 11, 596.1),
+        ("predator-prey", 0.3, 1, 485.3),
+        ("predator-prey", 0.2, 4, 457.9),
+    ],
+)
+def test_no_coefficient_runs_off_beside_one_that_is_next_to_nothing(systems, name, noise, seed, penalised):
+    """Logs on which a search came to hold a weak coefficient: all others then grew without end."""
+    case = systems.CASES[name]
+    result = identify(case.study, systems.noisy(case, noise, np.random.default_rng(seed)))
+    assert result.refinement.outcome.penalised < penalised
+    assert np.abs(result.refinement.fit.theta).max() < 100.0
+    assert all(abs(t.coefficient) < 100.0 for r in result.model.relations for t in r.terms)

@@ -77,3 +77,55 @@ def test_terms_are_taken_as_they_are_with_the_target_added_where_none_holds_it()
     assert [t.text for t in study.candidates("x_ddot")] == ["x", "u*x_dot", "x_ddot"]
     study = parse_study(PLAIN + '[library]\nterms = ["x", "x*x_ddot"]')
     assert [t.text for t in study.candidates("x_ddot")] == ["x", "x*x_ddot"]
+
+
+ENERGIES = PAPER.replace('preset = "paper"', "%s")
+
+
+@pytest.mark.parametrize(
+    ("table", "form", "parts"),
+    [
+        ('kinetic = ["x_dot**2"]', "lagrangian", ["no kinetic term gives the equation of phi an acceleration"]),
+        ("kinetic = [\"__import__('os')\"]", "lagrangian", ["__import__", "only names"]),
+        ('potential = ["x**2"]', "lagrangian", ["declared cyclic"]),
+        ('potential = ["psi"]', "lagrangian", ["'psi'"]),
+        ('forces = {psi = ["u"]}', "lagrangian", ["no coordinate 'psi'"]),
+        ('form = "lagrangian"\nties = ["w = 2"]', "lagrangian", ["'w'"]),
+        ('reactions = ["x -> phi"]', "reactions", ["order"]),
+    ],
+)
+def test_mechanisms_that_cannot_be(table, form, parts):
+    study = parse_study(ENERGIES % table)
+    assert study.forms() == (form,)
+    with pytest.raises(InputError) as caught:
+        study.mechanisms(form)
+    assert all(part in str(caught.value) for part in parts)
+
+
+def test_mechanisms_are_those_that_are_named_and_the_defaults_of_the_others():
+    study = parse_study(ENERGIES % 'kinetic = ["x_dot**2", "phi_dot**2"]\ndissipation = []\nforces = {x = ["u"]}')
+    found, left_out = study.mechanisms("lagrangian")
+    assert [m.term for m in found if m.kind == "kinetic"] == ["x_dot**2", "phi_dot**2"]
+    assert [(m.term, m.place) for m in found if m.kind == "force"] == [("u", "force on x")]
+    assert not [m for m in found if m.kind == "dissipation"]
+    assert {"cos(phi)", "sin(phi)"} <= {m.term for m in found if m.kind == "potential"}
+    assert not left_out
+
+
+def test_what_no_data_could_tell_apart_is_left_out_with_what_it_is_a_combination_of():
+    study = parse_study(ENERGIES % 'potential = ["cos(phi)", "cos(phi)**2", "sin(phi)**2"]')
+    found, left_out = study.mechanisms("lagrangian")
+    assert [(m.term, [o.term for o in others]) for m, others in left_out] == [("sin(phi)**2", ["cos(phi)**2"])]
+    assert "sin(phi)**2" not in {m.term for m in found}
+
+
+def test_ties_merge_mechanisms():
+    named = 'reactions = ["a -> b", "b -> a"]\n'
+    text = "[coordinates.a]\n[coordinates.b]\n[library]\n" + named
+    free, _ = parse_study(text).mechanisms("reactions")
+    tied, _ = parse_study(text + "ties = [\"'a -> b' = 2*'b -> a'\"]").mechanisms("reactions")
+    assert len(tied) == len(free) - 1
+    (merged,) = (m for m in tied if m.kind == "tie")
+    assert {(p.relation, p.product.text): p.share for p in merged.parts} == {
+        (0, "a"): 2.0, (0, "b"): -1.0, (1, "a"): -2.0, (1, "b"): 1.0,
+    }  # fmt: skip

@@ -131,6 +131,28 @@ def test_what_a_study_leaves_out_has_its_default():
         ),
         ("[inputs.u]", "[inputs.u]\n[library]\ndegree = -1", [">= 1", "`library.degree`"]),
         ("[inputs.u]", "[inputs.u]\n[library]\ncoupled = 'atuo'", ["unknown value 'atuo'", "did you mean 'auto'?"]),
+        ("[inputs.u]", "[inputs.u]\n[library]\nform = 'lagrange'", ["'lagrange' at `library.form`", "'lagrangian'?"]),
+        ("[inputs.u]", "[inputs.u]\n[library]\nform = 'reactions'", ["needs [library] reactions", "composition"]),
+        (
+            "[inputs.u]",
+            "[inputs.u]\n[library]\nform = 'relations'\nkinetic = ['x_dot**2']",
+            ['kinetic belongs to form = "lagrangian", but form is "relations"'],
+        ),
+        (
+            "[inputs.u]",
+            "[inputs.u]\n[library]\nform = 'lagrangian'\ncomposition = {x = 'a'}",
+            ['composition belongs to form = "reactions", but form is "lagrangian"'],
+        ),
+        (
+            "[inputs.u]",
+            "[inputs.u]\n[library]\npotential = ['x**2']\nreactions = ['-> x']",
+            ["energies and reactions", "different forms"],
+        ),
+        ("[inputs.u]", "[inputs.u]\n[library]\nkinetc = ['x_dot**2']", ["unknown key 'kinetc'", "'kinetic'"]),
+        ("[inputs.u]", "[inputs.u]\n[library]\nkinetic = 'x_dot**2'", ["`library.kinetic`", "`array`"]),
+        ("[inputs.u]", "[inputs.u]\n[library]\nforces = ['u']", ["`library.forces`", "`object`"]),
+        ("[inputs.u]", "[inputs.u]\n[library]\nmolecules = 5", ["<= 4", "`library.molecules`"]),
+        ("[inputs.u]", "[inputs.u]\n[library]\nties = 'a = b'", ["`library.ties`", "`array`"]),
         ("[inputs.u]", "[inputs.u]\n[random]\nseed = -1", [">= 0", "`random.seed`"]),
         ("[inputs.u]", "[inputs.u]\n[signals]\nmargin = nan", ["`signals.margin`"]),
         ("[inputs.u]", "[inputs.u]\n[signals]\nmargin = inf", ["margin", "got inf", "`signals`"]),
@@ -197,6 +219,24 @@ STUDIES = {
             rows=PlainRows(), proposers=(CoefficientThreshold(low=1e-300), BackwardElimination()), nested=False
         ),
         random=Random(seed=2**40),
+    ),
+    "energies": Study(
+        coordinates={"x": Measured(order=2), "phi": Measured(order=2, angle=True)},
+        inputs={"u": Driven()},
+        library=Candidates(
+            form="lagrangian",
+            kinetic=("x_dot**2", "phi_dot**2", "x_dot*phi_dot*cos(phi)"),
+            potential=("cos(phi)",),
+            dissipation=(),
+            forces={"x": ("u", "u*cos(phi)"), "phi": ()},
+            ties=("x_dot**2 in kinetic = 0.9", "phi_dot**2 = 2*'cos(phi)'"),
+        ),
+    ),
+    "reactions": Study(
+        coordinates={"S": Measured(), "C": Measured()},
+        library=Candidates(
+            form="reactions", composition={"S": "s", "C": "2 s"}, reactions=("2 S <-> C", "-> S"), molecules=4
+        ),
     ),
     "filter": Study(
         coordinates={"x": Measured()}, signals=Filtering(differentiator=SavitzkyGolay(window=31)), data=Data(time="t")
