@@ -100,7 +100,7 @@ def path_csv(result: Identification) -> str:
     writer.writerow(PATH_COLUMNS)
     for score, model in _on_path(result):
         own = [t.text for r in model.relations for t in r.terms]
-        support = [f"{m.term} in {m.place}" for m in model.mechanisms] or own
+        support = [f"{m.name} in {m.kind}" for m in model.mechanisms] or own
         writer.writerow(
             (
                 score.terms,

@@ -37,7 +37,6 @@ class _Mechanism(msgspec.Struct, forbid_unknown_fields=True):
     name: str
     kind: Kind
     term: str
-    place: str
     coefficient: float
     std_error: float | None
 
@@ -83,9 +82,7 @@ def to_json(model: Model) -> str:
         "provenance": dict(model.provenance),
     }
     if model.mechanisms:
-        file["mechanisms"] = [
-            _Mechanism(m.name, m.kind, m.term, m.place, m.coefficient, m.std_error) for m in model.mechanisms
-        ]
+        file["mechanisms"] = [_Mechanism(m.name, m.kind, m.term, m.coefficient, m.std_error) for m in model.mechanisms]
     return msgspec.json.format(msgspec.json.encode(file), indent=2).decode() + "\n"
 
 
@@ -168,7 +165,7 @@ def _explained(message: str) -> str:
 
 def _read_mechanism(m: _Mechanism) -> FoundMechanism:
     _check_numbers(m.name, m.coefficient, m.std_error)
-    return FoundMechanism(m.name, m.kind, m.term, m.coefficient, m.std_error, m.place)
+    return FoundMechanism(m.name, m.kind, m.term, m.coefficient, m.std_error)
 
 
 def _check_numbers(what: str, coefficient: float, std_error: float | None) -> None:

@@ -26,7 +26,7 @@ def inverse(information: FloatArray) -> FloatArray:
     """
     correlations, scale = scaled(information)
     values, vectors = np.linalg.eigh(correlations)
-    values = np.maximum(values, max(SINGULAR * values.max(initial=0.0), LEAST))
+    values = np.maximum(values, SINGULAR * values.max(initial=1.0))
     with np.errstate(over="ignore"):  # of coefficients of which the data say nothing
         covariance: FloatArray = (vectors / values) @ vectors.T / scale / scale[:, None]
     return covariance

@@ -99,7 +99,7 @@ def stated(
             variances = np.einsum("ki,ij,kj->k", slopes, covariance, slopes) * (value / theta[k]) ** 2
             errors[inside] = np.sqrt(np.maximum(variances, 0.0))
     return tuple(
-        FoundMechanism(m.name or m.term, m.kind, m.term, float(c), float(e) if e > EXACT * abs(c) else None, m.place)
+        FoundMechanism(m.name or m.term, m.kind, m.term, float(c), float(e) if e > EXACT * abs(c) else None)
         for m, c, e in zip(mechanisms, scaled, errors, strict=True)
         if m.kind != "term"
     )

@@ -50,8 +50,8 @@ def _interval(coefficient: float, std_error: float | None) -> tuple[float, float
 class FoundMechanism(msgspec.Struct, frozen=True):
     """A mechanism of a model: a term of an energy, a force, a reaction, with its coefficient and standard error.
 
-    `name` is that of a reaction, such as S + E -> C, or says on what a force acts, as in u on x; it is the term of all
-    others. `place` says where a tie acts; relations hold what all of them add up to.
+    `name` is that of a reaction, such as S + E -> C, or says on what a force acts, as in u on x; it is the term of
+    energies, and the text of a tie. Relations hold what all of them add up to.
     """
 
     name: str
@@ -59,7 +59,6 @@ class FoundMechanism(msgspec.Struct, frozen=True):
     term: str
     coefficient: float
     std_error: float | None = None
-    place: str = ""
 
     @property
     def interval(self) -> tuple[float, float] | None:

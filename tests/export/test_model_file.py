@@ -234,10 +234,10 @@ def test_reading_a_file_names_it(tmp_path):
 
 
 MECHANISMS = (
-    FoundMechanism("x_dot**2", "kinetic", "x_dot**2", 0.1 + 0.2, 1e-300, "kinetic"),
-    FoundMechanism("cos(phi)", "potential", "cos(phi)", -1 / 3, None, "potential"),
-    FoundMechanism("u", "force", "u", 1.0, None, "force on x"),
-    FoundMechanism("S + E -> C", "reaction", "S*E", 5e-324, 0.0, "reaction"),
+    FoundMechanism("x_dot**2", "kinetic", "x_dot**2", 0.1 + 0.2, 1e-300),
+    FoundMechanism("cos(phi)", "potential", "cos(phi)", -1 / 3, None),
+    FoundMechanism("u on x", "force", "u", 1.0, None),
+    FoundMechanism("S + E -> C", "reaction", "S*E", 5e-324, 0.0),
 )
 MECHANICAL = to_json(replace(MODELS["rational"], mechanisms=MECHANISMS))
 
@@ -250,7 +250,7 @@ def test_mechanisms_read_back_as_they_were_to_the_last_digit():
     file = json.loads(MECHANICAL)
     assert set(file) == TOP | {"mechanisms"}
     assert file["mechanisms"][2] == {
-        "name": "u", "kind": "force", "term": "u", "place": "force on x", "coefficient": 1.0, "std_error": None,
+        "name": "u on x", "kind": "force", "term": "u", "coefficient": 1.0, "std_error": None,
     }  # fmt: skip
     assert from_json(json.dumps(GOOD)).mechanisms == ()
 
@@ -263,7 +263,6 @@ def test_mechanisms_read_back_as_they_were_to_the_last_digit():
         ("coefficient", math.nan, ["JSON"]),
         ("std_error", -1e-9, ["standard error of 'cos(phi)' is negative"]),
         ("surprise", 1, ["`surprise`", "`mechanisms[1]`"]),
-        ("place", None, ["`mechanisms[1].place`"]),
     ],
 )
 def test_what_is_wrong_with_a_mechanism_is_named(field, value, parts):

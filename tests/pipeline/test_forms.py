@@ -30,7 +30,7 @@ ENERGIES = {
     ("potential", "cos(phi)"): -1.7658,
     ("dissipation", "x_dot**2"): 5.0,
     ("dissipation", "phi_dot**2"): 0.005,
-    ("force on x", "u"): 1.0,
+    ("force", "u on x"): 1.0,
 }
 
 
@@ -43,7 +43,7 @@ def columns(log, kept=slice(None)):
 
 
 def found(result):
-    return {(m.place, m.term): m for m in result.model.mechanisms}
+    return {(m.kind, m.name): m for m in result.model.mechanisms}
 
 
 def assert_cart(result, scale=1.0):
