@@ -9,7 +9,16 @@ from pathlib import Path
 import msgspec
 
 from odescope.arrays import FloatArray
-from odescope.commands.files import FACTORS, RESULT_FILES, check_writable, refuse_overwriting, result_files, write_files
+from odescope.commands.files import (
+    FACTORS,
+    FIGURES,
+    PATH,
+    RESULT_FILES,
+    check_writable,
+    refuse_overwriting,
+    result_files,
+    write_files,
+)
 from odescope.errors import Stopped
 from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageBegan
 from odescope.likelihood.kernel import integrate
@@ -106,10 +115,12 @@ def run_study(
             report = summary(result, title, dict(reference.signals()), reference.table(result.model), early.known)
             files = report_files(report, painter.paint(pictures(report)))
             monitor.check()
-            write_files(out, result_files(result, resolved, files))
+            written = result_files(result, resolved, files)
+            write_files(out, written)
         except (KeyboardInterrupt, Stopped):
             raise Stopped(_stopped(progress, out)) from None
-    monitor.tell(FilesWritten(out, (*RESULT_FILES, "figures/")))
+    shorter = (f"{PATH}.csv", f"{PATH}/") if f"{PATH}.csv" in written else ()
+    monitor.tell(FilesWritten(out, (*RESULT_FILES, f"{FIGURES}/", *shorter)))
     return RunResult(result, report, out)
 
 

@@ -1,8 +1,8 @@
 """The path of models from many mechanisms to few, and where on it to stop.
 
 What a model of a real machine misses is coloured, and every criterion for white noise keeps far more terms than are
-physics. Free runs of what a fit has not seen do not: the choice is the shortest model whose error is the least, within
-the spreads of both. docs/method.md, The path of models.
+physics. Free runs of what a fit has not seen do not: the choice is the shortest model whose error is within one spread
+of the least, stretch by stretch, or too small to matter. docs/method.md, The path of models.
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_errors
 from odescope.likelihood.search_space import SearchSpace
 
-FAITHFUL = (
-    0.005  # standard deviations of what was measured: a free run that is nearer to the record needs no more terms
-)
+FAITHFUL = 0.005  # standard deviations of what was measured: a free run as near to the record needs no more terms
+TENTH = 0.1  # of the least error: where free runs tell little, no more than that is given away for fewer terms
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +91,9 @@ class ModelPath:
 
     @property
     def at_knee(self) -> ModelPath:
-        """The path with the shortest model chosen whose error is, within the spreads of both, the least."""
+        """The path with the shortest model chosen that runs as well as the best, or well enough."""
         best = min(self.steps, key=lambda s: s.error)
-        enough = max(best.error + best.spread, FAITHFUL)
-        within = [k for k, s in enumerate(self.steps) if s.error - s.spread <= enough]
+        within = [k for k, s in enumerate(self.steps) if s.error - s.spread <= FAITHFUL or _as_well(s, best)]
         return replace(self, chosen=max(within))
 
     def chosen_at(self, terms: int) -> ModelPath:
@@ -112,6 +110,13 @@ class ModelPath:
             f"[likelihood] terms = {terms}: the path of models goes from {longest} terms down to {shortest}; choose"
             " one of these"
         )
+
+
+def _as_well(step: PathStep, best: PathStep) -> bool:
+    """Say whether a model is no worse than the best, but for the standard error of their difference over stretches."""
+    worse = step.errors - best.errors
+    chance = float(worse.std(ddof=1)) / np.sqrt(len(worse)) if len(worse) > 1 else 0.0
+    return bool(worse.mean() <= chance and step.error <= (1.0 + TENTH) * best.error)
 
 
 def _errors(seen: SearchSpace, found: Fit) -> FloatArray:

@@ -216,6 +216,6 @@ def _contender(posed: Posed, model: Model, refinement: Refinement | None, others
         return _Contender(posed.form, model, refinement, posed.left_out, count, error)
     theta = posed.starts[0] if posed.form == "relations" else posed.starts[-1]
     spaces = [other.space.among(posed.mechanisms) for other in others[:1]]
-    error = np.sqrt(free_run_error(spaces[0], theta)) if spaces else np.inf
+    error = float(np.sqrt(free_run_error(spaces[0], theta))) if spaces else np.inf
     count = int(np.count_nonzero(theta)) - len(model.relations)
     return _Contender(posed.form, model, None, posed.left_out, count, error)

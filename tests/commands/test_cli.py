@@ -19,7 +19,7 @@ from logs import (
 from pyarrow import parquet
 from scipy.io import savemat
 
-RESULTS = ["candidates.csv", "figures", "model.json", "report.html", "report.json", "study.toml"]
+RESULTS = ["candidates.csv", "figures", "model.json", "path", "path.csv", "report.html", "report.json", "study.toml"]
 
 
 def coefficients(folder, relation=0):

@@ -78,7 +78,20 @@ def test_what_a_row_says_is_true_of_its_relation(result):
 def test_the_files_read_back(result):
     report = {"report.html": "<html></html>", "report.json": "{}", "figures/one.png": b"\x89"}
     files = result_files(result, STUDY, report)
-    assert set(files) == {*RESULT_FILES, "figures/one.png"}
+    on_path = result.model.scores.path
+    assert on_path
+    assert set(files) == {
+        *RESULT_FILES,
+        "figures/one.png",
+        "path.csv",
+        *(f"path/{s.terms}_terms.json" for s in on_path),
+    }
+    rows = list(csv.DictReader(files["path.csv"].splitlines()))
+    assert [int(r["chosen"]) for r in rows] == [s.chosen for s in on_path]
+    for row, model in zip(rows, result.path, strict=True):
+        stored = from_json(files[f"path/{row['terms']}_terms.json"])
+        assert stored.relations == model.relations
+        assert sum(len(r.terms) for r in stored.relations) == int(row["terms"]) == len(row["support"].split(" + "))
     assert parse_study(files["study.toml"]) == STUDY
     assert from_json(files["model.json"]).relations == result.model.relations
     assert files["candidates.csv"] == candidates_csv(result)

@@ -123,12 +123,15 @@ def test_what_is_said_twice_is_said_once():
 def test_a_value_is_relative_to_the_bare_target():
     given = tie("x_dot = 0.5")
     assert {str(m): m.known for m in given if m.known is not None} == {"x_ddot in x_ddot": 1.0, "x_dot in x_ddot": 0.5}
-    assert {str(m): m.known for m in tie("u = 1/2") if m.known is not None} == {
+    in_both = tie("u in x_ddot = 1/2", "u in phi_ddot = 1/2")
+    assert {str(m): m.known for m in in_both if m.known is not None} == {
         "x_ddot in x_ddot": 1.0,
         "u in x_ddot": 0.5,
         "phi_ddot in phi_ddot": 1.0,
         "u in phi_ddot": 0.5,
     }
+    with pytest.raises(InputError, match="may mean several: 'u in x_ddot', 'u in phi_ddot'; say which"):
+        tie("u = 1/2")
     assert found(tie("x_ddot in x_ddot = 1"), "x_ddot in x_ddot").known == 1.0
 
 
@@ -231,7 +234,7 @@ def test_parts_that_cancel_but_for_rounding_are_left_out():
         (["x_dot = 2*u", "x_dot = 3*u"], "the ties 'x_dot = 2[*]u' and 'x_dot = 3[*]u' together leave only zero"),
         (["x_dot = u", "u in x_ddot = (1)", "(1) in x_ddot = -x_dot"], "together leave only zero"),
         (["x_dot = 0.5", "x_dot = 0.6"], "cannot be both 0.5 and 0.6, as 'x_dot = 0.5' and 'x_dot = 0.6'"),
-        (["x_dot = 0.5", "x_dot = u in x_ddot", "u = 1"], "cannot be both"),
+        (["x_dot = 0.5", "x_dot = u in x_ddot", "u in x_ddot = 1"], "cannot be both"),
         (["x_ddot in x_ddot = 2"], "of 'x_ddot in x_ddot' cannot be both 2 and 1"),
         (["x_dot = 1e999"], "which is no candidate|too large"),
     ],

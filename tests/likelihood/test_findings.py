@@ -13,6 +13,7 @@ from odescope import Study, from_json, identify, to_json
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.findings import likelihood_scores, missing_physics
 from odescope.likelihood.held_out import free_run_error
+from odescope.likelihood.path import ModelPath
 from odescope.likelihood.process_noise import Noisy, estimate_noise, robust_evidence
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
@@ -160,7 +161,7 @@ def unexplained(seed, count=2000, **options):
     )
     it, found, marginal = estimate_noise(it, it.begin(PENDULUM.theta, segments.spread))
     evidence = robust_evidence(it, found)
-    return Noisy(found, it, marginal, evidence, free_run_error(it, found.theta), ())
+    return Noisy(found, it, marginal, evidence, free_run_error(it, found.theta), (), ModelPath(it, (), 0))
 
 
 def test_white_torque_is_not_taken_for_physics_over_seeds():
