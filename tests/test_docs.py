@@ -71,7 +71,7 @@ def test_forms_runs_and_prints_what_it_shows(capsys: pytest.CaptureFixture[str])
         assert numbers[0] == pytest.approx(numbers[1], rel=0.05)
     mechanics = {("kinetic", "x_dot**2"): 0.9, ("kinetic", "phi_dot*x_dot*cos(phi)"): 0.18}
     mechanics |= {("kinetic", "phi_dot**2"): 0.02754, ("potential", "cos(phi)"): -1.7658}
-    mechanics |= {("dissipation", "x_dot**2"): 5.0, ("dissipation", "phi_dot**2"): 0.005, ("force", "u"): 1.0}
+    mechanics |= {("dissipation", "x_dot**2"): 5.0, ("dissipation", "phi_dot**2"): 0.005, ("force", "u on x"): 1.0}
     found = {(m.kind, m.name): m.coefficient for m in session["result"].model.mechanisms}  # type: ignore[attr-defined]
     assert found == pytest.approx(mechanics, rel=2e-3)
     rates = {m.name: m.coefficient for m in session["found"].model.mechanisms}  # type: ignore[attr-defined]

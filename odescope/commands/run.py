@@ -11,8 +11,6 @@ import msgspec
 from odescope.arrays import FloatArray
 from odescope.commands.files import (
     FACTORS,
-    FIGURES,
-    PATH,
     RESULT_FILES,
     check_writable,
     refuse_overwriting,
@@ -119,9 +117,13 @@ def run_study(
             write_files(out, written)
         except (KeyboardInterrupt, Stopped):
             raise Stopped(_stopped(progress, out)) from None
-    shorter = (f"{PATH}.csv", f"{PATH}/") if f"{PATH}.csv" in written else ()
-    monitor.tell(FilesWritten(out, (*RESULT_FILES, f"{FIGURES}/", *shorter)))
+    monitor.tell(FilesWritten(out, _names(written)))
     return RunResult(result, report, out)
+
+
+def _names(written: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of files, those in a folder as one."""
+    return tuple(dict.fromkeys(name.partition("/")[0] + "/" * ("/" in name) for name in written))
 
 
 @dataclass
