@@ -2,7 +2,7 @@
 
 What a model of a real machine misses is coloured, and every criterion for white noise keeps far more terms than are
 physics. Free runs of what a fit has not seen do not: the choice is the shortest model whose error is within one spread
-of the least, stretch by stretch, or too small to matter. docs/method.md, The path of models.
+of the least, or too small to matter. docs/method.md, The path of models.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from odescope.likelihood.held_out import free_run_errors
 from odescope.likelihood.search_space import SearchSpace
 
 FAITHFUL = 0.005  # standard deviations of what was measured: a free run as near to the record needs no more terms
+TELLING = 0.1  # standard deviations: where even the best free run is further from the record, runs tell little of terms
 TENTH = 0.1  # of the least error: where free runs tell little, no more than that is given away for fewer terms
 
 
@@ -91,9 +92,10 @@ class ModelPath:
 
     @property
     def at_knee(self) -> ModelPath:
-        """The path with the shortest model chosen that runs as well as the best, or well enough."""
+        """The path with the shortest model chosen whose error is within its spread of the least, or small enough."""
         best = min(self.steps, key=lambda s: s.error)
-        within = [k for k, s in enumerate(self.steps) if s.error - s.spread <= FAITHFUL or _as_well(s, best)]
+        enough = max(best.error if best.error < TELLING else 0.0, FAITHFUL)
+        within = [k for k, s in enumerate(self.steps) if s.error - s.spread <= enough or _as_well(s, best)]
         return replace(self, chosen=max(within))
 
     def chosen_at(self, terms: int) -> ModelPath:
