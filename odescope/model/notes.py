@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from odescope.model.scores import Conserved, Doubts, EnergyScore, FormScore, Likelihood, ModelScores
+from odescope.model.scores import Conserved, Doubts, EnergyScore, FormScore, Likelihood, ModelScores, PathScore
 
 TOLD = 6  # notes of one kind
+EXACT = 10.0  # standard errors: from here on whole numbers
 UNSIGNED = 1e-6  # of the largest power dissipated: less is rounding
 IMBALANCE = 0.1  # of the energy turned over: less is what noise of the velocities makes
 LOOSE = 1.0  # standard error over coefficient of a kinetic term that another Lagrangian could do without
@@ -26,6 +27,13 @@ def _trust(scores: ModelScores) -> Iterator[str]:
     if predicted:
         parts = [f"{share(r2)} of the variance of {target}" for target, r2 in predicted]
         yield f"On held-out data it predicts {_listed(parts)} (R²)."
+    for step in scores.path:
+        if step.chosen and step.error is not None:
+            apart = "" if not step.spread else f" ({step.spread:.2g} from stretch to stretch)"
+            yield (
+                f"Fitted without the held-out stretches and run freely over them, it is {step.error:.2g} standard"
+                f" deviations of the record off{apart}."
+            )
     run = scores.free_run
     if run is not None:
         whole = run.valid_time >= run.duration
@@ -68,8 +76,10 @@ def notes_of(
 
 
 def findings(scores: ModelScores | None) -> tuple[str, ...]:
-    """Return sentences on what was found beside the equations: which form did best, and what stays constant."""
-    return () if scores is None else (*_of_the_forms(scores.forms), *_of_constants(scores.conserved))
+    """Return sentences on what was found beside the equations: the best form, what it did without, what is constant."""
+    if scores is None:
+        return ()
+    return (*_of_the_forms(scores.forms), *_of_the_path(scores.path), *_of_constants(scores.conserved))
 
 
 def _left_out(dependent: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
@@ -119,6 +129,33 @@ def _of_the_forms(forms: Sequence[FormScore]) -> Iterator[str]:
 
 def _free_run(form: FormScore, what: str) -> str:
     return "" if form.free_run is None else f", {what}{form.free_run:.2g}"
+
+
+def _of_the_path(path: Sequence[PathScore]) -> Iterator[str]:
+    """Yield what the choice on the path does without, the strongest evidence first; nothing where it is the first."""
+    chosen = next((k for k, step in enumerate(path) if step.chosen), 0)
+    dropped = [step for step in path[1 : chosen + 1] if step.dropped is not None]
+    if not dropped:
+        return
+    dropped.sort(key=lambda step: -(step.statistic or 0.0))
+    told = [f"{step.dropped}{_evidence(step)}" for step in dropped[:TOLD]]
+    if len(dropped) > TOLD:
+        told.append(f"{len(dropped) - TOLD} more")
+    first, last = path[0], path[chosen]
+    errors = (
+        "" if first.error is None or last.error is None else f"{first.error:.2g} with them, {last.error:.2g} without"
+    )
+    yield (
+        f"left out on the way back from {first.terms} terms to {last.terms}"
+        f"{errors and f', free-run error {errors}'}: {_listed(told)}"
+    )
+
+
+def _evidence(step: PathScore) -> str:
+    if step.standard_errors is None:
+        return ""
+    digits = ".0f" if step.standard_errors >= EXACT else ".2g"
+    return f" ({step.standard_errors:{digits}} standard errors)"
 
 
 def _of_the_energy(found: EnergyScore) -> Iterator[str]:

@@ -26,6 +26,7 @@ class Denominator(msgspec.Struct, frozen=True):
 class TargetScore(msgspec.Struct, frozen=True):
     """How well one target is predicted where it was held out, and how sound its relation is.
 
+    Of mechanisms only `denominator` is there: free runs say how well they predict (`PathScore`).
     `explained_held_out` is the share of the weighted power of the target, `condition` that of the relation's columns.
     """
 
@@ -172,6 +173,11 @@ class PathScore(msgspec.Struct, frozen=True):
     dropped: str | None
     statistic: Number
     chosen: bool
+
+    @property
+    def standard_errors(self) -> float | None:
+        """How many standard errors what was dropped stood away from zero."""
+        return None if self.statistic is None or self.statistic < 0.0 else float(self.statistic**0.5)
 
 
 class EnergyScore(msgspec.Struct, frozen=True):

@@ -51,6 +51,9 @@ def scores(
 ) -> ModelScores:
     """Return how well each target is predicted, how far a free run holds, and what the likelihood found.
 
+    What held-out data say of a candidate of the regression is not said of mechanisms: their relations share
+    coefficients, and free runs judge them instead.
+
     Args:
         model: what was found.
         signals: what it was found in.
@@ -61,14 +64,17 @@ def scores(
     """
     every = np.concatenate(samples_of(signals, model), axis=1)
     ranges = denominator_ranges(model, every, np.random.default_rng(seed))
+    sound = {target: _denominator(**ranges[target]) for target in model.targets}
     return ModelScores(
-        targets={
+        targets={target: TargetScore(denominator=d) for target, d in sound.items()}
+        if model.mechanisms
+        else {
             c.target: TargetScore(
                 r2_held_out=float(c.target_r2),
                 rmse_held_out=float(c.target_rmse),
                 explained_held_out=float(c.explained),
                 condition=float(s.problem.factor.condition(c.support)),
-                denominator=_denominator(**ranges[c.target]),
+                denominator=sound[c.target],
             )
             for c, s in zip(chosen, searches, strict=True)
         },

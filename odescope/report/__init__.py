@@ -20,6 +20,7 @@ _HOMES = {
         "plot_correlation",
         "plot_derivatives",
         "plot_free_run",
+        "plot_path",
         "plot_signals",
         "plot_spectra",
         "plot_targets",
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from odescope.report.figures.notebook import plot_correlation as plot_correlation
     from odescope.report.figures.notebook import plot_derivatives as plot_derivatives
     from odescope.report.figures.notebook import plot_free_run as plot_free_run
+    from odescope.report.figures.notebook import plot_path as plot_path
     from odescope.report.figures.notebook import plot_signals as plot_signals
     from odescope.report.figures.notebook import plot_spectra as plot_spectra
     from odescope.report.figures.notebook import plot_targets as plot_targets

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from odescope.model.model import Model
 from odescope.model.notes import share
+from odescope.model.scores import PathScore
 from odescope.report.assemble import model_of
 from odescope.report.data import Report
 
@@ -22,19 +24,34 @@ def table_text(report: Report) -> str:
 
 def trust_text(report: Report) -> str:
     """Return what held-out data and the free run say of every equation, as text."""
+    model, work = model_of(report), report.at_work
+    held_out = "" if model.scores is None else "".join(_held_out(step) for step in model.scores.path if step.chosen)
+    run = f"free run: {work.valid_time:.4g} of {work.duration:.4g} s with the record"
+    return _equations_text(report, model) + held_out + run + (f"; {work.ended}" if work.ended else "") + "\n"
+
+
+def _equations_text(report: Report, model: Model) -> str:
+    """Return a row an equation; of mechanisms without what is known only of relations that were searched for."""
     from rich.table import Table
 
     table = Table(title_justify="left", box=None, pad_edge=False)
-    for heading in ("target", "terms", "chosen among", "R² held out"):
+    headings = ("target", "terms") if model.mechanisms else ("target", "terms", "chosen among", "R² held out")
+    for heading in headings:
         table.add_column(heading, justify="left" if heading == "target" else "right")
-    scores = model_of(report).scores
+    if model.mechanisms:
+        for target, relation in zip(model.targets, model.relations, strict=True):
+            table.add_row(target, str(len(relation.terms)))
+        return _shown(table)
     for searched, coefficients in zip(report.searches, report.coefficients, strict=False):
-        score = None if scores is None else scores.targets.get(searched.target)
+        score = None if model.scores is None else model.scores.targets.get(searched.target)
         held_out = "–" if score is None or score.r2_held_out is None else share(score.r2_held_out)
         table.add_row(searched.target, str(len(coefficients)), str(searched.kept), held_out)
-    work = report.at_work
-    run = f"free run: {work.valid_time:.4g} of {work.duration:.4g} s with the record"
-    return (_shown(table) if table.rows else "") + run + (f"; {work.ended}" if work.ended else "") + "\n"
+    return _shown(table) if table.rows else ""
+
+
+def _held_out(step: PathScore) -> str:
+    apart = f" ± {step.spread:.2g}" if step.spread else ""
+    return "" if step.error is None else f"free-run error, held out: {step.error:.2g}{apart} standard deviations\n"
 
 
 def _shown(table: object) -> str:

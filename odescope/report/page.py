@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ from odescope.model.mechanism_display import HEADINGS, by_kind, mechanisms_mathm
 from odescope.model.notes import findings, trust
 from odescope.model.relation import FORCE_ON, FoundMechanism, RelationTerm
 from odescope.model.rounding import places, rounded
-from odescope.model.scores import Likelihood, Step
+from odescope.model.scores import Likelihood, PathScore, Step
 from odescope.report.assemble import model_of, to_json_text
 from odescope.report.data import Report
 from odescope.report.figures.catalogue import Picture, draw_job, pictures
@@ -55,6 +55,7 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
         figures.setdefault(picture.section, []).append((picture, Markup(inline(drawn[picture.name]))))
     model = model_of(report)
     found = findings(model.scores)
+    path = () if model.scores is None or len(model.scores.path) < 2 else model.scores.path
     judged = None if model.scores is None else model.scores.likelihood
     return environment.get_template("page.html.jinja").render(
         r=report,
@@ -68,6 +69,8 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
         likelihood=judged,
         limits=((judged and judged.limits) or ())[:MOST_LISTED],
         correlations=((judged and judged.correlations) or ())[:MOST_LISTED],
+        path=path,
+        another=_another(path),
         figures=figures,
         listed=LISTED,
         listed_limits=LISTED_LIMITS,
@@ -83,6 +86,12 @@ def report_files(report: Report, drawn: Mapping[str, tuple[str, bytes]]) -> dict
     for name, (svg, png) in drawn.items():
         files |= {f"figures/{name}.svg": svg, f"figures/{name}.png": png}
     return files
+
+
+def _another(path: Sequence[PathScore]) -> int:
+    """Return the number of terms of a model on the path that could be taken instead: the one before the choice."""
+    chosen = next((k for k, step in enumerate(path) if step.chosen), 0)
+    return path[chosen - 1 if chosen else 1].terms if path else 0
 
 
 Row = tuple["Markup", str, str, str, str]  # what a coefficient stands before; it, its error, interval and unit

@@ -16,6 +16,7 @@ from odescope.model.scores import (
     FreeRun,
     Likelihood,
     ModelScores,
+    PathScore,
     Streamed,
     TargetScore,
 )
@@ -156,3 +157,48 @@ def test_energies_are_spoken_of_only_where_something_is_wrong(changed, words):
 )
 def test_sums_that_stay_constant_are_said_in_words(found, lines):
     assert list(said(ModelScores(conserved=(found,)))) == lines
+
+
+def path_of(count, chosen):
+    """Return a path on which step k dropped x**k, which stood k standard errors away from zero."""
+    rows = range(count)
+    return tuple(
+        PathScore(
+            20 - k,
+            0.01 + 0.001 * k,
+            0.002,
+            f"x**{k} in potential" if k else None,
+            float(k**2) if k else None,
+            k == chosen,
+        )
+        for k in rows
+    )
+
+
+def test_what_the_path_left_out_is_listed_with_its_evidence_the_strongest_first():
+    (note,) = said(ModelScores(path=path_of(5, 2)))
+    assert note == (
+        "left out on the way back from 20 terms to 18, free-run error 0.01 with them, 0.012 without:"
+        " x**2 in potential (2 standard errors) and x**1 in potential (1 standard errors)"
+    )
+    (note,) = said(ModelScores(path=path_of(12, 10)))
+    assert note.count("standard errors") == TOLD
+    assert "x**10 in potential (10 standard errors), x**9" in note
+    assert note.endswith("x**5 in potential (5 standard errors) and 4 more")
+    much = msgspec.structs.replace(path_of(2, 1)[1], statistic=1.331e7)
+    assert "x**1 in potential (3648 standard errors)" in said(ModelScores(path=(path_of(2, 1)[0], much)))[0]
+
+
+@pytest.mark.parametrize("path", [(), path_of(1, 0), path_of(5, 0), path_of(5, 9)], ids=["none", "one", "first", "no"])
+def test_where_the_choice_is_the_first_model_nothing_was_left_out(path):
+    assert said(ModelScores(path=path)) == ()
+
+
+def test_trust_rests_on_free_runs_over_what_is_held_out():
+    (line,) = trust(ModelScores(path=path_of(5, 2)))
+    assert line == (
+        "Fitted without the held-out stretches and run freely over them, it is 0.012 standard deviations of the record"
+        " off (0.002 from stretch to stretch)."
+    )
+    bare = msgspec.structs.replace(path_of(1, 0)[0], spread=0.0)
+    assert trust(ModelScores(path=(bare,)))[0].endswith("of the record off.")

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from odescope.commands.demo import cart_pendulum, simulate_log
 from odescope.errors import InputError
 from odescope.export.model_file import from_json, to_json
+from odescope.model.notes import trust
 from odescope.model.relation import NORMAL
 from odescope.model.simulation import simulate
 from odescope.pipeline.identification import identify
@@ -188,6 +189,14 @@ def test_auto_says_how_each_form_did_and_takes_the_better():
     assert all(0.0 <= s.free_run <= 1.0 for s in scores.values())
     assert_cart(result)
     assert len(result.searches) == 2  # the relations were looked for all the same
+    # What is known of those is not said of these: of mechanisms the denominators and free runs are.
+    for score in result.model.scores.targets.values():
+        assert (score.r2_held_out, score.rmse_held_out, score.explained_held_out, score.condition) == (None,) * 4
+        assert not score.denominator.vanishes
+    assert set(result.model.scores.targets) == {"x_ddot", "phi_ddot"}
+    lines = " ".join(trust(result.model.scores))
+    assert "of the variance of" not in lines
+    assert "Fitted without the held-out stretches and run freely over them" in lines
     assert from_json(to_json(result.model)).scores.forms == result.model.scores.forms
 
 

@@ -73,7 +73,7 @@ def test_nothing_is_cut_off_and_the_console_is_silent(demo, tmp_path, width):
     assert found["scroll"] <= width
     assert found["cut"] == []
     assert max(found["math"]) > 45.0  # a fraction is typeset: it is taller than its lines
-    assert len(found["pictures"]) == 10
+    assert len(found["pictures"]) == 11
     assert min(found["pictures"]) > 600.0  # on a phone figures scroll and stay legible
 
 
@@ -100,7 +100,7 @@ def test_the_demos_files(demo):
     assert len(page) < 1_500_000
     assert "Table 2" in page
     names = sorted(p.name for p in (demo / "figures").iterdir())
-    assert len(names) == 20
+    assert len(names) == 22
     for name in names:
         path = demo / "figures" / name
         if path.suffix == ".png":

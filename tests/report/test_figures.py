@@ -1,3 +1,6 @@
+from dataclasses import replace
+
+import msgspec
 import numpy as np
 import pytest
 from matplotlib import rcParams
@@ -7,7 +10,9 @@ from pages import identified, samples
 import odescope
 from odescope import report
 from odescope.errors import InputError
+from odescope.model.scores import PathScore
 from odescope.report.figures.catalogue import draw_job, pictures
+from odescope.report.figures.draw_path import draw_path
 from odescope.report.figures.processes import painters
 from odescope.report.figures.style import plain, product, saved
 
@@ -88,6 +93,41 @@ def test_free_run_and_targets_are_the_truth_to_within_the_noise(result):
             assert np.std(error) < allowed * np.std(truth[name]), label
 
 
+def test_the_path_shows_every_model_its_spread_and_the_choice(result):
+    path = (
+        PathScore(9, 0.011, 0.004, None, None, False),
+        PathScore(8, 0.012, 0.02, "x**3 in x_dot", 9.0, True),  # the bar ends below zero
+        PathScore(7, 0.4, 0.1, "u in x_dot", 1e4, False),
+        PathScore(6, 0.5, 0.0, "x in x_dot", 1e5, False),
+    )
+    scores = msgspec.structs.replace(result.model.scores, path=path)
+    figure = report.plot_path(replace(result, model=replace(result.model, scores=scores)))
+    (ax,) = figure.axes
+    drawn = lines(figure)
+    assert np.array_equal(np.transpose(drawn["model on the path"].get_data()), [(9, 0.011), (7, 0.4), (6, 0.5)])
+    assert np.array_equal(np.transpose(drawn["chosen"].get_data()), [(8, 0.012)])
+    assert drawn["chosen"].get_marker() == "D"
+    assert ax.get_yscale() == "log"
+    foot, head = ax.get_ylim()
+    assert 0.0 < foot < 0.007
+    assert head > 0.5
+    (bars,) = ax.collections
+    for step, bar in zip(path, bars.get_segments(), strict=True):
+        (left, low), (right, high) = bar
+        assert left == right == step.terms
+        assert high == pytest.approx(step.error + step.spread)
+        below = step.error - step.spread
+        assert low == pytest.approx(below) if below > 0.0 else 0.0 < low < foot
+    with pytest.raises(InputError, match="no path"):
+        report.plot_path(replace(result, model=replace(result.model, scores=None)))
+
+
+@pytest.mark.parametrize("error", [None, 0.0])
+def test_a_path_of_which_an_error_is_not_known_or_zero_is_drawn(error):
+    figure = draw_path((PathScore(3, error, None, None, None, True), PathScore(2, 0.1, 0.0, "x", 4.0, False)))
+    assert saved(figure, "path")[1].startswith(b"\x89PNG")
+
+
 def test_a_target_may_be_named(result):
     assert isinstance(report.plot_candidates(result, "y_dot"), Figure)
     with pytest.raises(InputError, match="did you mean 'y_dot'"):
@@ -137,8 +177,6 @@ def test_notebooks_show_equations_escaped(result):
         latex = shown._repr_latex_()
         assert latex.startswith("$$")
         assert r"\dot{x} = " in latex
-    from dataclasses import replace
-
     from odescope.model.display import equations_html
 
     assert "&lt;b&gt;" in equations_html(result.model.quotients, ["<b>"])

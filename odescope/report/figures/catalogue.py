@@ -7,19 +7,21 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
+from odescope.model.scores import PathScore
 from odescope.report.data import Chart, Observed, Periodogram, Report, Searched
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Kind = Literal["chart", "spectra", "correlation", "candidates", "accuracy"]
-Drawable = Chart | Searched | tuple[Periodogram, ...] | tuple[Searched, ...]
+Kind = Literal["chart", "spectra", "correlation", "candidates", "accuracy", "path"]
+Drawable = Chart | Searched | tuple[Periodogram, ...] | tuple[Searched, ...] | tuple[PathScore, ...]
 _TYPES: dict[Kind, Any] = {
     "chart": Chart,
     "spectra": tuple[Periodogram, ...],
     "correlation": Searched,
     "candidates": Searched,
     "accuracy": tuple[Searched, ...],
+    "path": tuple[PathScore, ...],
 }
 
 
@@ -43,6 +45,7 @@ class Picture:
 def draw(kind: Kind, data: Drawable) -> Figure:
     """Return the figure of a kind for its data."""
     from odescope.report.figures import draw_grids, draw_lines
+    from odescope.report.figures.draw_path import draw_path
 
     how: dict[Kind, Any] = {
         "chart": draw_lines.draw_chart,
@@ -50,6 +53,7 @@ def draw(kind: Kind, data: Drawable) -> Figure:
         "correlation": draw_grids.draw_correlation,
         "candidates": draw_grids.draw_candidates,
         "accuracy": draw_grids.draw_accuracy,
+        "path": draw_path,
     }
     figure: Figure = how[kind](data)
     return figure
@@ -65,18 +69,32 @@ def draw_job(job: bytes) -> tuple[str, bytes]:
 
 def pictures(report: Report) -> tuple[Picture, ...]:
     """Return the figures of a report in the order of its page; nothing is drawn yet."""
-    return (*early_pictures(report.observed, report.searches), _targets(report), _free_run(report))
+    from odescope.report.assemble import model_of
+
+    model = model_of(report)
+    scores = model.scores
+    path = () if scores is None or len(scores.path) < 2 else (_path(scores.path),)
+    early = early_pictures(report.observed, report.searches, other_form=bool(model.mechanisms))
+    return (*early, *path, _targets(report), _free_run(report))
 
 
-def early_pictures(observed: Observed, searches: tuple[Searched, ...]) -> tuple[Picture, ...]:
-    """Return the figures that do not show the model at work."""
+def early_pictures(
+    observed: Observed, searches: tuple[Searched, ...], *, other_form: bool = False
+) -> tuple[Picture, ...]:
+    """Return the figures that do not show the model at work.
+
+    Args:
+        observed: the record.
+        searches: for relations, if any.
+        other_form: whether the model is of another form than what was searched for.
+    """
     return (
         _signals(observed),
         _spectra(observed),
         _derivatives(observed),
         *(_correlation(k, s) for k, s in enumerate(searches, start=1)),
-        *(_candidates(k, s) for k, s in enumerate(searches, start=1)),
-        _accuracy(searches),
+        *(_candidates(k, s, other_form) for k, s in enumerate(searches, start=1)),
+        *((_accuracy(searches),) if searches else ()),
     )
 
 
@@ -149,7 +167,10 @@ def _correlation(number: int, searched: Searched) -> Picture:
     )
 
 
-def _candidates(number: int, searched: Searched) -> Picture:
+def _candidates(number: int, searched: Searched, other_form: bool) -> Picture:
+    changed = "" if searched.adopted else " The likelihood then changed the chosen row: see its steps below."
+    if other_form:
+        changed = " The model above is none of these: another form was preferred to relations."
     return Picture(
         f"candidates-{number}",
         "candidates",
@@ -160,7 +181,7 @@ def _candidates(number: int, searched: Searched) -> Picture:
         f" predicted {searched.target} on held-out data, and the sign of every coefficient (orange + positive, blue −"
         f" negative, the target's own being positive). Lines part families that predict alike. Trust a model whose"
         " neighbours hold the same columns with the same signs; doubt one whose error the next rows share with other"
-        " terms." + ("" if searched.adopted else " The likelihood then changed the chosen row: see its steps below."),
+        f" terms.{changed}",
         "candidates",
         searched,
     )
@@ -179,6 +200,23 @@ def _accuracy(searches: tuple[Searched, ...]) -> Picture:
     )
 
 
+def _path(path: tuple[PathScore, ...]) -> Picture:
+    return Picture(
+        "path-of-models",
+        "path",
+        f"Held-out free-run error of {len(path)} models over their number of terms, with error bars, the chosen one"
+        " marked; the numbers stand in the table",
+        "Error of free runs over what was held out, in standard deviations of what was measured, over the number of"
+        " terms: each circle is a model, fitted without what is held out, that lacks what the one to its right needed"
+        " least. The bars say how far the error differs from stretch to stretch. Left of the chosen one (diamond) the"
+        " error should rise, right of it more terms should gain next to nothing; where it falls on to the right end,"
+        " something is still missing from the library. Free runs of a chaotic system part from the record whatever the"
+        " model: there all errors are large and tell little.",
+        "path",
+        path,
+    )
+
+
 def _stretch(report: Report) -> str:
     work = report.at_work
     where = f"the last fifth of the {'record' if report.observed.recorded.recordings == 1 else 'longest recording'}"
@@ -189,7 +227,7 @@ def _stretch(report: Report) -> str:
         " record,"
         " this stretch included; the terms were chosen with it in both."
         if work.held_out
-        else " The record is too short to hold this stretch out: the model has seen it."
+        else " Nothing here is held out: the model has seen this stretch."
     )
     return f"Shown is {where}, {work.begin:.4g} s to {work.end:.4g} s.{honest}"
 

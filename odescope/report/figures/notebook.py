@@ -10,6 +10,7 @@ from odescope.report.at_work import at_work
 from odescope.report.data import Searched
 from odescope.report.figures.draw_grids import draw_accuracy, draw_candidates, draw_correlation
 from odescope.report.figures.draw_lines import draw_chart, draw_spectra
+from odescope.report.figures.draw_path import draw_path
 from odescope.report.recorded import Truth, derivatives_chart, signals_chart, spectra
 from odescope.report.searches import searched
 
@@ -50,6 +51,14 @@ def plot_candidates(result: Identification, target: str | None = None) -> Figure
 def plot_accuracy(result: Identification) -> Figure:
     """Return the held-out error of every candidate over its number of terms, the chosen ones marked."""
     return draw_accuracy(searched(result))
+
+
+def plot_path(result: Identification) -> Figure:
+    """Return the held-out free-run error of every model on the path over its number of terms, the chosen one marked."""
+    scores = result.model.scores
+    if scores is None or not scores.path:
+        raise InputError("the result has no path of models: the likelihood stage makes one of a model that it follows")
+    return draw_path(scores.path)
 
 
 def plot_targets(result: Identification, truth: Truth | None = None) -> Figure:
