@@ -25,9 +25,9 @@ from odescope.likelihood.process_noise import (
     search_with_process_noise,
 )
 from odescope.likelihood.program import Frame
-from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, search
+from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, search
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
+from odescope.likelihood.segments import SEGMENT, SHORT, Segments, cut_segments
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
 from odescope.recordings.record import Records
@@ -203,8 +203,20 @@ def _searches(
 
 
 def _search(start: FloatArray, space: SearchSpace) -> Outcome | None:
-    """Search with a budget of one's own."""
-    return search(space.within(space.budget.part(1.0)), start)
+    """Search with a budget of one's own; from short segments where the start is lost in those of usual length.
+
+    The further a model is from the record, the shorter it can be followed. Of much noise a short segment says next to
+    nothing; tied to its neighbours from the beginning it does. The end is judged in the usual segments again.
+    """
+    space = space.within(space.budget.part(1.0))
+    found = search(space, start)
+    if found is not None and _joined(found):
+        return found
+    near = search(space.on(space.segments.cut_anew(SHORT)), start, TIED)
+    followed = near is not None and near.width < TIED[0] and _joined(near)
+    again = search(space, near.fit.theta) if near is not None and followed else None
+    ends = [replace(o, spent=space.budget.spent) for o in (found, again) if o is not None]
+    return min(ends, key=lambda o: o.rank, default=None)
 
 
 def _shorter(space: SearchSpace, plain: FloatArray, outcomes: Sequence[Outcome]) -> FloatArray:

@@ -5,6 +5,7 @@ docs/method.md, Structure by likelihood.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -18,6 +19,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.search_space import Move, SearchSpace
 
 WIDTHS = (np.inf, 1.0, 0.1, 0.01, 0.001)  # of the defects, in smoothing errors of each state
+TIED = (5.0, *WIDTHS[1:])  # the same for short segments, of which one alone says next to nothing
 NEAR_NOISE = 2.0  # residual variance over noise variance above which continuity is not tightened
 TRIALS = 3  # mechanisms tried by refitting before a move is given up
 WHITE = 1.1  # residual variance over noise variance of a model that lacks nothing
@@ -107,12 +109,13 @@ class WhiteResiduals:
         return result
 
 
-def search(space: SearchSpace, theta: FloatArray) -> Outcome | None:
+def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDTHS) -> Outcome | None:
     """Return where a search from these coefficients ends, or None where the start cannot be integrated.
 
     Args:
         space: data, candidates, budget.
         theta: (mechanisms,) coefficients to begin with.
+        widths: of the defects, one after the other.
 
     Raises:
         Stopped: the run is to end.
@@ -121,14 +124,14 @@ def search(space: SearchSpace, theta: FloatArray) -> Outcome | None:
     here = space.begin(theta, segments.spread * np.inf)
     if here is None:
         return None
-    best = here, float(WIDTHS[0]), _scale(space, here, WIDTHS[0])
-    for width in WIDTHS:
+    best = here, float(widths[0]), _scale(space, here, widths[0])
+    for width in widths:
         refitted = space.again(here, here.x0, segments.spread * width)
         if refitted is None:
             break
         here = _settle(space, refitted, width, trail)
         scale = _scale(space, here, width)
-        if width != WIDTHS[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or _torn(space, here)):
+        if width != widths[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or _torn(space, here)):
             break
         best = here, float(width), scale
         if scale > NEAR_NOISE:

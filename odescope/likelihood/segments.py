@@ -8,7 +8,7 @@ with the filtered signal, whose own error does not matter there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,6 +20,7 @@ from odescope.signals.estimate import Signals
 
 OVERSAMPLING = 8  # block averages a period of the highest cutoff
 SEGMENT = 25  # block averages a segment
+SHORT = 6  # block averages of a segment in which a model that lacks most is not lost
 LEAST_SEGMENT = 4
 LARGEST = 60_000  # averages in all: of longer logs the likelihood takes the first part of every record, to bound memory
 
@@ -55,6 +56,11 @@ class Segments:
     def initial(self) -> FloatArray:
         """Smoothed states at the first average of every segment, (J, n)."""
         return self.filtered[self.start]
+
+    def cut_anew(self, length: int) -> Segments:
+        """Return the same averages in segments of about so many."""
+        start, count, joined = _cut(self.runs, length)
+        return replace(self, start=start, count=count, joined=joined)
 
 
 def cut_segments(records: Records, signals: Signals, differentiator: Differentiator, length: int = SEGMENT) -> Segments:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
@@ -14,6 +15,8 @@ from odescope.recordings.gaps import GAP_PERIODS
 from odescope.recordings.record import Record, within
 
 EXACT_PERIODS = 1e-6  # deviations below this are the rounding of the clock's last digits
+PLAIN = 0.75 * np.pi  # steps of an angle up to which a jump by 2 pi cannot be taken for one, or one for a jump
+RISE = 1.1  # times the least turn between windows: longer ones only see more of the motion
 LARGEST_JITTER = 0.25  # beyond it a sample is no longer nearest to its own grid point
 
 
@@ -23,8 +26,50 @@ def unwrap(record: Record, angles: Iterable[str]) -> Record:
     for name in angles:
         column = record.column(name)
         check_radians(name, column, record.source)
-        values[:, record.names.index(name)] = np.unwrap(column)
+        values[:, record.names.index(name)] = _unwrapped(column)
     return replace(record, values=values)
+
+
+def _unwrapped(angle: FloatArray) -> FloatArray:
+    """Return an angle (N,) without its jumps by 2 pi.
+
+    From sample to sample noise alone may step further than pi, and every such step taken for a jump would shift all
+    that follows by a turn. The mean direction of a window hardly knows noise: it is unwrapped instead, and every sample
+    is put next to it.
+    """
+    plain: FloatArray = np.unwrap(angle)
+    window = 1 if np.abs(np.diff(plain)).max() < PLAIN else _window(angle)
+    if window == 1:
+        return plain
+    mean = np.unwrap(np.angle(_sums(angle, window)))
+    before = window // 2
+    smooth = np.pad(mean, (before, window - 1 - before), mode="edge")
+    near: FloatArray = angle + 2.0 * np.pi * np.rint((smooth - angle) / (2.0 * np.pi))
+    return near
+
+
+def _window(angle: FloatArray) -> int:
+    """Return the window in samples between whose mean directions the angle turns least, at the worst place.
+
+    In short windows it is noise that turns it, in long ones motion: of a record without noise it is one sample.
+    """
+    best, least, window = 1, np.inf, 1
+    while 4 * window <= len(angle):
+        mean = _sums(angle, window)
+        worst = float(np.abs(np.angle(mean[window:] * mean[:-window].conj())).max())
+        if worst > RISE * least:
+            break
+        if worst < least:
+            best, least = window, worst
+        window *= 2
+    return best
+
+
+def _sums(angle: FloatArray, window: int) -> NDArray[np.complex128]:
+    """Return the sums of the directions in every window, as complex numbers (N - window + 1,)."""
+    total = np.concatenate([[0.0], np.cumsum(np.exp(1j * angle))])
+    sums: NDArray[np.complex128] = total[window:] - total[:-window]
+    return sums
 
 
 def uniform(record: Record, jitter: float = 0.05, held: frozenset[str] = frozenset()) -> Record:

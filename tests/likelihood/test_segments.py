@@ -122,3 +122,12 @@ def test_a_held_input_is_not_averaged():
     data = cut([record(t, hold_u=held)], hold="zero")
     assert data.block == 1
     np.testing.assert_allclose(data.inputs[:-1, :, 0], np.repeat(held[:-1, None], 3, axis=1), atol=1e-12)
+
+
+def test_the_same_averages_are_cut_into_shorter_segments():
+    data = cut([record(PERIOD * np.arange(6001)), record(PERIOD * np.arange(3001))])
+    short = data.cut_anew(6)
+    assert short.measured is data.measured
+    assert set(short.count) <= {5, 6, 7}
+    assert short.count.sum() == data.count.sum()
+    assert np.count_nonzero(~short.joined) == np.count_nonzero(~data.joined) == 2

@@ -21,13 +21,30 @@ def record(**columns):
 
 
 @settings(deadline=None)
-@given(start=st.floats(-3, 3), steps=st.lists(st.floats(-3, 3), min_size=1, max_size=60))
+@given(start=st.floats(-3, 3), steps=st.lists(st.floats(-2.3, 2.3), min_size=1, max_size=60))
 def test_unwrap_removes_all_jumps(start, steps):
     angle = start + np.cumsum([0, *steps])
     wrapped = np.angle(np.exp(1j * angle))
     run = record(t=np.arange(len(angle)), phi=wrapped, x=wrapped)
     assert np.abs(unwrap(run, ["phi"]).column("phi") - angle).max() < 1e-9 * (1 + np.abs(angle).max())
     assert np.array_equal(unwrap(run, ["phi"]).column("x"), wrapped)
+
+
+@pytest.mark.parametrize("step", [2.4, 3.0, -3.0])
+def test_unwrap_follows_a_fast_turn(step):
+    angle = step * np.arange(40)
+    run = record(phi=np.angle(np.exp(1j * angle)))
+    assert np.abs(unwrap(run, ["phi"]).column("phi") - angle).max() < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_that_steps_further_than_pi_is_not_taken_for_turns(seed):
+    t = np.arange(40_000) * 1e-3
+    angle = 3.0 * t + 4.0 * np.sin(2.0 * t) + 0.55 * np.random.default_rng(seed).standard_normal(len(t))
+    wrapped = np.angle(np.exp(1j * angle))
+    assert np.abs(np.diff(angle)).max() > np.pi
+    turns = (unwrap(record(t=t, phi=wrapped), ["phi"]).column("phi") - angle) / (2.0 * np.pi)
+    assert np.abs(turns - np.rint(turns[0])).max() < 1e-9
 
 
 def test_an_angle_that_jumps_by_360_is_taken_for_degrees():
