@@ -90,6 +90,7 @@ def refine(
     mechanisms: Sequence[Mechanism],
     starts: Sequence[FloatArray],
     plain: FloatArray | None,
+    further: Callable[[], FloatArray | None],
     differentiator: Differentiator,
     options: LikelihoodSearch,
     monitor: Monitor = Monitor(),  # noqa: B008
@@ -104,6 +105,7 @@ def refine(
         starts: coefficients (mechanisms,) to begin from.
         plain: coefficients of relations that hold their targets bare, if there are any; they are begun from too where
             one of the others cannot be followed. All candidates are then plain.
+        further: gives one start more, if it can, and is asked only where none of the others ends clear.
         differentiator: that the signals were found with.
         options: how many starts, at what budget.
         monitor: told what goes on, and asked whether to stop.
@@ -121,6 +123,10 @@ def refine(
     budget = Budget(options.budget, monitor, deadline)
     space = _fine_enough(SearchSpace(Evaluator(cut(SEGMENT), 1, budget), tuple(mechanisms), frame), starts)
     outcomes = _searches(space, starts, plain, monitor, workers)
+    more = None if any(o.clear for o in outcomes) else further()
+    if more is not None:
+        outcomes += _searches(space, [more], None, monitor, workers)
+        starts = [more, *starts]
     if not outcomes:
         return None
     budget.spent += sum(o.spent for o in outcomes)
@@ -179,7 +185,7 @@ def _searches(
 
     Every search has its own part of the budget, so that it ends alike wherever it runs.
     """
-    share = JOINED_SHARE / len(begun)
+    share = JOINED_SHARE / max(len(begun), 2)
     # A monitor speaks to whoever started the run, not to a worker elsewhere.
     budget = replace(space.budget.part(share), monitor=Monitor()) if workers.remote else space.budget.part(share)
     outcomes, failed = list[Outcome](), False

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from odescope.arrays import FloatArray
 from odescope.errors import InputError, NoModelError
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.refine import Refinement
@@ -134,30 +134,32 @@ class Winner:
     forms: tuple[FormScore, ...]
 
 
-def compete(work: Work, filtered: Filtered, regressed: Regressed) -> Winner:
+def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> Winner:
     """Return the form that describes the record best.
 
     Args:
-        work: whose study names the forms.
+        work: whose study says how.
+        prepared: the mechanisms of the forms beside relations.
         filtered: the records and their signals.
         regressed: what regression on relations found.
 
     Raises:
-        InputError: the library says what a form cannot hold.
+        InputError: a tie names no candidate of the relations.
         NoModelError: no form has a model.
     """
     contenders = list[_Contender]()
-    for posed in pose_forms(work, filtered, regressed.problems, regressed.searches, regressed.proposals):
-        own = regressed.model if posed.form == "relations" else _regressed(posed, filtered.signals)
+    forms = pose_forms(work, prepared, filtered, regressed.problems, regressed.searches, regressed.proposals)
+    for posed in forms:
         done = [c.refinement for c in contenders if c.refinement is not None]
-        if own is not None and done:
+        if posed.form == "relations" and regressed.model is not None and done:
             # Mechanisms that follow the record leave little to find: relations then compete as regression has them,
             # unless these already run better.
-            asis = _contender(posed, own, None, done)
+            asis = _contender(posed, regressed.model, None, done)
             if any(c.follows and (c.clear or c.free_run <= asis.free_run) for c in contenders):
                 contenders.append(asis)
                 continue
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
+        own = partial(_regressed, posed, regressed, filtered.signals)
         model, refinement = adopt(own, refinement, filtered.signals)
         if model is not None:
             contender = _contender(posed, model, refinement, done)
@@ -166,8 +168,9 @@ def compete(work: Work, filtered: Filtered, regressed: Regressed) -> Winner:
             if regressed.failure is None or exact or (contender.follows and contender.free_run < LOST):
                 contenders.append(contender)
     if not contenders:
+        stage = "likelihood" if work.study.likelihood.enabled else "regression"
         raise regressed.failure or NoModelError(
-            "likelihood", "no model follows the record, even in short segments: look for missing physics or wrong units"
+            stage, "no model follows the record, even in short segments: look for missing physics or wrong units"
         )
     best = _best(contenders)
     scores = tuple(c.score(c is best) for c in contenders) if len(contenders) > 1 else ()
@@ -184,11 +187,11 @@ def _best(contenders: Sequence[_Contender]) -> _Contender:
     return min((c for c in able if c.free_run <= SPREAD * least), key=lambda c: (c.coefficients, c.free_run))
 
 
-def _regressed(posed: Posed, signals: Signals) -> Model | None:
-    """Return the model that regression on mechanisms proposes, where it determines the targets."""
-    if not posed.starts:
-        return None
-    theta: FloatArray = posed.starts[-1]
+def _regressed(posed: Posed, regressed: Regressed, signals: Signals) -> Model | None:
+    """Return the model that regression proposes in a form, where it determines the targets."""
+    theta = posed.proposal
+    if posed.form == "relations" or theta is None:
+        return regressed.model if posed.form == "relations" else None
     present = np.flatnonzero(theta)
     mechanisms = [posed.mechanisms[k] for k in present]
     relations = relations_of(mechanisms, theta[present], None, signals.targets)
@@ -214,7 +217,7 @@ def _contender(posed: Posed, model: Model, refinement: Refinement | None, others
         path, count = refinement.path, len(refinement.fit.free)
         error = np.inf if path is None else path.choice.error
         return _Contender(posed.form, model, refinement, posed.left_out, count, error)
-    theta = posed.starts[0] if posed.form == "relations" else posed.starts[-1]
+    theta = posed.starts[0] if posed.proposal is None else posed.proposal
     spaces = [other.space.among(posed.mechanisms) for other in others[:1]]
     error = float(np.sqrt(free_run_error(spaces[0], theta))) if spaces else np.inf
     count = int(np.count_nonzero(theta)) - len(model.relations)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,14 +21,16 @@ from odescope.regression.mechanisms import MechanismProblem, proposed
 from odescope.regression.problem import Problem
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals, signals_like
-from odescope.study.options import Form, LeftOut, Study
+from odescope.study.options import Form, LeftOut, Mechanisms, Study
 
 
 @dataclass(frozen=True, eq=False)
 class Posed:
     """A form: its candidates, those left out as combinations of others, and coefficients (k,) to begin from.
 
-    `plain` are the coefficients of relations that hold their targets bare, where there are any.
+    `plain` are the coefficients of relations that hold their targets bare, where there are any. `regression` gives what
+    regression on all relations together proposes, where that is not among the starts; it is asked for late, because it
+    takes as long as a search.
     """
 
     form: Form
@@ -35,6 +38,12 @@ class Posed:
     left_out: LeftOut
     starts: tuple[FloatArray, ...]
     plain: FloatArray | None = None
+    regression: Callable[[], FloatArray | None] = lambda: None
+
+    @cached_property
+    def proposal(self) -> FloatArray | None:
+        """What regression on all relations together proposes, computed once."""
+        return self.regression()
 
 
 def relations_form(
@@ -67,28 +76,26 @@ def relations_form(
     )
 
 
-def mechanisms_form(study: Study, form: Form, records: Records, signals: Signals) -> Posed:
-    """Return Lagrange's equations or reactions, begun from little and from what regression proposes.
+def mechanisms_form(study: Study, form: Form, library: Mechanisms, records: Records, signals: Signals) -> Posed:
+    """Return Lagrange's equations or reactions, begun from little, or from what regression proposes.
 
     Args:
-        study: says what the candidates are.
+        study: how signals are filtered, and the seed.
         form: which of the two.
+        library: the candidates, and those left out.
         records: what the signals were found in.
         signals: noise, cutoffs and values.
-
-    Raises:
-        InputError: the library says what the form cannot hold.
     """
-    mechanisms, left_out = study.mechanisms(form)
-    rng = np.random.default_rng(study.random.seed)
-    noise = {c.name: c.noise for c in signals.channels}
-    twice = Records(tuple(_with_noise(run, noise, rng) for run in records))
-    noisy = signals_like(signals, twice.stretches, study.signals.differentiator, study.signals.margin)
-    regression = proposed(MechanismProblem.of(signals, mechanisms), noisy)
-    starts = [_little(mechanisms, signals)]
-    if regression is not None:
-        starts.append(regression)
-    return Posed(form, mechanisms, left_out, tuple(starts))
+    mechanisms, left_out = library
+
+    def regression() -> FloatArray | None:
+        rng = np.random.default_rng(study.random.seed)
+        noise = {c.name: c.noise for c in signals.channels}
+        twice = Records(tuple(_with_noise(run, noise, rng) for run in records))
+        noisy = signals_like(signals, twice.stretches, study.signals.differentiator, study.signals.margin)
+        return proposed(MechanismProblem.of(signals, mechanisms), noisy)
+
+    return Posed(form, mechanisms, left_out, (_little(mechanisms, signals),), regression=regression)
 
 
 def _with_noise(run: Record, noise: dict[str, float], rng: np.random.Generator) -> Record:

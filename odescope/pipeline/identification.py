@@ -166,7 +166,7 @@ def _identified(work: Work, data: Records | Table | Sequence[Table] | None, stor
 
     if regressed.model is not None:
         work.monitor.tell(DraftReady(result(regressed.model, None)))
-    winner = compete(work, filtered, regressed)
+    winner = compete(work, prepared, filtered, regressed)
     with work.stage("model"):
         model = _judged(work.study, filtered, regressed, winner)
     return result(model, winner.refinement, winner.left_out)

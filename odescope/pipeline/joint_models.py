@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
 
@@ -116,25 +116,27 @@ def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other
 
 
 def adopt(
-    model: Model | None, refinement: Refinement | None, signals: Signals
+    regressed: Callable[[], Model | None], refinement: Refinement | None, signals: Signals
 ) -> tuple[Model | None, Refinement | None]:
     """Return the model of the likelihood stage where it follows the record, else that of the regression.
 
     A refinement whose denominators vanish inside the data is dropped: its errors are those of another model.
 
     Args:
-        model: of the regression, where that found one.
+        regressed: gives the model of the regression, where that found one.
         refinement: what the likelihood stage returned.
         signals: where denominators must not vanish.
     """
-    if refinement is None or not (refinement.follows or model is None):
+    if refinement is None:
+        return regressed(), None
+    if not refinement.follows and (model := regressed()) is not None:
         return model, refinement
     relations, mechanisms = refinement.relations, refinement.mechanisms
     if not refinement.follows:
         relations = tuple(Relation(tuple(replace(t, std_error=None) for t in r.terms)) for r in relations)
         mechanisms = tuple(msgspec.structs.replace(m, std_error=None) for m in mechanisms)
     refined = Model(signals.coordinates, signals.inputs, relations, mechanisms=mechanisms)
-    return (refined, refinement) if determined(refined, signals) else (model, None)
+    return (refined, refinement) if determined(refined, signals) else (regressed(), None)
 
 
 def as_adopted(search: Search, chosen: Candidate, relation: Relation) -> Candidate:

@@ -39,7 +39,7 @@ from odescope.selection.sweep import Sweep, nested_libraries, sweep
 from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
 from odescope.signals.estimate import Signals, estimate_signals
 from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, settle_clipping
-from odescope.study.options import Study
+from odescope.study.options import Form, Mechanisms, Study
 from odescope.study.pieces import versions
 
 SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out, unless all are
@@ -77,10 +77,14 @@ class Work:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """The recordings, as far as they stand in memory, and the library of each target."""
+    """The recordings, as far as they stand in memory, the library of each target, and the mechanisms of other forms.
+
+    There are no libraries where relations do not compete.
+    """
 
     sample: Sample
     libraries: tuple[Library, ...]
+    mechanisms: Mapping[Form, Mechanisms]
 
 
 def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: Path | None) -> Prepared:
@@ -102,9 +106,9 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
             sample = Sample(data if isinstance(data, Records) else records_from(data, study.layout()))
         check_channels(sample.records, study.measured(), study.driven())
     with work.stage("library"):
-        for form in study.forms():
-            if form != "relations":
-                study.mechanisms(form)  # what is wrong with them is said before anything is computed
+        mechanisms: dict[Form, Mechanisms] = {
+            form: study.mechanisms(form) for form in study.forms() if form != "relations"
+        }
         wanted = "relations" in study.forms()
         libraries = tuple(study.candidates(c.target) for c in study.measured()) if wanted else ()
         for c, library in zip(study.measured(), libraries, strict=wanted):
@@ -113,7 +117,7 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
                     f"{sample.records.samples} samples cannot decide between {len(library)} candidate terms for"
                     f" {c.target}: record longer, or shrink the library ([library] degree, basis or rules)"
                 )
-    return Prepared(sample, libraries)
+    return Prepared(sample, libraries, mechanisms)
 
 
 def kept_in(folder: Path, study: Study) -> Store:
@@ -325,6 +329,7 @@ def draw_anew(work: Work, searches: Sequence[Search], chosen: Chosen) -> tuple[S
 
 def pose_forms(
     work: Work,
+    prepared: Prepared,
     filtered: Filtered,
     problems: Sequence[Problem],
     searches: Sequence[Search],
@@ -333,23 +338,20 @@ def pose_forms(
     """Return the forms that compete, mechanisms first, each with its candidates and where to begin.
 
     Args:
-        work: whose study names the forms.
+        work: whose study says how.
+        prepared: the mechanisms.
         filtered: the records and their signals.
         problems: of the relations, one a target.
         searches: of the relations, one a target.
         proposals: of the regression, the best first.
 
     Raises:
-        InputError: the library says what a form cannot hold.
+        InputError: a tie names no candidate of the relations.
     """
-    study, found = work.study, list[Posed]()
-    for form in sorted(study.forms(), key=lambda f: f == "relations"):
-        if form == "relations":
-            found.append(relations_form(study, problems, searches, proposals))
-        else:
-            with work.stage("mechanisms"):
-                found.append(mechanisms_form(study, form, filtered.records, filtered.signals))
-    return tuple(found)
+    study, records, signals = work.study, filtered.records, filtered.signals
+    mechanisms = [mechanisms_form(study, f, m, records, signals) for f, m in prepared.mechanisms.items()]
+    relations = [relations_form(study, problems, searches, proposals)] if problems else []
+    return (*mechanisms, *relations)
 
 
 def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | None:
@@ -367,6 +369,7 @@ def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | No
             posed.mechanisms,
             posed.starts,
             posed.plain,
+            lambda: posed.proposal,
             work.study.signals.differentiator,
             work.study.likelihood,
             work.monitor,

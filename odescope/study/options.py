@@ -39,6 +39,7 @@ else:
 
 
 LeftOut = tuple[tuple[Mechanism, tuple[Mechanism, ...]], ...]  # each with what it is a combination of
+Mechanisms = tuple[tuple[Mechanism, ...], LeftOut]  # candidates, and those left out
 
 
 class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -269,7 +270,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         names = [n for c in coordinates for n in (*c.states, c.target)] + [i.name for i in inputs]
         return Scope.of(names, [_definition(head, body) for head, body in functions.items()])
 
-    def mechanisms(self, form: Form) -> tuple[tuple[Mechanism, ...], LeftOut]:
+    def mechanisms(self, form: Form) -> Mechanisms:
         """Return the mechanisms of Lagrange's equations or of reactions, and those left out as combinations of others.
 
         Raises:
