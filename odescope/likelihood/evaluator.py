@@ -74,7 +74,14 @@ class Evaluator:
         between = np.column_stack([0.5 * s * (s - 1.0), 1.0 - s**2, 0.5 * s * (s + 1.0)])
         inputs = np.ascontiguousarray(np.einsum("kn,mni->mki", between, segments.inputs))
         self._data = Averages(
-            1.0 / segments.noise, segments.step, substeps, segments.start, segments.count, segments.measured, inputs
+            1.0 / segments.noise,
+            segments.step,
+            substeps,
+            segments.start,
+            segments.count,
+            segments.measured,
+            np.ones_like(segments.measured) if segments.weight is None else segments.weight,
+            inputs,
         )
 
     def integrate(self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray) -> Sums:

@@ -24,8 +24,9 @@ class Averages(NamedTuple):
     """What the kernel compares with.
 
     Shapes: inverse_noise (c,) 1 / sigma; step of a sample in seconds, taken in `substeps`; start, size (J,) first
-    sample and number of samples of each segment; y (N, c); u (N, 2 substeps + 1, inputs) the inputs on the half steps
-    of the step that begins at each sample.
+    sample and number of samples of each segment; y (N, c); weight (N, c) what 1 / sigma of a sample is multiplied by, 0
+    where there is none; u (N, 2 substeps + 1, inputs) the inputs on the half steps of the step that begins at each
+    sample.
     """
 
     inverse_noise: FloatArray
@@ -34,6 +35,7 @@ class Averages(NamedTuple):
     start: IntArray
     size: IntArray
     y: FloatArray
+    weight: FloatArray
     u: FloatArray
 
 
@@ -202,7 +204,7 @@ def integrate(code, places, param, weight, p, data, x0, begin, end, out):
     """
     following, measured = places.following, places.measured
     inverse_noise, substeps, start, count = data.inverse_noise, data.substeps, data.start, data.size
-    y_data, u_data = data.y, data.u
+    y_data, w_data, u_data = data.y, data.weight, data.u
     cost, gradient, hessian, last, jacobian = out
     n, targets = x0.shape[1], 0
     for i in range(n):
@@ -221,7 +223,7 @@ def integrate(code, places, param, weight, p, data, x0, begin, end, out):
         np.empty((targets, n, LANES)),
         np.empty((targets, LANES)),
     )
-    u, e = np.zeros((inputs, LANES)), np.empty(LANES)
+    u, e, scales = np.zeros((inputs, LANES)), np.empty(LANES), np.empty(LANES)
     slope = np.empty(width)
     step = data.step / substeps
     for low in range(begin, end, LANES):
@@ -242,12 +244,13 @@ def integrate(code, places, param, weight, p, data, x0, begin, end, out):
             for c in range(channels):
                 m = measured[c]
                 for lane in range(lanes):
-                    inside = k < count[low + lane]
-                    e[lane] = (x[m, lane] - y_data[start[low + lane] + k, c]) * inverse_noise[c] if inside else 0.0
+                    row, inside = start[low + lane] + k, k < count[low + lane]
+                    scales[lane] = inverse_noise[c] * w_data[row, c] if inside else 0.0
+                    e[lane] = (x[m, lane] - y_data[row, c]) * scales[lane] if inside else 0.0
                 for lane in range(lanes):
-                    if k < count[low + lane]:
+                    if scales[lane] > 0.0:
                         cost[low + lane] += e[lane] * e[lane]
-                        scale = inverse_noise[c]
+                        scale = scales[lane]
                         gl, hl = gradient[low + lane], hessian[low + lane]
                         for i in range(width):
                             slope[i] = scale * s[m, i, lane]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -32,7 +32,8 @@ class Segments:
     Shapes: measured (N, c) averages; inputs (N, 3, i) on the nodes of the step that begins at each average; filtered
     (N, n) smoothed states; start, count (J,); joined (J,) whether a segment ends where the next begins; noise (c,) the
     standard deviation of an average, spread (n,) that of the smoothing error of each state; step in
-    seconds; runs the first average of every record and the one after its last.
+    seconds; runs the first average of every record and the one after its last; weight (N, c) by what 1 / noise of an
+    average is multiplied, 0 where nothing was measured, None for 1 throughout.
     """
 
     measured: FloatArray
@@ -46,11 +47,15 @@ class Segments:
     step: float
     block: int
     runs: tuple[tuple[int, int], ...]
+    weight: FloatArray | None = None
 
-    @property
+    @cached_property
     def samples(self) -> int:
         """Number of averages that the segments see, over all channels."""
-        return int(self.count.sum()) * len(self.noise)
+        if self.weight is None:
+            return int(self.count.sum()) * len(self.noise)
+        there = np.concatenate([[0], np.cumsum((self.weight > 0.0).sum(axis=1))])
+        return int((there[self.start + self.count] - there[self.start]).sum())
 
     @property
     def initial(self) -> FloatArray:
