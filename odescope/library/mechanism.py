@@ -1,17 +1,20 @@
 """Mechanism: one coefficient and all that it multiplies, in one relation or in several.
 
-A term of an energy, a reaction, a tie are mechanisms of several parts; a plain candidate is one of a single part.
+A term of an energy, a reaction, a tie are mechanisms of several parts; a plain candidate is one of a single part. What
+else a record may ask for has a coefficient and no part: the offset of a sensor, the delay of an input, a constant
+within functions. Such a coefficient is 0 where the record does not ask for it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 from odescope.library.product import Product
 
-Kind = Literal["term", "kinetic", "potential", "dissipation", "force", "reaction", "tie"]
+Kind = Literal["term", "kinetic", "potential", "dissipation", "force", "reaction", "tie", "offset", "delay", "constant"]
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,8 @@ class Mechanism:
     Attributes:
         kind: what it is a term of.
         term: what the coefficient stands before, as text: a product, a term of an energy, the flux of a reaction.
-        place: where that is: the target of its relation, or the kind.
+        place: where that is: the target of its relation, or the kind; of what has no part, the coordinate, input or
+            constant that it belongs to.
         parts: one a relation and product.
         size: how elaborate it is; laws are simple, so every step of it halves the prior.
         name: by which people know it, such as S + E -> C or u on x; the term where it has none of its own.
@@ -44,6 +48,11 @@ class Mechanism:
     size: float
     name: str = ""
     known: float | None = None
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """The states, inputs and constants in its terms."""
+        return frozenset[str]().union(*(p.product.term.names for p in self.parts))
 
     @property
     def relations(self) -> frozenset[int]:
@@ -85,7 +94,7 @@ def candidates_of(libraries: Sequence[Sequence[Product]], targets: Sequence[str]
 
 
 def scale_groups(mechanisms: Sequence[Mechanism], present: Iterable[int]) -> list[tuple[int, ...]]:
-    """Return the present mechanisms in groups that have no relation in common, ascending.
+    """Return the present mechanisms that have parts, in groups that have no relation in common, ascending.
 
     All coefficients of a group may be multiplied by one number: its relations say the same.
 
@@ -95,6 +104,8 @@ def scale_groups(mechanisms: Sequence[Mechanism], present: Iterable[int]) -> lis
     """
     groups: list[tuple[frozenset[int], list[int]]] = []
     for k in present:
+        if not mechanisms[k].parts:
+            continue
         relations, members, apart = mechanisms[k].relations, [int(k)], []
         for other, others in groups:
             if other & relations:

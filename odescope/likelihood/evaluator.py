@@ -13,7 +13,7 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.likelihood.block_cholesky import eliminate, substitute
 from odescope.likelihood.budget import Budget
-from odescope.likelihood.kernel import LANES, Averages, Sums, integrate
+from odescope.likelihood.kernel import LANES, Averages, Settings, Sums, integrate
 from odescope.likelihood.program import Program
 from odescope.likelihood.segments import Segments
 
@@ -69,20 +69,25 @@ class Evaluator:
         self.threads = os.cpu_count() or 1
         self.substeps = substeps
         self.budget = Budget() if budget is None else budget
-        # Inputs are parabolas over a step; finer steps take more of their values.
-        s = np.linspace(-1.0, 1.0, 2 * substeps + 1)
+        self._driven: tuple[tuple[float, ...] | None, FloatArray] = (None, self._on_half_steps(segments.inputs))
+        self._weight = np.ones_like(segments.measured) if segments.weight is None else segments.weight
+
+    def _on_half_steps(self, nodes: FloatArray) -> FloatArray:
+        """Return inputs on the half steps (N, 2 substeps + 1, i): parabolas through their values on nodes (N, 3, i)."""
+        s = np.linspace(-1.0, 1.0, 2 * self.substeps + 1)
         between = np.column_stack([0.5 * s * (s - 1.0), 1.0 - s**2, 0.5 * s * (s + 1.0)])
-        inputs = np.ascontiguousarray(np.einsum("kn,mni->mki", between, segments.inputs))
-        self._data = Averages(
-            1.0 / segments.noise,
-            segments.step,
-            substeps,
-            segments.start,
-            segments.count,
-            segments.measured,
-            np.ones_like(segments.measured) if segments.weight is None else segments.weight,
-            inputs,
-        )
+        return np.ascontiguousarray(np.einsum("kn,mni->mki", between, nodes))
+
+    def _data(self, delays: tuple[float, ...] | None) -> Averages:
+        """Return the measurements, with inputs so late, and beside them what they gain with their delays."""
+        if delays != self._driven[0]:
+            nodes = self.segments.inputs if delays is None else self.segments.late(delays)
+            self._driven = (delays, self._on_half_steps(nodes))
+        data = self.segments
+        return Averages(
+            1.0 / data.noise, data.step, self.substeps, data.start, data.count, data.measured, self._weight,
+            self._driven[1],
+        )  # fmt: skip
 
     def integrate(self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray) -> Sums:
         """Return cost, gradient, Gauss-Newton matrix, end and its derivatives of every segment.
@@ -102,12 +107,19 @@ class Evaluator:
         number[free] = np.arange(p)
         places = program.places
         param, weight = number[places.mechanism], places.share * theta[places.mechanism]
+        data, offsets = self._data(program.delays(theta)), program.offsets
+        settings = Settings(
+            program.constants(theta),
+            np.where(offsets < 0, 0.0, theta[offsets]),
+            np.where(offsets < 0, -1, number[offsets]),
+            number[places.wanted],
+        )
         out = Sums(
             np.empty(j), np.empty((j, n + p)), np.empty((j, n + p, n + p)), np.empty((j, n)), np.empty((j, n, n + p))
         )
 
         def part(begin: int, end: int) -> None:
-            integrate(program.tape.instructions, places, param, weight, p, self._data, x0, begin, end, out)
+            integrate(program.tape.instructions, places, param, weight, settings, p, data, x0, begin, end, out)
 
         edges = np.linspace(0, j, min(self.threads, -(-j // LANES)) + 1).astype(int)
         others = [_pool(os.getpid()).submit(part, a, b) for a, b in pairwise(edges[1:])]

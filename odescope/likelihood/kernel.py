@@ -39,6 +39,19 @@ class Averages(NamedTuple):
     u: FloatArray
 
 
+class Settings(NamedTuple):
+    """What else than coefficients the kernel is told, and which of it are parameters.
+
+    Shapes: constants (K,) values; offset (c,) what a sensor reads more than its state, offset_param (c,) the number of
+    its parameter, -1 for none; within_param (Q,) the same for every entry of `Places.within`.
+    """
+
+    constants: FloatArray
+    offset: FloatArray
+    offset_param: IntArray
+    within_param: IntArray
+
+
 class Sums(NamedTuple):
     """What the kernel fills in, one entry a segment.
 
@@ -65,7 +78,7 @@ class Scratch(NamedTuple):
 
 
 @kernel("contract")
-def _slopes(code, places, param, weight, p, lanes, x, s, u, scratch, dx, ds):
+def _slopes(code, places, param, weight, within_param, p, lanes, x, s, u, scratch, dx, ds):
     """Compute x' and S' of all lanes: one function, because what it computes on the way stays in cache.
 
     Shapes: x, dx (n, L); s, ds (n, n + p, L); u (inputs, L); param, weight one entry a part.
@@ -73,11 +86,11 @@ def _slopes(code, places, param, weight, p, lanes, x, s, u, scratch, dx, ds):
     work, a, inv, y, g, v = scratch.work, scratch.a, scratch.inv, scratch.y, scratch.g, scratch.v
     slot, owner, factor, share = places.slot, places.owner, places.factor, places.share
     grad, following = places.grad, places.following
+    within = places.within
     n, targets = x.shape[0], y.shape[0]
-    first = work.shape[0] - code.code.shape[0]
     for i in range(n):
         work[i, :lanes] = x[i, :lanes]
-    for i in range(first - n):
+    for i in range(u.shape[0]):
         work[n + i, :lanes] = u[i, :lanes]
     run_tape(code, work, lanes)
     a[:, :, :lanes] = 0.0
@@ -158,6 +171,23 @@ def _slopes(code, places, param, weight, p, lanes, x, s, u, scratch, dx, ds):
                 else:
                     for lane in range(lanes):
                         out[lane] -= c * w[lane] * value[lane]
+    for q in range(within.shape[0]):
+        k = within[q, 0]
+        r, c = owner[k], weight[k]
+        if within_param[q] < 0 or c == 0.0:
+            continue
+        value, gain = work[within[q, 1]], work[within[q, 2]]
+        for i in range(n):
+            if following[i] < 0:
+                t = -1 - following[i]
+                w, out = inv[t, r], ds[i, n + within_param[q]]
+                if factor[k] >= 0:
+                    by = y[factor[k]]
+                    for lane in range(lanes):
+                        out[lane] -= c * w[lane] * by[lane] * value[lane] * gain[lane]
+                else:
+                    for lane in range(lanes):
+                        out[lane] -= c * w[lane] * value[lane] * gain[lane]
 
 
 @kernel()
@@ -185,7 +215,7 @@ def _invert(a, inv, targets, lanes):
 
 
 @kernel("contract")
-def integrate(code, places, param, weight, p, data, x0, begin, end, out):
+def integrate(code, places, param, weight, settings, p, data, x0, begin, end, out):
     """Integrate segments begin to end - 1 and accumulate cost, gradient and Gauss-Newton matrix of each.
 
     One loop nest, because state, sensitivities and their sums stay in cache only while a block of lanes is worked on.
@@ -195,6 +225,7 @@ def integrate(code, places, param, weight, p, data, x0, begin, end, out):
         places: where parts stand, `Places`.
         param: (parts,) number of the parameter that a part's coefficient is a share of, -1 for none.
         weight: (parts,) coefficients, shares included.
+        settings: of sensors and constants, `Settings`.
         p: number of parameters.
         data: the measurements and how to step, `Averages`.
         x0: (J, n) initial states.
@@ -216,13 +247,16 @@ def integrate(code, places, param, weight, p, data, x0, begin, end, out):
     s, ss = np.empty((n, width, LANES)), np.empty((n, width, LANES))
     ds, sa = np.empty((n, width, LANES)), np.empty((n, width, LANES))
     scratch = Scratch(
-        np.zeros((n + inputs + code.code.shape[0], LANES)),
+        np.zeros((n + inputs + settings.constants.shape[0] + code.code.shape[0], LANES)),
         np.empty((targets, targets, LANES)),
         np.empty((targets, targets, LANES)),
         np.empty((targets, LANES)),
         np.empty((targets, n, LANES)),
         np.empty((targets, LANES)),
     )
+    for i in range(settings.constants.shape[0]):
+        scratch.work[n + inputs + i] = settings.constants[i]
+    offset, offset_param, within_param = settings.offset, settings.offset_param, settings.within_param
     u, e, scales = np.zeros((inputs, LANES)), np.empty(LANES), np.empty(LANES)
     slope = np.empty(width)
     step = data.step / substeps
@@ -246,7 +280,7 @@ def integrate(code, places, param, weight, p, data, x0, begin, end, out):
                 for lane in range(lanes):
                     row, inside = start[low + lane] + k, k < count[low + lane]
                     scales[lane] = inverse_noise[c] * w_data[row, c] if inside else 0.0
-                    e[lane] = (x[m, lane] - y_data[row, c]) * scales[lane] if inside else 0.0
+                    e[lane] = (x[m, lane] + offset[c] - y_data[row, c]) * scales[lane] if inside else 0.0
                 for lane in range(lanes):
                     if scales[lane] > 0.0:
                         cost[low + lane] += e[lane] * e[lane]
@@ -254,6 +288,8 @@ def integrate(code, places, param, weight, p, data, x0, begin, end, out):
                         gl, hl = gradient[low + lane], hessian[low + lane]
                         for i in range(width):
                             slope[i] = scale * s[m, i, lane]
+                        if offset_param[c] >= 0:
+                            slope[n + offset_param[c]] += scale
                         for i in range(width):
                             si = slope[i]
                             gl[i] += si * e[lane]
@@ -275,7 +311,7 @@ def integrate(code, places, param, weight, p, data, x0, begin, end, out):
                         for j in range(width):
                             for lane in range(lanes):
                                 ss[i, j, lane] = s[i, j, lane] + (f * ds[i, j, lane] if stage else 0.0)
-                    _slopes(code, places, param, weight, p, lanes, xs, ss, u, scratch, dx, ds)
+                    _slopes(code, places, param, weight, within_param, p, lanes, xs, ss, u, scratch, dx, ds)
                     share = step / 6.0 if stage == 0 or stage == 3 else step / 3.0
                     for i in range(n):
                         for lane in range(lanes):

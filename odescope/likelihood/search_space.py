@@ -164,6 +164,7 @@ class SearchSpace:
             strength: (mechanisms,) which coefficients are to be held first; by default those of large contributions.
             iterations: steps at most.
         """
+        present = self._alive(present)
         held = held_of(self.mechanisms, present, self._size(theta) if strength is None else strength)
         program, found = self.program(present), None
         for _ in range(GAUGES):
@@ -183,6 +184,11 @@ class SearchSpace:
             held, x0 = better, found.x0
             theta = self._rescaled(whole, held)
         return found
+
+    def _alive(self, present: IntArray) -> IntArray:
+        """Return the present mechanisms less those of sensors, inputs and constants that no present term names."""
+        names = frozenset[str]().union(*(self.mechanisms[k].names for k in present))
+        return np.array([k for k in present if self.mechanisms[k].parts or self.mechanisms[k].place in names], np.int64)
 
     def _rescaled(self, theta: FloatArray, held: IntArray) -> FloatArray:
         """Return coefficients (mechanisms,) of the same relations, with the held ones at 1."""
@@ -218,8 +224,10 @@ class SearchSpace:
         """Root mean squares of what multiplies a target in each mechanism, over the smoothed states (mechanisms,)."""
         found, segments = np.zeros(len(self.mechanisms)), self.segments
         parts = [(k, p) for k in self._scaling for p in self.mechanisms[k].parts if p.product.factor is not None]
-        tape = write_tape(self.frame.variables, [p.product.term for _, p in parts])
-        columns = np.ascontiguousarray(np.hstack([segments.filtered, segments.inputs[:, 0]]).T)
+        constants = self.frame.constants
+        tape = write_tape([*self.frame.variables, *constants], [p.product.term for _, p in parts])
+        fixed = np.tile(np.array([*constants.values()], dtype=np.float64), (len(segments.filtered), 1))
+        columns = np.ascontiguousarray(np.hstack([segments.filtered, segments.inputs[:, 0], fixed]).T)
         for (k, part), values in zip(parts, evaluate(tape, columns), strict=True):
             found[k] = max(found[k], abs(part.share) * float(np.sqrt(np.mean(values**2))))
         for k in self._scaling:

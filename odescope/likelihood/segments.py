@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.recordings.coordinate import Hold, Input
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.estimate import Signals
@@ -22,7 +24,39 @@ OVERSAMPLING = 8  # block averages a period of the highest cutoff
 SEGMENT = 25  # block averages a segment
 SHORT = 6  # block averages of a segment in which a model that lacks most is not lost
 LEAST_SEGMENT = 4
+DIFFERENCE = 0.02  # samples: of the difference quotient that says how an input changes with its delay
 LARGEST = 60_000  # averages in all: of longer logs the likelihood takes the first part of every record, to bound memory
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """The inputs of all records end to end, from which those of every step follow, however late they act.
+
+    Shapes: samples (M, i) as they act without more delay; holds (i,) names; at (N,) the sample at every average, first
+    and last (N,) those of its record; block samples a step, of `period` seconds each.
+    """
+
+    samples: FloatArray
+    holds: tuple[Hold, ...]
+    at: IntArray
+    first: IntArray
+    last: IntArray
+    block: int
+    period: float
+
+    def nodes(self, late: Sequence[float]) -> FloatArray:
+        """Return the inputs (N, 3, i) at begin, middle and end of the step after each average, so many samples late.
+
+        The nodes are those of the parabola that is nearest to the input over the step: smooth inputs keep their values,
+        and of rough or switching ones RK4's Simpson rule sees the right mean.
+        """
+        nodes = np.empty((len(self.at), 3, len(self.holds)))
+        for j, (hold, samples) in enumerate(zip(self.holds, late, strict=True)):
+            whole = int(np.floor(samples))
+            around = self.at[:, None] - whole - 1 + np.arange(self.block + 2)
+            reach = np.clip(around, self.first[:, None], self.last[:, None])
+            nodes[:, :, j] = self.samples[reach, j] @ _parabola(self.block, hold, samples - whole).T
+        return nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +67,8 @@ class Segments:
     (N, n) smoothed states; start, count (J,); joined (J,) whether a segment ends where the next begins; noise (c,) the
     standard deviation of an average, spread (n,) that of the smoothing error of each state; step in
     seconds; runs the first average of every record and the one after its last; weight (N, c) by what 1 / noise of an
-    average is multiplied, 0 where nothing was measured, None for 1 throughout.
+    average is multiplied, 0 where nothing was measured, None for 1 throughout; driven the samples that inputs follow
+    from, None where none can be late.
     """
 
     measured: FloatArray
@@ -48,6 +83,7 @@ class Segments:
     block: int
     runs: tuple[tuple[int, int], ...]
     weight: FloatArray | None = None
+    driven: Driven | None = None
 
     @cached_property
     def samples(self) -> int:
@@ -56,6 +92,19 @@ class Segments:
             return int(self.count.sum()) * len(self.noise)
         there = np.concatenate([[0], np.cumsum((self.weight > 0.0).sum(axis=1))])
         return int((there[self.start + self.count] - there[self.start]).sum())
+
+    def late(self, delays: Sequence[float]) -> FloatArray:
+        """Return the inputs (N, 3, 2 i) so many seconds late, and after them what they gain with a second more.
+
+        Raises:
+            ValueError: the segments were made without the samples of their inputs.
+        """
+        if self.driven is None:
+            raise ValueError("segments without the samples of their inputs cannot tell what these are later")
+        samples = np.array(delays) / self.driven.period
+        more, less = (self.driven.nodes((samples + sign * DIFFERENCE).tolist()) for sign in (1.0, -1.0))
+        gain = (more - less) / (2.0 * DIFFERENCE * self.driven.period)
+        return np.concatenate([self.driven.nodes(samples.tolist()), gain], axis=2)
 
     @property
     def initial(self) -> FloatArray:
@@ -80,21 +129,21 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
     period, channels = records.runs[0].sample_period, signals.channels
     block = _block(records, signals, period)
     share = min(1.0, LARGEST * block / sum(len(r) for r in records))
-    measured, inputs, filtered, runs, total = [], [], [], list[tuple[int, int]](), 0
+    measured, centres, filtered, runs, total = [], [], [], list[tuple[int, int]](), 0
     for run in records:
-        y, u, x = _averages(run, signals, differentiator, period, block)
+        y, centre, x = _averages(run, signals, differentiator, period, block)
         kept = max(round(share * len(y)), min(len(y), LEAST_SEGMENT))
         measured.append(y[:kept])
-        inputs.append(u[:kept])
+        centres.append(centre[:kept])
         filtered.append(x[:kept])
         runs.append((total, total + len(y[:kept])))
         total = runs[-1][1]
     start, count, joined = _cut(runs, length)
-    y = np.concatenate(measured)
+    y, driven = np.concatenate(measured), _driven(records, signals.inputs, centres, block)
     noise = np.array([max(c.noise, 1e-12 * float(np.ptp(y[:, k]))) for k, c in enumerate(channels)])
     return Segments(
         measured=y,
-        inputs=np.concatenate(inputs),
+        inputs=driven.nodes([0.0] * len(driven.holds)),
         filtered=np.concatenate(filtered),
         start=start,
         count=count,
@@ -104,6 +153,24 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
         step=block * period,
         block=block,
         runs=tuple(runs),
+        driven=driven,
+    )
+
+
+def _driven(records: Records, inputs: Sequence[Input], centres: Sequence[IntArray], block: int) -> Driven:
+    """Return the inputs of records, given the sample at the centre of every average."""
+    begin = np.concatenate([[0], np.cumsum([len(run) for run in records])])
+    names = [i.name for i in inputs]
+    samples = [np.column_stack([run.column(n) for n in names]) if names else np.empty((len(run), 0)) for run in records]
+    kept = [len(c) for c in centres]
+    return Driven(
+        samples=np.concatenate(samples),
+        holds=tuple(i.hold for i in inputs),
+        at=np.concatenate([b + c for b, c in zip(begin, centres, strict=False)]),
+        first=np.repeat(begin[:-1], kept),
+        last=np.repeat(begin[1:] - 1, kept),
+        block=block,
+        period=records.runs[0].sample_period,
     )
 
 
@@ -130,8 +197,8 @@ def _cut(runs: Sequence[tuple[int, int]], length: int) -> tuple[IntArray, IntArr
 
 def _averages(
     run: Record, signals: Signals, differentiator: Differentiator, period: float, block: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return measured averages (b, c), inputs on the nodes of steps (b, 3, i), smoothed states (b, n) of one record."""
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return measured averages (b, c), the samples at their centres (b,), smoothed states (b, n) of one record."""
     blocks = len(run) // block
     centre = (block - 1) // 2 + block * np.arange(blocks)
     smooth: dict[str, FloatArray] = {}
@@ -143,33 +210,25 @@ def _averages(
         smooth |= {c.derivative(k): v for k, v in enumerate(at_centre)}
         rest = (samples - values[0])[: blocks * block].reshape(blocks, block)
         columns.append(rest.mean(axis=1) + at_centre[0])
-    nodes = np.empty((blocks, 3, len(signals.inputs)))
-    for j, i in enumerate(signals.inputs):
-        nodes[:, :, j] = _on_nodes(run.column(i.name), i.hold, centre, block)
-    return np.column_stack(columns), nodes, np.column_stack([smooth[s] for s in signals.states])
+    return np.column_stack(columns), centre, np.column_stack([smooth[s] for s in signals.states])
 
 
-def _on_nodes(samples: FloatArray, hold: str, centre: IntArray, block: int) -> FloatArray:
-    """Return the input at begin, middle and end of the step after each average, (N, 3).
+@lru_cache(maxsize=64)
+def _parabola(block: int, hold: Hold, fraction: float) -> FloatArray:
+    """Return the weights (3, block + 2) of samples in the nodes of the nearest parabola over a step of `block`.
 
-    The nodes are those of the parabola that is nearest to the input over the step: smooth inputs keep their values, and
-    of rough or switching ones RK4's Simpson rule sees the right mean.
+    The first sample is the one before the step begins, if the input acts a `fraction` of a sample late.
     """
-    reach = np.minimum(centre[:, None] + np.arange(block + 1), len(samples) - 1)
-    nodes: FloatArray = samples[reach] @ _parabola(block, hold).T
-    return nodes
-
-
-@lru_cache(maxsize=32)
-def _parabola(block: int, hold: str) -> FloatArray:
-    """Return the weights (3, block + 1) of samples in the nodes of the nearest parabola over a step of `block`."""
     points, weights = np.polynomial.legendre.leggauss(4)
-    moments = np.zeros((3, block + 1))
-    for below in range(block):
-        up = 0.5 * (points + 1.0)
-        s = 2.0 * (below + up) / block - 1.0
+    moments = np.zeros((3, block + 2))
+    edges = sorted({*range(block + 1), *(k + fraction for k in range(block))})
+    for low, high in pairwise(edges):
+        at = low + 0.5 * (points + 1.0) * (high - low)  # in samples since the step began
+        below = int(np.floor(0.5 * (low + high) - fraction)) + 1
+        s = 2.0 * at / block - 1.0
         legendre = np.array([np.ones_like(s), s, 1.5 * s**2 - 0.5])
-        share = 0.5 / block * weights * legendre * np.array([[1.0], [3.0], [5.0]])
+        share = 0.5 * (high - low) / block * weights * legendre * np.array([[1.0], [3.0], [5.0]])
+        up = at - fraction - (below - 1)
         rise = up if hold == "linear" else np.zeros_like(up)
         moments[:, below] += share @ (1.0 - rise)
         moments[:, below + 1] += share @ rise

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -78,42 +80,66 @@ def test_segments_cover_every_record_and_never_cross_from_one_to_the_next():
 
 @pytest.mark.parametrize("block", [1, 2, 5, 12])
 @pytest.mark.parametrize("hold", ["linear", "zero"])
-def test_the_parabola_is_the_least_squares_one(block, hold):
-    samples = np.random.default_rng(block).standard_normal(block + 1)
+@pytest.mark.parametrize("late", [0.0, 0.3, 0.97])
+def test_the_parabola_is_the_least_squares_one(block, hold, late):
+    samples = np.random.default_rng(block).standard_normal(block + 2)
 
     def value(s):
-        k = min(int(s), block - 1)
-        return samples[k] + (s - k) * (samples[k + 1] - samples[k]) * (hold == "linear")
+        k = min(int(s - late + 1), block)
+        return samples[k] + (s - late + 1 - k) * (samples[k + 1] - samples[k]) * (hold == "linear")
 
-    s = np.arange(block + 1.0)
+    s = np.unique([0.0, *np.arange(block + 1.0), *(np.arange(block) + late)])
     gram = np.array([[block ** (i + j + 1) / (i + j + 1) for j in range(3)] for i in range(3)])
     right = [
-        sum(quad(lambda s, i=i: s**i * value(s), a, a + 1, epsabs=1e-13)[0] for a in s[:-1] + 1e-15) for i in range(3)
+        sum(
+            quad(lambda s, i=i: s**i * value(s), a + 1e-12, b - 1e-12, epsabs=1e-13)[0]
+            for a, b in itertools.pairwise(s)
+        )
+        for i in range(3)
     ]
     nearest = np.polynomial.Polynomial(np.linalg.solve(gram, right))
-    nodes = _parabola(block, hold) @ samples
+    nodes = _parabola(block, hold, late) @ samples
     np.testing.assert_allclose(nodes, nearest(np.array([0.0, 0.5, 1.0]) * block), rtol=1e-6, atol=1e-8)
-    mean = np.trapezoid(samples) / block if hold == "linear" else samples[:-1].mean()
+    middle = 0.5 * (s[:-1] + s[1:])
+    mean = sum(value(m) * d for m, d in zip(middle, np.diff(s), strict=True)) / block
     assert nodes @ [1 / 6, 4 / 6, 1 / 6] == pytest.approx(mean, abs=1e-12)
 
 
 def test_the_parabola_reproduces_lines_exactly_and_parabolas_to_the_error_of_linear_interpolation():
     for block in (1, 3, 10):
-        s = np.arange(block + 1.0)
+        s = np.arange(-1.0, block + 1)
         at = np.array([0.0, 0.5, 1.0]) * block
-        np.testing.assert_allclose(_parabola(block, "linear") @ (2 - 3 * s), 2 - 3 * at, atol=1e-12 * block)
+        np.testing.assert_allclose(_parabola(block, "linear", 0.0) @ (2 - 3 * s), 2 - 3 * at, atol=1e-12 * block)
         # Between samples linear interpolation of s^2 is too high by 1/6 on average.
-        shift = _parabola(block, "linear") @ s**2 - at**2
+        shift = _parabola(block, "linear", 0.0) @ s**2 - at**2
         assert shift @ [1 / 6, 4 / 6, 1 / 6] == pytest.approx(1 / 6, abs=1e-11)
         assert np.abs(shift).max() < 0.3
-    np.testing.assert_allclose(_parabola(1, "zero") @ [2.0, 5.0], 2.0)
-    np.testing.assert_allclose(_parabola(1, "linear") @ [2.0, 5.0], [2.0, 3.5, 5.0])
+    np.testing.assert_allclose(_parabola(1, "zero", 0.0) @ [9.0, 2.0, 5.0], 2.0)
+    np.testing.assert_allclose(_parabola(1, "linear", 0.0) @ [9.0, 2.0, 5.0], [2.0, 3.5, 5.0])
 
 
 def test_inputs_are_those_of_the_step_from_centre_to_centre():
     data = cut([record(PERIOD * np.arange(4001))])
     at = centres(data)[:-1, None] + np.array([0.0, 0.5, 1.0]) * data.step
     np.testing.assert_allclose(data.inputs[:-1, :, 0], np.cos(2 * np.pi * 0.9 * at), atol=1e-3)
+
+
+@pytest.mark.parametrize("delay", [0.0037, -0.0112, 0.25])
+def test_late_inputs_are_those_of_so_much_earlier_and_gain_what_their_slope_says(delay):
+    data = cut([record(PERIOD * np.arange(4001))])
+    inside = slice(30, -30)
+    at = centres(data)[inside, None] + np.array([0.0, 0.5, 1.0]) * data.step - delay
+    late = data.late([delay])[inside]
+    np.testing.assert_allclose(late[:, :, 0], np.cos(2 * np.pi * 0.9 * at), atol=1e-3)
+    np.testing.assert_allclose(late[:, :, 1], 1.8 * np.pi * np.sin(2 * np.pi * 0.9 * at), atol=0.02)
+
+
+def test_a_late_held_input_keeps_its_mean_over_every_step():
+    t = PERIOD * np.arange(1001)
+    held = np.repeat(np.random.default_rng(2).standard_normal(101), 10)[: len(t)]
+    data = cut([record(t, hold_u=held)], hold="zero")
+    mean = data.late([0.4 * PERIOD])[1:-1, :, 0] @ [1 / 6, 4 / 6, 1 / 6]
+    np.testing.assert_allclose(mean, 0.4 * held[:-2] + 0.6 * held[1:-1], atol=1e-12)
 
 
 def test_a_held_input_is_not_averaged():
