@@ -29,7 +29,7 @@ def free_runs(
     recording: str | None,
     initial: list[str],
 ) -> tuple[str, list[str]]:
-    """Return the simulated states as CSV text, and notes on runs that ended early.
+    """Return the simulated states, as sensors would read them, as CSV text, and notes on runs that ended early.
 
     Each recording starts from its own first sample: from the states given as NAME=VALUE, the rest fitted to the first
     stretch of the measured coordinates.
@@ -62,10 +62,12 @@ def free_runs(
     out, notes = io.StringIO(), []
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow((*(() if recording is None else (recording,)), time or "t", *model.states))
+    offsets = {c.name: c.offset for c in model.coordinates}
+    read = np.array([offsets.get(s, 0.0) for s in model.states])  # what sensors read more than states
     for run in records:
         label = () if recording is None else (_label(run, data_path, recording),)
-        result = _free_run(model, run, given)
-        for t, row in zip(result.t.tolist(), result.states.tolist(), strict=True):
+        result = _free_run(model, run, given, read)
+        for t, row in zip(result.t.tolist(), (result.states + read).tolist(), strict=True):
             writer.writerow((*label, repr(t), *map(repr, row)))
         if result.ended:
             where = f" of recording {label[0]}" if label else ""
@@ -79,14 +81,15 @@ def _label(run: Record, data: Path, recording: str) -> str:
     return label.removesuffix(")")
 
 
-def _free_run(model: Model, run: Record, given: dict[str, float]) -> Trajectory:
+def _free_run(model: Model, run: Record, given: dict[str, float], read: FloatArray) -> Trajectory:
     start: FloatArray
     if len(given) == len(model.states):
-        start = np.array([given[s] for s in model.states])
+        start = np.array([given[s] for s in model.states]) - read
     else:
         start = initial_state(model, run)
         for name, value in given.items():
-            start[model.states.index(name)] = value
+            k = model.states.index(name)
+            start[k] = value - read[k]
     inputs = np.array([run.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(run)).T
     return simulate(model, run.t, np.ascontiguousarray(inputs), start)
 

@@ -15,10 +15,11 @@ from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.model.explicit import blocks, short_explicit
 from odescope.model.model import Model
-from odescope.model.relation import FoundMechanism, Relation, RelationTerm
+from odescope.model.relation import FoundMechanism, FoundParameter, Relation, RelationTerm
 from odescope.model.scores import ModelScores
 from odescope.recordings.coordinate import Coordinate, Input
 
+OPTIONAL = ("delay", "offset")  # keys of an input and of a coordinate that a file may leave out
 LONGEST_EXPLICIT = 2000  # characters: a longer fraction is for nobody to read
 
 
@@ -41,6 +42,13 @@ class _Mechanism(msgspec.Struct, forbid_unknown_fields=True):
     std_error: float | None
 
 
+class _Parameter(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    value: float
+    std_error: float | None
+    terms: list[str]
+
+
 class _File(msgspec.Struct, forbid_unknown_fields=True):
     format: Literal["odescope/model"]
     version: Literal[1]
@@ -54,6 +62,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     domain: dict[str, tuple[float, float]]
     provenance: dict[str, Any]
     mechanisms: tuple[_Mechanism, ...] = ()
+    parameters: tuple[_Parameter, ...] = ()
 
 
 class _Keys(msgspec.Struct):
@@ -68,8 +77,8 @@ def to_json(model: Model) -> str:
     file: dict[str, object] = {
         "format": "odescope/model",
         "version": 1,
-        "coordinates": model.coordinates,
-        "inputs": [_prompt(msgspec.structs.asdict(i)) for i in model.inputs],
+        "coordinates": [_prompt(c) for c in model.coordinates],
+        "inputs": [_prompt(i) for i in model.inputs],
         "states": model.states,
         "targets": model.targets,
         "relations": [
@@ -83,6 +92,8 @@ def to_json(model: Model) -> str:
     }
     if model.mechanisms:
         file["mechanisms"] = [_Mechanism(m.name, m.kind, m.term, m.coefficient, m.std_error) for m in model.mechanisms]
+    if model.parameters:
+        file["parameters"] = [_Parameter(p.name, p.value, p.std_error, list(p.terms)) for p in model.parameters]
     return msgspec.json.format(msgspec.json.encode(file), indent=2).decode() + "\n"
 
 
@@ -94,9 +105,9 @@ def _explicit(model: Model) -> dict[str, str]:
     return {t: found[t] for t in model.targets if t in found and len(found[t]) <= LONGEST_EXPLICIT}
 
 
-def _prompt(plain: dict[str, object]) -> dict[str, object]:
-    """Return an input as plain data, its delay only where there is one: the key is optional."""
-    return {key: value for key, value in plain.items() if key != "delay" or value}
+def _prompt(channel: Coordinate | Input) -> dict[str, object]:
+    """Return a coordinate or an input as plain data, its offset or delay only where there is one."""
+    return {key: value for key, value in msgspec.structs.asdict(channel).items() if key not in OPTIONAL or value}
 
 
 def read_model(path: Path) -> Model:
@@ -126,8 +137,8 @@ def from_json(data: bytes | str) -> Model:
         keys = msgspec.json.decode(data, type=_Keys)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(_explained(str(error))) from error
-    _check_complete("coordinates", keys.coordinates, Coordinate.__struct_fields__)
-    _check_complete("inputs", keys.inputs, ("name", "hold", "unit"))
+    _check_complete("coordinates", keys.coordinates, [f for f in Coordinate.__struct_fields__ if f not in OPTIONAL])
+    _check_complete("inputs", keys.inputs, [f for f in Input.__struct_fields__ if f not in OPTIONAL])
     coordinates, inputs = file.coordinates, file.inputs
     if not coordinates:
         raise InputError("it has no coordinate")
@@ -137,8 +148,9 @@ def from_json(data: bytes | str) -> Model:
     scope = Scope.of([n for c in coordinates for n in c.states] + [i.name for i in inputs])
     relations = tuple(Relation(tuple(_read_term(t, scope) for t in r.terms)) for r in file.relations)
     mechanisms = tuple(_read_mechanism(m) for m in file.mechanisms)
+    parameters = tuple(_read_parameter(p) for p in file.parameters)
     scores = None if file.scores == ModelScores() else file.scores
-    model = Model(coordinates, inputs, relations, scores, file.domain, file.provenance, mechanisms)
+    model = Model(coordinates, inputs, relations, scores, file.domain, file.provenance, mechanisms, parameters)
     for what, came, expected in (("states", file.states, model.states), ("targets", file.targets, model.targets)):
         if tuple(came) != expected:
             raise InputError(f"its {what} are {', '.join(came)}, but its coordinates make them {', '.join(expected)}")
@@ -166,6 +178,11 @@ def _explained(message: str) -> str:
 def _read_mechanism(m: _Mechanism) -> FoundMechanism:
     _check_numbers(m.name, m.coefficient, m.std_error)
     return FoundMechanism(m.name, m.kind, m.term, m.coefficient, m.std_error)
+
+
+def _read_parameter(p: _Parameter) -> FoundParameter:
+    _check_numbers(p.name, p.value, p.std_error)
+    return FoundParameter(p.name, p.value, p.std_error, tuple(p.terms))
 
 
 def _check_numbers(what: str, coefficient: float, std_error: float | None) -> None:

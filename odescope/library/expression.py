@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 Power = int | float
+MANY_DIGITS, FEW_DIGITS = 10, 7  # characters: 0.0123 is written instead of 81.30081300813008
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Call:
     @cached_property
     def text(self) -> str:
         """Python syntax."""
-        return f"{self.function}({self.argument.text})"
+        return f"{self.function}({signed_sum(((c, t.text) for c, t in self.argument.parts), inverse=True)})"
 
 
 Atom = Name | Call
@@ -124,12 +125,18 @@ class Combination:
         return signed_sum((c, term.text) for c, term in self.parts)
 
 
-def signed_sum(parts: Iterable[tuple[float, str]]) -> str:
-    """Return `a*x - b*y` for pairs of coefficient and text; floats by repr, so that they round-trip."""
+def signed_sum(parts: Iterable[tuple[float, str]], inverse: bool = False) -> str:
+    """Return `a*x - b*y` for pairs of coefficient and text; floats by repr, so that they round-trip.
+
+    With `inverse`, x/0.0123 stands for 81.30081300813008*x: the same number, and the one that people know.
+    """
     out = ""
     for coefficient, text in parts:
-        size = abs(coefficient)
-        body = repr(float(size)) if text == "1" else text if size == 1.0 else f"{float(size)!r}*{text}"
+        size = abs(float(coefficient))
+        body = repr(size) if text == "1" else text if size == 1.0 else f"{size!r}*{text}"
+        if inverse and text != "1" and len(repr(size)) > MANY_DIGITS:
+            over = 1.0 / size
+            body = f"{text}/{over!r}" if len(repr(over)) <= FEW_DIGITS and 1.0 / over == size else body
         negative = coefficient < 0
         out += (("-" if negative else "") if not out else (" - " if negative else " + ")) + body
     return out or "0.0"

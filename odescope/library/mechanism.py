@@ -60,7 +60,7 @@ class Mechanism:
         return frozenset(p.relation for p in self.parts)
 
     def __str__(self) -> str:
-        return f"{self.term} in {self.place}"
+        return f"{self.term} in {self.place}" if self.parts else self.term
 
 
 def candidate(relation: int, product: Product, target: str) -> Mechanism:

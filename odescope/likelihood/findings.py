@@ -84,7 +84,8 @@ def _correlations(refinement: Refinement, evidence: Evidence) -> tuple[Correlati
 def _limits(refinement: Refinement, evidence: Evidence) -> tuple[Limit, ...]:
     """Return the limit of every absent mechanism, the simplest first."""
     mechanisms, penalty = refinement.space.mechanisms, refinement.space.penalty
-    absent = sorted(np.flatnonzero(evidence.limits), key=lambda k: float(penalty[k]))
+    asked = [k for k in np.flatnonzero(evidence.limits) if mechanisms[k].parts]
+    absent = sorted(asked, key=lambda k: float(penalty[k]))
     return tuple(
         Limit(
             target=mechanisms[k].place,

@@ -29,18 +29,14 @@ class PathStep:
 
     `errors` are the root mean square errors of free runs in every stretch that is held out, in standard deviations of
     what was measured and saturating at 1; `dropped` is what the model before it had beside, `statistic` the Wald
-    statistic of that.
+    statistic of that; `terms` the number of mechanisms that have parts.
     """
 
     fit: Fit
     errors: FloatArray
     dropped: Mechanism | None
     statistic: float
-
-    @property
-    def terms(self) -> int:
-        """Number of mechanisms."""
-        return len(self.fit.present)
+    terms: int
 
     @property
     def error(self) -> float:
@@ -73,16 +69,19 @@ class ModelPath:
             found: the longest model, fitted there.
             defect_std: (n,) standard deviations of the defects between segments.
         """
-        steps = [PathStep(found, _errors(seen, found), None, 0.0)]
-        while len(steps[-1].fit.free) > 1 and not seen.budget.over:
+        steps = [_step(seen, found)]
+        while not seen.budget.over:
             here = steps[-1].fit
-            weak = int(np.argmin(here.wald))
+            wald = [w for w, k in zip(here.wald, here.free, strict=True) if seen.mechanisms[k].parts]
+            if len(wald) < 2:
+                break
+            weak = int(np.flatnonzero(here.wald == min(wald))[0])
             k, theta = int(here.free[weak]), here.theta.copy()
             theta[k] = 0.0
             shorter = seen.fit(theta, here.present[here.present != k], here.x0, defect_std, here.strength)
             if shorter is None:
                 break
-            steps.append(PathStep(shorter, _errors(seen, shorter), seen.mechanisms[k], float(here.wald[weak])))
+            steps.append(_step(seen, shorter, seen.mechanisms[k], float(here.wald[weak])))
         return ModelPath(seen, tuple(steps), 0)
 
     @property
@@ -121,6 +120,7 @@ def _as_well(step: PathStep, best: PathStep) -> bool:
     return bool(worse.mean() <= chance and step.error <= (1.0 + TENTH) * best.error)
 
 
-def _errors(seen: SearchSpace, found: Fit) -> FloatArray:
+def _step(seen: SearchSpace, found: Fit, dropped: Mechanism | None = None, statistic: float = 0.0) -> PathStep:
     errors: FloatArray = np.sqrt(free_run_errors(seen, found.theta))
-    return errors
+    terms = sum(bool(seen.mechanisms[k].parts) for k in found.present)
+    return PathStep(found, errors, dropped, statistic, terms)

@@ -18,6 +18,9 @@ from odescope.library.tape import Tape, write_tape
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
 
 
+REACH = -3.0, 8.0  # powers of e that a constant may be smaller or larger than without its mechanism
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """What the relations are about; the same for all structures.
@@ -51,12 +54,12 @@ class Frame:
 
     def value(self, constant: str, coefficient: float) -> float:
         """Return the value of a constant, which is positive: its own times e to the coefficient of its mechanism."""
-        return self.constants[constant] * float(np.exp(coefficient))
+        return self.constants[constant] * float(np.exp(np.clip(coefficient, *REACH)))
 
     def own(self, mechanism: Mechanism) -> bool:
         """Whether a mechanism is a relation's own target, bare and alone."""
-        first, *rest = mechanism.parts
-        return not rest and first.product == Product(self.targets[first.relation])
+        alone = len(mechanism.parts) == 1
+        return alone and all(p.product == Product(self.targets[p.relation]) for p in mechanism.parts)
 
 
 class Places(NamedTuple):

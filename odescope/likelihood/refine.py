@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,7 @@ from odescope.likelihood.program import Frame
 from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT, SHORT, Segments, cut_segments
+from odescope.likelihood.settings import FoundSettings, with_settings
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
 from odescope.recordings.record import Records
@@ -60,6 +61,7 @@ class Refinement:
 
     relations: tuple[Relation, ...]
     mechanisms: tuple[FoundMechanism, ...]
+    settings: FoundSettings
     outcome: Outcome
     process: Noisy | None
     rejected: Noisy | None
@@ -95,6 +97,7 @@ def refine(
     options: LikelihoodSearch,
     monitor: Monitor = Monitor(),  # noqa: B008
     workers: Workers = THREADS,
+    late: Collection[str] = (),
 ) -> Refinement | None:
     """Return the best end of the searches from several starts, or None where no start can be followed.
 
@@ -110,6 +113,7 @@ def refine(
         options: how many starts, at what budget.
         monitor: told what goes on, and asked whether to stop.
         workers: where it is searched from the starts.
+        late: names of the inputs whose delays are open.
 
     Raises:
         Stopped: the run is to end.
@@ -118,13 +122,20 @@ def refine(
     def cut(length: int) -> Segments:
         return cut_segments(records, signals, differentiator, length)
 
-    frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs])
+    everything, constants = with_settings(mechanisms, signals, late)
+    frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs], constants)
+
+    def padded(theta: FloatArray) -> FloatArray:
+        return np.append(theta, np.zeros(len(everything) - len(mechanisms)))
+
+    starts, plain = [padded(s) for s in starts], None if plain is None else padded(plain)
     deadline = None if options.seconds is None else time.time() + options.seconds
     budget = Budget(options.budget, monitor, deadline)
-    space = _fine_enough(SearchSpace(Evaluator(cut(SEGMENT), 1, budget), tuple(mechanisms), frame), starts)
+    space = _fine_enough(SearchSpace(Evaluator(cut(SEGMENT), 1, budget), everything, frame), starts)
     outcomes = _searches(space, starts, plain, monitor, workers)
     more = None if any(o.clear for o in outcomes) else further()
     if more is not None:
+        more = padded(more)
         outcomes += _searches(space, [more], None, monitor, workers)
         starts = [more, *starts]
     if not outcomes:
@@ -163,6 +174,7 @@ def _judged(
     return Refinement(
         relations=space.relations_of(found, covariance),
         mechanisms=space.mechanisms_of(found, covariance),
+        settings=space.settings_of(found, covariance),
         covariance=covariance,
         outcome=best,
         process=process if adopted else None,
@@ -230,7 +242,7 @@ def _shorter(space: SearchSpace, plain: FloatArray, outcomes: Sequence[Outcome])
     if not outcomes:
         return plain
     best = min(outcomes, key=lambda o: o.rank).fit.theta
-    theta, owner = plain.copy(), np.array([m.parts[0].relation for m in space.mechanisms])
+    theta, owner = plain.copy(), np.array([min(m.relations, default=-1) for m in space.mechanisms])
     for r in range(space.relations):
         if np.count_nonzero(best[owner == r]) < np.count_nonzero(plain[owner == r]):
             theta[owner == r] = best[owner == r]

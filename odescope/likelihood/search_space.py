@@ -18,6 +18,7 @@ from odescope.likelihood.fit import ITERATIONS, Fit, fit
 from odescope.likelihood.gauge import held_of, rechosen
 from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.segments import Segments
+from odescope.likelihood.settings import FoundSettings, settings_of, with_values
 from odescope.model.assembled import relations_of, stated
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.selection.criterion import penalty
@@ -267,13 +268,15 @@ class SearchSpace:
         return None
 
     def relations_of(self, found: Fit, covariance: FloatArray) -> tuple[Relation, ...]:
-        """Return the relations of a fit.
+        """Return the relations of a fit, with numbers for constants.
 
         Args:
             found: the fit.
             covariance: (p, p) of its parameters.
         """
-        return relations_of(*self._as_found(found, covariance), self.frame.targets)
+        present, theta, whole = self._as_found(found, covariance)
+        values = self._constants(found)
+        return relations_of([with_values(m, values) for m in present], theta, whole, self.frame.targets)
 
     def mechanisms_of(self, found: Fit, covariance: FloatArray) -> tuple[FoundMechanism, ...]:
         """Return the mechanisms of a fit, plain candidates left out.
@@ -283,6 +286,22 @@ class SearchSpace:
             covariance: (p, p) of its parameters.
         """
         return stated(*self._as_found(found, covariance))
+
+    def settings_of(self, found: Fit, covariance: FloatArray) -> FoundSettings:
+        """Return the offsets, delays and constants of a fit.
+
+        Args:
+            found: the fit.
+            covariance: (p, p) of its parameters.
+        """
+        return settings_of(*self._as_found(found, covariance), self._constants(found))
+
+    def _constants(self, found: Fit) -> dict[str, float]:
+        """Return the values of all constants, by name, to a few digits: no more of them is known."""
+        moved = {
+            self.mechanisms[k].place: found.theta[k] for k in found.present if self.mechanisms[k].kind == "constant"
+        }
+        return {name: float(f"{self.frame.value(name, moved.get(name, 0.0)):.4g}") for name in self.frame.constants}
 
     def _as_found(self, found: Fit, covariance: FloatArray) -> tuple[list[Mechanism], FloatArray, FloatArray]:
         """Return the present mechanisms, their coefficients, and the covariance of all of these."""

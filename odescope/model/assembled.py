@@ -101,7 +101,7 @@ def stated(
     return tuple(
         FoundMechanism(m.name or m.term, m.kind, m.term, float(c), float(e) if e > EXACT * abs(c) else None)
         for m, c, e in zip(mechanisms, scaled, errors, strict=True)
-        if m.kind != "term"
+        if m.parts and m.kind != "term"
     )
 
 

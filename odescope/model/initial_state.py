@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from odescope.arrays import FloatArray
 from odescope.model.model import Model
 from odescope.model.simulation import drive, follow
-from odescope.recordings.record import Record
+from odescope.recordings.record import Record, less_offsets
 from odescope.signals.differentiators import Differentiator, Spectral
 
 STRETCH = 4  # periods of the lowest cutoff
@@ -36,9 +36,11 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
 
     Args:
         model: its coordinates and inputs are columns of the record.
-        record: uniformly sampled, in the units of the model; inputs as they were recorded, whatever their delays.
+        record: uniformly sampled, in the units of the model; as it was recorded, whatever the offsets of coordinates
+            and the delays of inputs.
         differentiator: filters and differentiates the coordinates.
     """
+    record = less_offsets(record, model.coordinates)
     period = record.sample_period
     found = {c.name: differentiator.derivatives([record.column(c.name)], period, c.order) for c in model.coordinates}
     first = {c.derivative(k): found[c.name].values[0][k, 0] for c in model.coordinates for k in range(c.order)}

@@ -14,7 +14,7 @@ from odescope.model.display import equations_html, equations_latex
 from odescope.model.equations import Equation, shown_equations
 from odescope.model.explicit import Quotient, explicit
 from odescope.model.notes import trust
-from odescope.model.relation import FoundMechanism, Relation
+from odescope.model.relation import FoundMechanism, FoundParameter, Relation
 from odescope.model.scores import ModelScores
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 
@@ -27,7 +27,8 @@ class Model:
 
     `domain` is the range of each state and input in the data the model comes from, `scores` how well it did, where that
     is known; `provenance` is plain data for people and reports. `mechanisms` are the terms of energies, forces or
-    reactions that the relations add up from, where the model was found as such.
+    reactions that the relations add up from, where the model was found as such; `parameters` are the constants within
+    functions that were found.
     """
 
     coordinates: tuple[Coordinate, ...]
@@ -37,6 +38,7 @@ class Model:
     domain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     provenance: Mapping[str, Json] = field(default_factory=dict)
     mechanisms: tuple[FoundMechanism, ...] = ()
+    parameters: tuple[FoundParameter, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.relations) != len(self.targets):

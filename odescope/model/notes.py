@@ -104,6 +104,9 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
             f"{read.rows:,} rows were read in {read.portions} chunks: all of them count in the regression;"
             f" cutoffs, ranking, likelihood and report rest on {read.sampled} of the chunks"
         )
+    for name, sensor in scores.offsets.items():
+        error = "" if sensor.std_error is None else f" +- {sensor.std_error:.1g}"
+        yield f"the sensor of {name} reads {sensor.offset:.4g}{error} more than {name} in the equations"
     for name, found in scores.delays.items():
         if found.delay:
             error = "" if found.std_error is None else f" (standard error {found.std_error:.2g} s)"

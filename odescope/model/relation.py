@@ -66,6 +66,15 @@ class FoundMechanism(msgspec.Struct, frozen=True):
         return _interval(self.coefficient, self.std_error)
 
 
+class FoundParameter(msgspec.Struct, frozen=True):
+    """A constant within functions, its standard error, and the terms of the relations that hold it, as a number."""
+
+    name: str
+    value: float
+    std_error: float | None
+    terms: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class Relation:
     """The sum of its terms is zero; one target term has coefficient 1."""

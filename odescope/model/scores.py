@@ -109,6 +109,13 @@ class Likelihood(msgspec.Struct, frozen=True, omit_defaults=True):
     limits: tuple[Limit, ...] | None = None
 
 
+class OffsetScore(msgspec.Struct, frozen=True):
+    """What a sensor reads more than its coordinate, in its unit, and the standard error of that."""
+
+    offset: float
+    std_error: Number = None
+
+
 class DelayScore(msgspec.Struct, frozen=True):
     """How late an input was found to act, in seconds."""
 
@@ -136,6 +143,7 @@ class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     left_out: int = 0
     outliers: dict[str, int] = {}
     delays: dict[str, DelayScore] = {}
+    offsets: dict[str, OffsetScore] = {}
     streamed: Streamed | None = None
     forms: tuple[FormScore, ...] = ()
     path: tuple[PathScore, ...] = ()

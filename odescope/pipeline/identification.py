@@ -19,14 +19,15 @@ from odescope.likelihood.refine import Refinement
 from odescope.model.display import equations_html
 from odescope.model.model import Model
 from odescope.model.notes import notes_of, trust
-from odescope.model.scores import DelayScore, ModelScores, Streamed
+from odescope.model.scores import DelayScore, ModelScores, OffsetScore, Streamed
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.competition import Regressed, Winner, adopted, compete, regress
 from odescope.pipeline.evaluation import domain, free_run, provenance, scores
 from odescope.pipeline.joint_models import Search
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
-from odescope.pipeline.stages import Filtered, Work, estimate, prepare
+from odescope.pipeline.stages import Filtered, Work, estimate, prepare, settled
+from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Records
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
@@ -39,7 +40,8 @@ class Identification:
     """The result: what went in, what every stage found, and the model.
 
     `seconds` is the time of each stage, `memory` the most that the process had held, in bytes, when it ended;
-    `left_out` are mechanisms that no data could tell from others.
+    `left_out` are mechanisms that no data could tell from others; `searched` are the inputs as they were known before
+    the likelihood stage, which may find delays.
     """
 
     study: Study
@@ -52,6 +54,7 @@ class Identification:
     seconds: dict[str, float]
     memory: dict[str, int | None] = field(default_factory=dict)
     left_out: LeftOut = ()
+    searched: tuple[Input, ...] = ()
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the equations, how far to trust them, and the notes."""
@@ -69,7 +72,7 @@ class Identification:
     @cached_property
     def path(self) -> tuple[Model, ...]:
         """The models from many terms to few, in the order of `model.scores.path`; their scores are there."""
-        models = path_models(self.refinement, self.signals)
+        models = path_models(self.refinement, self.signals, self.searched)
         return tuple(replace(m, domain=self.model.domain, provenance=self.model.provenance) for m in models)
 
     def with_terms(self, terms: int) -> Identification:
@@ -157,19 +160,28 @@ def _identified(work: Work, data: Records | Table | Sequence[Table] | None, stor
     filtered = estimate(work, prepared)
     regressed = regress(work, prepared, filtered)
 
-    def result(model: Model, refinement: Refinement | None, left_out: LeftOut = ()) -> Identification:
-        records, signals, searches = filtered.sample.records, filtered.signals, regressed.searches
-        chosen = adopted(regressed, model)
+    def result(seen: Filtered, model: Model, refinement: Refinement | None, left_out: LeftOut = ()) -> Identification:
         return Identification(
-            work.study, records, signals, searches, chosen, model, refinement, work.seconds, work.memory, left_out
+            work.study,
+            seen.sample.records,
+            seen.signals,
+            regressed.searches,
+            adopted(regressed, model),
+            model,
+            refinement,
+            work.seconds,
+            work.memory,
+            left_out,
+            filtered.inputs,
         )
 
     if regressed.model is not None:
-        work.monitor.tell(DraftReady(result(regressed.model, None)))
+        work.monitor.tell(DraftReady(result(filtered, regressed.model, None)))
     winner = compete(work, prepared, filtered, regressed)
+    seen = settled(work, filtered, winner.model)
     with work.stage("model"):
-        model = _judged(work.study, filtered, regressed, winner)
-    return result(model, winner.refinement, winner.left_out)
+        model = _judged(work.study, seen, regressed, winner)
+    return result(seen, model, winner.refinement, winner.left_out)
 
 
 def _present(model: Model, refinement: Refinement | None) -> tuple[Mechanism, ...]:
@@ -177,6 +189,21 @@ def _present(model: Model, refinement: Refinement | None) -> tuple[Mechanism, ..
     if refinement is None or not model.mechanisms:
         return ()
     return tuple(refinement.space.mechanisms[k] for k in refinement.fit.present)
+
+
+def _delays(filtered: Filtered, winner: Winner) -> dict[str, DelayScore]:
+    """Return the delays that were looked for, as the likelihood has them where it found more."""
+    delays = {name: DelayScore(d.seconds, d.std_error) for name, d in filtered.delays.items()}
+    found = {} if winner.refinement is None else winner.refinement.settings.delays
+    acts = {i.name: i.delay for i in winner.model.inputs}
+    return delays | {name: DelayScore(acts[name], d.std_error) for name, d in found.items() if acts[name]}
+
+
+def _offsets(winner: Winner) -> dict[str, OffsetScore]:
+    """Return the offsets of the model's coordinates."""
+    found = {} if winner.refinement is None else winner.refinement.settings.offsets
+    offset = {c.name: c.offset for c in winner.model.coordinates}
+    return {name: OffsetScore(offset[name], o.std_error) for name, o in found.items() if offset[name]}
 
 
 def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winner) -> Model:
@@ -188,7 +215,8 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         told,
         left_out=filtered.left_out,
         outliers=filtered.outliers,
-        delays={name: DelayScore(d.seconds, d.std_error) for name, d in filtered.delays.items()},
+        delays=_delays(filtered, winner),
+        offsets=_offsets(winner),
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
         forms=winner.forms,
         path=path_scores(refinement),

@@ -135,7 +135,14 @@ def adopt(
     if not refinement.follows:
         relations = tuple(Relation(tuple(replace(t, std_error=None) for t in r.terms)) for r in relations)
         mechanisms = tuple(msgspec.structs.replace(m, std_error=None) for m in mechanisms)
-    refined = Model(signals.coordinates, signals.inputs, relations, mechanisms=mechanisms)
+    found = refinement.settings
+    refined = Model(
+        found.coordinates(signals.coordinates),
+        found.inputs(signals.inputs),
+        relations,
+        mechanisms=mechanisms,
+        parameters=found.parameters,
+    )
     return (refined, refinement) if determined(refined, signals) else (regressed(), None)
 
 

@@ -8,6 +8,7 @@ from odescope.likelihood.path import ModelPath
 from odescope.likelihood.refine import Refinement
 from odescope.model.model import Model
 from odescope.model.scores import PathScore
+from odescope.recordings.coordinate import Input
 from odescope.signals.estimate import Signals
 
 
@@ -29,12 +30,13 @@ def path_scores(refinement: Refinement | None) -> tuple[PathScore, ...]:
     )
 
 
-def path_models(refinement: Refinement | None, signals: Signals) -> Sequence[Model]:
+def path_models(refinement: Refinement | None, signals: Signals, inputs: Sequence[Input]) -> Sequence[Model]:
     """Return the models on the path, the longest first, fitted without what was held out.
 
     Args:
         refinement: that the path belongs to, if there is any.
-        signals: name coordinates and inputs.
+        signals: name the coordinates.
+        inputs: as they were given to the likelihood stage.
     """
     path = _path(refinement)
     if path is None:
@@ -43,12 +45,14 @@ def path_models(refinement: Refinement | None, signals: Signals) -> Sequence[Mod
     for step in path.steps:
         scale = max(step.fit.data_cost / path.space.segments.samples, 1.0)
         covariance = step.fit.covariance * scale
+        found = path.space.settings_of(step.fit, covariance)
         models.append(
             Model(
-                signals.coordinates,
-                signals.inputs,
+                found.coordinates(signals.coordinates),
+                found.inputs(inputs),
                 path.space.relations_of(step.fit, covariance),
                 mechanisms=path.space.mechanisms_of(step.fit, covariance),
+                parameters=found.parameters,
             )
         )
     return models

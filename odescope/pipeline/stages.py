@@ -30,7 +30,7 @@ from odescope.pipeline.store import Store
 from odescope.recordings.checks import check_channels
 from odescope.recordings.coordinate import Input
 from odescope.recordings.readers import records_from
-from odescope.recordings.record import Records
+from odescope.recordings.record import Records, less_offsets
 from odescope.regression.problem import Problem, pose
 from odescope.regression.proposers import Support
 from odescope.selection.bootstrap import inclusion
@@ -135,12 +135,13 @@ def kept_in(folder: Path, study: Study) -> Store:
 class Filtered:
     """The signals, and what was done to the records on the way to them.
 
-    `sample` holds the records as they were recorded, `records` those less outliers and delays; recordings shorter than
-    `shortest` seconds are gone from both, and `left_out` counts them. `lead` is dropped at the ends for the sake of
-    delays, in seconds.
+    `sample` holds the records as they were recorded, `undelayed` those less outliers, `records` those with inputs as
+    late as they act; recordings shorter than `shortest` seconds are gone from all, and `left_out` counts them. `lead`
+    is dropped at the ends for the sake of delays, in seconds.
     """
 
     sample: Sample
+    undelayed: Records
     records: Records
     signals: Signals
     inputs: tuple[Input, ...]
@@ -173,6 +174,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
         inputs = tuple(with_delays(inputs, {name: d.seconds for name, d in delays.items()}))
     lead = max((abs(i.delay) for i in inputs), default=0.0) or None
     with work.stage("signals"):
+        undelayed = records
         records = _acted(records, inputs, lead)
         signals = _signals(study, records, inputs)
         shortest = SHORTEST / min(c.cutoff for c in signals.channels)
@@ -180,11 +182,34 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
         left_out = long.count(False) if any(long) else 0
         if left_out:  # a piece of an oscillation has no derivative worth fitting
             sample = sample.without([not kept for kept in long])
-            records = Records(tuple(compress(records, long)))
+            records, undelayed = (Records(tuple(compress(r, long))) for r in (records, undelayed))
             signals = _signals(study, records, inputs)
     return Filtered(
-        sample, records, signals, inputs, lead, delays, clipping, outliers, shortest if any(long) else 0.0, left_out
-    )
+        sample, undelayed, records, signals, inputs, lead, delays, clipping, outliers,
+        shortest if any(long) else 0.0, left_out,
+    )  # fmt: skip
+
+
+def settled(work: Work, filtered: Filtered, model: Model) -> Filtered:
+    """Return the records and signals as a model sees them: less the offsets of sensors, inputs as late as they act.
+
+    Args:
+        work: whose study says how signals are filtered.
+        filtered: as the model was looked for in.
+        model: whose coordinates have offsets, and inputs delays.
+    """
+    coordinates, inputs = model.coordinates, model.inputs
+    if inputs == filtered.inputs and not any(c.offset for c in coordinates):
+        return filtered
+    with work.stage("signals"):
+        sample = replace(
+            filtered.sample, records=Records.of(less_offsets(r, coordinates) for r in filtered.sample.records)
+        )
+        records = Records.of(less_offsets(r, coordinates) for r in filtered.undelayed)
+        lead = max((abs(i.delay) for i in inputs), default=0.0) or None
+        records = _acted(records, inputs, lead)
+        signals = replace(_signals(work.study, records, inputs), coordinates=coordinates)
+    return replace(filtered, sample=sample, records=records, signals=signals, inputs=inputs, lead=lead)
 
 
 def _clipped(study: Study, records: Records) -> tuple[Records, dict[str, int], Clipping]:
@@ -374,4 +399,5 @@ def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | No
             work.study.likelihood,
             work.monitor,
             work.workers,
+            [name for name, i in work.study.inputs.items() if i.delay in ("auto", "estimate")],
         )

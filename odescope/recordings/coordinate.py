@@ -38,7 +38,8 @@ def check_name(name: str, what: str) -> None:
 class Coordinate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A measured quantity and the order of its equation: a position has order 2, a concentration order 1.
 
-    `angle`: in radians, unwrapped, enters the basis as sin and cos; `cyclic`: does not itself enter the equations.
+    `angle`: in radians, unwrapped, enters the basis as sin and cos; `cyclic`: does not itself enter the equations. What
+    is read of it is `offset` more than the coordinate itself.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Coordinate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     angle: bool = False
     cyclic: bool = False
     unit: str | None = None
+    offset: float = 0.0
 
     def __post_init__(self) -> None:
         check_name(self.name, "coordinate")
@@ -53,6 +55,8 @@ class Coordinate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise InputError(
                 f"coordinate {self.name!r}: order must be a whole number from 1 to {HIGHEST_ORDER}, got {self.order!r}"
             )
+        if not math.isfinite(self.offset):
+            raise InputError(f"coordinate {self.name!r}: offset must be a number, got {self.offset!r}")
 
     def derivative(self, k: int) -> str:
         """Return the name of the k-th derivative: x, x_dot, x_ddot, x_dddot."""

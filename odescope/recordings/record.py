@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.errors import InputError, nearest
-from odescope.recordings.coordinate import check_name
+from odescope.recordings.coordinate import Coordinate, check_name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,6 +144,14 @@ class Stretch:
     def cut(self) -> bool:
         """Whether the record is cut out of a longer recording."""
         return not (self.begins and self.ends)
+
+
+def less_offsets(record: Record, coordinates: Iterable[Coordinate]) -> Record:
+    """Return a record with coordinates instead of what was read of them, which is more by their offsets."""
+    shift = {c.name: c.offset for c in coordinates if c.offset}
+    if not shift:
+        return record
+    return replace(record, values=record.values - np.array([shift.get(name, 0.0) for name in record.names]))
 
 
 def within(source: str) -> str:

@@ -72,16 +72,20 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A recorded input; its name is its key in the study. It acts `delay` seconds late, or as late as fits best."""
+    """A recorded input; its name is its key in the study. It acts `delay` seconds late.
+
+    "auto" lets the likelihood find a delay beside the coefficients, where the record asks for one; "estimate" looks for
+    it before, too, in a wider range.
+    """
 
     column: str | None = None
     hold: Literal["linear", "zero"] = "linear"
     unit: str | None = None
-    delay: float | Literal["estimate"] = 0.0
+    delay: float | Literal["auto", "estimate"] = "auto"
 
     def __post_init__(self) -> None:
-        if self.delay != "estimate" and not math.isfinite(self.delay):
-            raise InputError(f'delay must be a number of seconds or "estimate", got {self.delay!r}')
+        if self.delay not in ("auto", "estimate") and not (isinstance(self.delay, float) and math.isfinite(self.delay)):
+            raise InputError(f'delay must be a number of seconds, "auto" or "estimate", got {self.delay!r}')
 
 
 Form = Literal["relations", "lagrangian", "reactions"]
@@ -228,9 +232,10 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         return found
 
     def driven(self) -> tuple[Input, ...]:
-        """Return the inputs, those whose delay is to be estimated without one."""
+        """Return the inputs, those whose delay is to be found without one."""
         return tuple(
-            Input(name, i.hold, i.unit, 0.0 if i.delay == "estimate" else i.delay) for name, i in self.inputs.items()
+            Input(name, i.hold, i.unit, i.delay if isinstance(i.delay, float) else 0.0)
+            for name, i in self.inputs.items()
         )
 
     def layout(self) -> Layout:

@@ -63,13 +63,13 @@ def pendulum(seed, count=2000, torque=0.0, friction=0.0, late=0):
 
 
 @cache
-def identified(seed, terms=TERMS, **options):
+def identified(seed, terms=TERMS, delay=0.0, **options):
     t, states, u = pendulum(seed, **options)
     measured = states[:, 0] + NOISE * np.random.default_rng(1000 + seed).standard_normal(len(t))
     study = Study(
         data=Data(time="t"),
         coordinates={"th": Measured(order=2, angle=True)},
-        inputs={"u": Driven()},
+        inputs={"u": Driven(delay=delay)},
         library=Candidates(terms=terms),
     )
     return identify(study, {"t": t, "th": measured, "u": u[:-1]})
@@ -99,13 +99,24 @@ def test_dry_friction_that_the_library_lacks_is_named():
 def test_once_the_library_has_the_friction_it_is_found_and_no_longer_named():
     result = identified(0, terms=(*TERMS, "sign(th_dot)"), count=1500, friction=0.8)
     found = terms(result)
-    assert found["sign(th_dot)"].coefficient == pytest.approx(0.8, rel=0.05)
+    (friction,) = (t for text, t in found.items() if text.startswith("tanh("))
+    assert friction.coefficient == pytest.approx(0.8, rel=0.05)
     assert found["th_dot"].coefficient == pytest.approx(B, rel=0.05)
     assert not said(result, SIGN)
 
 
 def test_dry_friction_is_named_in_a_record_of_four_hundred_segments_too():
     assert said(identified(0, count=2000, friction=0.8), SIGN)
+
+
+def test_a_delay_is_found_with_an_error_that_holds_beside_the_coefficients():
+    result = identified(0, late=3, delay="auto")
+    (u,) = result.model.inputs
+    found = result.model.scores.delays["u"]
+    assert u.delay == found.delay
+    assert abs(found.delay - 3 * STEP) < 5 * found.std_error < 0.01 * STEP
+    assert terms(result)["th_dot"].coefficient == pytest.approx(B, rel=1e-3)
+    assert not said(result, DELAY)
 
 
 def test_an_input_that_acts_late_is_spoken_of_as_a_delay():
