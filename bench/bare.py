@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from machines import Machine, Rate, Recordings, band, follow, parts
+from excitation import band
+from machines import Machine, Rate, Recordings, follow, parts
 from truths import relations
 
 from odescope import Driven, Measured

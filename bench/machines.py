@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from excitation import band
 from scipy.integrate import DOP853
 from truths import SLIDING, Truth, lagrangian, reactions
 
@@ -79,15 +80,6 @@ class Machine:
 def parts(coordinates: dict[str, Measured], inputs: dict[str, Driven]) -> tuple:
     study = Study(coordinates=coordinates, inputs=inputs)
     return study.measured(), study.driven()
-
-
-def band(rng: np.random.Generator, t: np.ndarray, hertz: float, size: float) -> np.ndarray:
-    """Return white noise cut at a frequency, of this root mean square."""
-    spectrum = np.fft.rfft(rng.standard_normal(len(t)))
-    spectrum[np.fft.rfftfreq(len(t), t[1]) > hertz] = 0.0
-    spectrum[0] = 0.0
-    values = np.fft.irfft(spectrum, len(t))
-    return values * size / values.std()
 
 
 def follow(truth: Truth, rate: Rate, t: np.ndarray, start: np.ndarray, rng: np.random.Generator, **u: np.ndarray):
