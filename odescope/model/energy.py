@@ -12,10 +12,10 @@ from odescope.errors import InputError
 from odescope.library.derivative import slope
 from odescope.library.expansion import expanded
 from odescope.library.expression import Combination, Name, Term
-from odescope.library.mechanism import Kind
+from odescope.library.mechanism import FORCE_ON, Kind
 from odescope.library.parse import Scope, parse_term
 from odescope.library.tape import evaluate, write_tape
-from odescope.model.relation import FORCE_ON, FoundMechanism
+from odescope.model.relation import FoundMechanism
 from odescope.model.scores import EnergyScore
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 
