@@ -22,6 +22,7 @@ from odescope.study.toml import study_toml
 RESULT_FILES = ("model.json", "candidates.csv", "study.toml", "report.html", "report.json")
 FIGURES = "figures"  # the folder beside them
 PATH = "path"  # that of the models from many terms to few, and the table of these beside it
+PATH_MODEL = "_terms.json"  # what the names of these models end in, after how many terms they have
 FACTORS = "factors"  # and the one of what is kept of logs that do not fit in memory
 
 CANDIDATE_COLUMNS = (
@@ -83,7 +84,7 @@ def result_files(result: Identification, resolved: Study, report: Mapping[str, s
         report: files of the report by name.
     """
     texts = (to_json(result.model), candidates_csv(result), study_toml(resolved))
-    shorter = {f"{PATH}/{score.terms}_terms.json": to_json(model) for score, model in _on_path(result)}
+    shorter = {f"{PATH}/{score.terms}{PATH_MODEL}": to_json(model) for score, model in _on_path(result)}
     table = {f"{PATH}.csv": path_csv(result)} if shorter else {}
     return {**dict(zip(RESULT_FILES, texts, strict=False)), **table, **shorter, **report}
 
@@ -179,6 +180,17 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
                 os.replace(partial, folder)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
+    except OSError as error:
+        raise InputError(f"cannot write to {folder}: {error.strerror or error}") from error
+
+
+def write_results(folder: Path, files: Mapping[str, str | bytes]) -> None:
+    """Write the files of a result, and remove what an earlier run left of a longer path; errors as `write_files`."""
+    write_files(folder, files)
+    try:
+        for model in (folder / PATH).glob(f"*{PATH_MODEL}"):
+            if f"{PATH}/{model.name}" not in files:
+                model.unlink()
     except OSError as error:
         raise InputError(f"cannot write to {folder}: {error.strerror or error}") from error
 

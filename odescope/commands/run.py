@@ -16,6 +16,7 @@ from odescope.commands.files import (
     refuse_overwriting,
     result_files,
     write_files,
+    write_results,
 )
 from odescope.errors import Stopped
 from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageBegan
@@ -114,7 +115,7 @@ def run_study(
             files = report_files(report, painter.paint(pictures(report)))
             monitor.check()
             written = result_files(result, resolved, files)
-            write_files(out, written)
+            write_results(out, written)
         except (KeyboardInterrupt, Stopped):
             raise Stopped(_stopped(progress, out)) from None
     monitor.tell(FilesWritten(out, _names(written)))

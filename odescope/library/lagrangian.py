@@ -14,7 +14,7 @@ from odescope.library.derivative import derivative, slope
 from odescope.library.expansion import expanded
 from odescope.library.expression import Call, Combination, Name, Term
 from odescope.library.lagrangian_defaults import default_dissipation, default_energies, default_forces
-from odescope.library.mechanism import Mechanism, Part, merged
+from odescope.library.mechanism import FORCE_ON, Mechanism, Part, merged
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.recordings.coordinate import Coordinate, Input
@@ -98,7 +98,7 @@ def _force(relation: int, term: Term, coordinates: Sequence[Coordinate]) -> Mech
     what = f"the term {term} of the {place}"
     _check_names(what, term, coordinates)
     parts = _parts(what, [(relation, None, Combination(((-1.0, term),)))])
-    name = f"{term} on {coordinates[relation].name}"
+    name = f"{term}{FORCE_ON}{coordinates[relation].name}"
     return Mechanism("force", term.text, place, parts, _size("force", term, coordinates), name)
 
 

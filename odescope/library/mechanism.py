@@ -16,6 +16,8 @@ from odescope.library.product import Product
 
 Kind = Literal["term", "kinetic", "potential", "dissipation", "force", "reaction", "tie", "offset", "delay", "constant"]
 
+FORCE_ON = " on "  # between the term of a force and the coordinate that it acts on, in its name
+
 
 @dataclass(frozen=True)
 class Part:

@@ -9,6 +9,8 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.mechanism import scale_groups
+from odescope.likelihood.evidence import project
+from odescope.likelihood.exchange import refitted, rise
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.search_space import Move, SearchSpace
 
@@ -152,6 +154,37 @@ class Moves:
                     self.trail.extend(detour.trail)
                     return there
                 there = detour.drop(there) or detour.add(there)
+        return None
+
+    def exchange(self, here: Fit) -> Fit | None:
+        """Put an absent mechanism in the place of one or two present ones, where that is better.
+
+        Two may add up to a third so nearly that beside each other they are sure and the third has no score.
+        """
+        space, free = self.space, self.space.free(here)
+        expansion = space.evaluator.expand(space.whole, here.theta, free, here.x0, self.defect_std)
+        if expansion is None or not expansion.finite:
+            return None
+        present = np.isin(free, here.free)
+        rest = project(expansion.information, expansion.gradient[None], present)
+        now, new, prices = free[present], free[~present], space.penalty
+        paid = prices[now][:, None] + prices[now] - np.diag(prices[now])
+        change = rise(rest, here.theta[now] * rest.scale[present]) / self.scale
+        earned = paid - prices[new][:, None, None] - change
+        for place in np.argsort(earned, axis=None)[::-1][: self.judge.trials]:
+            k, *pair = np.unravel_index(place, earned.shape)
+            if not earned[(k, *pair)] > GAIN:
+                return None
+            gone = np.unique(now[pair])
+            kept = np.union1d(np.setdiff1d(now, gone), new[k])
+            theta = here.theta.copy()
+            theta[free] = refitted(expansion, here.theta[free], np.searchsorted(free, kept))
+            trial = space.fit(theta, np.union1d(kept, here.held), here.x0, self.defect_std, here.strength)
+            if trial is not None and self.penalised(trial) < self.penalised(here) - GAIN:
+                for lost in gone.tolist():
+                    self._note("drop", lost, float(here.strength[lost]) / self.scale, trial)
+                self._note("add", int(new[k]), float(rest.scores(rest.left)[k]) / self.scale, trial)
+                return trial
         return None
 
     def _together(self, here: Fit, wald: FloatArray, held: int) -> float:

@@ -24,12 +24,14 @@ class Projection:
 
     Shapes, for p present and a absent candidates, all in units of `scale` (f,), the root of their information: inverse
     (p, p) of the information of the present; influence (b, p) what the gradient of each block adds to their estimates;
-    left (a,) the share of an absent candidate's information; slopes (b, a) gradients with respect to the absent.
+    stand_in (p, a) the combination of the present that comes nearest to each absent candidate; left (a,) the share of
+    an absent candidate's information; slopes (b, a) gradients with respect to the absent.
     """
 
     scale: FloatArray
     inverse: FloatArray
     influence: FloatArray
+    stand_in: FloatArray
     left: FloatArray
     slopes: FloatArray
 
@@ -65,8 +67,9 @@ def project(information: FloatArray, gradients: FloatArray, here: BoolArray) -> 
     inverse = (vectors / np.maximum(values, SINGULAR * values.max(initial=0.0))) @ vectors.T
     cross = correlations[np.ix_(here, ~here)]
     influence = slopes[:, here] @ inverse
-    left = np.diag(correlations)[~here] - np.einsum("ij,ij->j", cross, inverse @ cross)
-    return Projection(scale, inverse, influence, left, slopes[:, ~here] - influence @ cross)
+    stand_in = inverse @ cross
+    left = np.diag(correlations)[~here] - np.einsum("ij,ij->j", cross, stand_in)
+    return Projection(scale, inverse, influence, stand_in, left, slopes[:, ~here] - influence @ cross)
 
 
 @dataclass(frozen=True, eq=False)

@@ -92,6 +92,7 @@ def refine(
     mechanisms: Sequence[Mechanism],
     starts: Sequence[FloatArray],
     plain: FloatArray | None,
+    rival: FloatArray | None,
     further: Callable[[], FloatArray | None],
     differentiator: Differentiator,
     options: LikelihoodSearch,
@@ -108,6 +109,7 @@ def refine(
         starts: coefficients (mechanisms,) to begin from.
         plain: coefficients of relations that hold their targets bare, if there are any; they are begun from too where
             one of the others cannot be followed. All candidates are then plain.
+        rival: coefficients that promise more than all the starts: they are begun from too, whatever the others end in.
         further: gives one start more, if it can, and is asked only where none of the others ends clear.
         differentiator: that the signals were found with.
         options: how many starts, at what budget.
@@ -133,6 +135,8 @@ def refine(
     budget = Budget(options.budget, monitor, deadline)
     space = _fine_enough(SearchSpace(Evaluator(cut(SEGMENT), 1, budget), everything, frame), starts)
     outcomes = _searches(space, starts, plain, monitor, workers)
+    if rival is not None:
+        outcomes += _searches(space, [rival], None, monitor, workers)
     more = None if any(o.clear for o in outcomes) else further()
     if more is not None:
         more = padded(more)

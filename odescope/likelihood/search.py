@@ -171,7 +171,7 @@ def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move]) -> F
         first, second = (moves.add, moves.drop) if scale > HOPELESS else (moves.drop, moves.add)
         moved = first(here) or moves.divide(here) or second(here)
         if moved is None and width <= LOOK_BACK:
-            moved = moves.look_back(here)
+            moved = moves.look_back(here) or moves.exchange(here)
         if moved is None:
             return here
         here = moved

@@ -12,10 +12,10 @@ from odescope.errors import InputError
 from odescope.library.derivative import slope
 from odescope.library.expansion import expanded
 from odescope.library.expression import Combination, Name, Term
-from odescope.library.mechanism import Kind
+from odescope.library.mechanism import FORCE_ON, Kind
 from odescope.library.parse import Scope, parse_term
 from odescope.library.tape import evaluate, write_tape
-from odescope.model.relation import FORCE_ON, FoundMechanism
+from odescope.model.relation import FoundMechanism
 from odescope.model.scores import EnergyScore
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 
@@ -168,22 +168,20 @@ def _imbalance(energies: Energies, names: Sequence[str], columns: Sequence[Float
 
     Root mean square over all recordings, each about its mean; what was turned over is the largest range of the three.
     """
+    # Imported here: commands that score nothing need not wait for it.
+    from scipy.integrate import cumulative_trapezoid
+
     missing, turned = list[FloatArray](), 0.0
     wanted = [energies.energy, energies.driving_power, energies.dissipated_power]
     for x in columns:
         energy, driving, dissipated = _values(names, wanted, x)
-        came, went = (_integrated(power, h) for power in (driving, dissipated))
+        came, went = (cumulative_trapezoid(power, dx=h, initial=0.0) for power in (driving, dissipated))
         error = energy - came + went
         missing.append(error - error.mean())
         turned = max(turned, *(float(np.ptp(part)) for part in (energy, came, went)))
     if not turned > 0.0:
         return None
     return float(np.sqrt(np.mean(np.concatenate(missing) ** 2))) / turned
-
-
-def _integrated(power: FloatArray, h: float) -> FloatArray:
-    """Return the integral from the first sample on, by the trapezoidal rule."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * h * (power[1:] + power[:-1]))])
 
 
 def _values(names: Sequence[str], combinations: Sequence[Combination], columns: FloatArray) -> FloatArray:

@@ -10,10 +10,10 @@ from odescope.errors import InputError
 from odescope.library.expression import ONE, Term
 from odescope.library.latex import LATEX, latex_joined, latex_name, latex_number
 from odescope.library.mathml import MATHML, TIMES, mathml_joined, mathml_name, mathml_number
-from odescope.library.mechanism import Kind
+from odescope.library.mechanism import FORCE_ON, Kind
 from odescope.library.parse import Scope, parse_term
 from odescope.library.printer import print_term
-from odescope.model.relation import FORCE_ON, FoundMechanism
+from odescope.model.relation import FoundMechanism
 from odescope.model.rounding import rounded
 
 HEADINGS: dict[Kind, str] = {

@@ -10,7 +10,6 @@ from odescope.library.expression import Combination, Term
 from odescope.library.mechanism import Kind
 from odescope.library.product import Product
 
-FORCE_ON = " on "  # between the term of a force and the coordinate that it acts on, in its name
 NORMAL = 1.959963984540054  # of a standard normal, 97.5 %
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import zip_longest
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from odescope.library.ties import tied
 from odescope.model.assembled import coefficients_of
 from odescope.model.model import Model
 from odescope.model.relation import Relation
-from odescope.pipeline.joint_models import Search, forward, plain
+from odescope.pipeline.joint_models import Search, forward, plain, rival
 from odescope.recordings.record import Record, Records
 from odescope.regression.mechanisms import MechanismProblem, proposed
 from odescope.regression.problem import Problem
@@ -28,9 +29,10 @@ from odescope.study.options import Form, LeftOut, Mechanisms, Study
 class Posed:
     """A form: its candidates, those left out as combinations of others, and coefficients (k,) to begin from.
 
-    `plain` are the coefficients of relations that hold their targets bare, where there are any. `regression` gives what
-    regression on all relations together proposes, where that is not among the starts; it is asked for late, because it
-    takes as long as a search.
+    `plain` are the coefficients of relations that hold their targets bare, where there are any. `rival` are those of
+    relations that promise more than all `starts`, with other target terms. `regression` gives what regression on all
+    relations together proposes, where that is not among the starts; it is asked for late, because it takes as long as a
+    search.
     """
 
     form: Form
@@ -38,6 +40,7 @@ class Posed:
     left_out: LeftOut
     starts: tuple[FloatArray, ...]
     plain: FloatArray | None = None
+    rival: FloatArray | None = None
     regression: Callable[[], FloatArray | None] = lambda: None
 
     @cached_property
@@ -64,6 +67,8 @@ def relations_form(
     mechanisms = tied(candidates, study.library.ties, study.scope())
     starts: list[Sequence[Relation]] = [model.relations for _, model in proposals]
     starts.append([forward(p) for p in problems])
+    rivals = [rival(p, s.ranked.candidates if s else ()) for p, s in zip_longest(problems, searches)]
+    other = [r or begun for r, begun in zip(rivals, starts[0], strict=True)] if any(rivals) else None
     bare = None
     if proposals and not any(len(m.parts) > 1 for m in mechanisms):
         bare = [plain(s, c) for s, c in zip(searches, proposals[0][0], strict=True)]
@@ -73,6 +78,7 @@ def relations_form(
         (),
         tuple(coefficients_of(mechanisms, relations) for relations in starts),
         None if bare is None else coefficients_of(mechanisms, bare),
+        None if other is None else coefficients_of(mechanisms, other),
     )
 
 

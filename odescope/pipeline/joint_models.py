@@ -18,7 +18,7 @@ from odescope.model.relation import Relation, RelationTerm
 from odescope.regression.problem import Problem
 from odescope.regression.proposers import MatchingPursuit
 from odescope.selection.criterion import penalty
-from odescope.selection.ranking import Candidate, Ranked, left_column
+from odescope.selection.ranking import Candidate, Ranked, criteria, left_column
 from odescope.selection.sweep import Sweep
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
@@ -92,11 +92,34 @@ def plain(search: Search, chosen: Candidate) -> Relation:
 
 def forward(problem: Problem) -> Relation:
     """Return a sparse forward selection of a relation that holds its simplest target term, fitted by regression."""
-    everything = range(len(problem.terms))
-    others = tuple(j for j in everything if j not in problem.own or j == problem.left)
-    path = list(MatchingPursuit(FORWARD_TERMS).supports(problem.factor, problem.left, others))
-    xi = problem.factor.solve((*path[-1], problem.left), problem.left)
-    return Relation(tuple(RelationTerm(problem.terms[j], float(xi[j])) for j in (problem.left, *path[-1])))
+    return _selected(problem, problem.left)
+
+
+def rival(problem: Problem, candidates: Sequence[Candidate]) -> Relation | None:
+    """Return the best forward selection that holds another target term, if none of simplest or candidates beats it.
+
+    What a bare target and many terms come near enough to mislead a search, because each of the terms earns its place,
+    a few terms beside another target term say better where the law has no bare target.
+
+    Args:
+        problem: of the target.
+        candidates: what regression found for it; there may be nothing.
+    """
+    lefts = (problem.left, *(j for j in problem.own if j != problem.left))
+    relations = [_selected(problem, left) for left in lefts]
+    place = {term: j for j, term in enumerate(problem.terms)}
+    found = criteria(problem, [tuple(sorted(place[t.product] for t in r.terms)) for r in relations])
+    best = int(np.argmin(found))
+    beaten = best == 0 or any(c.criterion <= found[best] for c in candidates)
+    return None if beaten else relations[best]
+
+
+def _selected(problem: Problem, left: int) -> Relation:
+    """Return a sparse forward selection of a relation that holds this column of its target, and no other."""
+    others = tuple(j for j in range(len(problem.terms)) if j not in problem.own)
+    path = list(MatchingPursuit(FORWARD_TERMS).supports(problem.factor, left, others))
+    xi = problem.factor.solve((*path[-1], left), left)
+    return Relation(tuple(RelationTerm(problem.terms[j], float(xi[j])) for j in (left, *path[-1])))
 
 
 def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other: Candidate) -> bool:

@@ -394,6 +394,7 @@ def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | No
             posed.mechanisms,
             posed.starts,
             posed.plain,
+            posed.rival,
             lambda: posed.proposal,
             work.study.signals.differentiator,
             work.study.likelihood,

@@ -77,29 +77,23 @@ class MechanismProblem:
 
     @cached_property
     def _values(self) -> list[FloatArray]:
-        """The terms of all parts on every block, (parts, n_b)."""
-        tape = write_tape(self.signals.names, [p.product.term for m in self.mechanisms for p in m.parts])
-        return list(Threads().map(lambda b: evaluate(tape, self._columns(b)), self.blocks))
+        """The terms of all parts on every block of its own signals, (parts, n_b)."""
+        return self._evaluated(self.signals)
 
-    def _columns(self, block: Block) -> FloatArray:
-        columns: FloatArray = self.signals.columns[block.record][:, block.start : block.stop]
-        return columns
-
-    def _measured(self, block: Block) -> FloatArray:
-        """Return the targets on a block, (T, n_b)."""
-        return self._columns(block)[[self.signals.row(t) for t in self.signals.targets]]
+    def _evaluated(self, signals: Signals) -> list[FloatArray]:
+        """Return the terms of all parts on every block of some signals, (parts, n_b)."""
+        tape = write_tape(signals.names, [p.product.term for m in self.mechanisms for p in m.parts])
+        return list(Threads().map(lambda b: evaluate(tape, _columns(signals, b)), self.blocks))
 
     def raw(self, signals: Signals) -> list[FloatArray]:
         """Return rows (n, mechanisms) of the relations as they stand, every target as measured in some signals."""
-        tape = write_tape(signals.names, [p.product.term for m in self.mechanisms for p in m.parts])
         owner, relation, factor, share = self._parts
-        found = []
-        for block in self.blocks:
-            columns = signals.columns[block.record][:, block.start : block.stop]
-            y = columns[[signals.row(t) for t in signals.targets]]
-            values = evaluate(tape, columns) * share[:, None] * np.where(factor[:, None] >= 0, y[factor], 1.0)
-            added = np.zeros((len(self.signals.targets), len(self.mechanisms), columns.shape[1]))
-            np.add.at(added, (relation, owner), values)
+        evaluated, found = self._values if signals is self.signals else self._evaluated(signals), []
+        for block, values in zip(self.blocks, evaluated, strict=True):
+            y = _measured(signals, block)
+            added = np.zeros((len(y), len(self.mechanisms), values.shape[1]))
+            by = np.where(factor[:, None] >= 0, y[factor], 1.0)
+            np.add.at(added, (relation, owner), values * share[:, None] * by)
             found.append(np.concatenate([m.rows(a) / s for m, a, s in zip(self.maps, added, self.scale, strict=True)]))
         return found
 
@@ -121,7 +115,7 @@ class MechanismProblem:
         """Return the rows of the derivatives, and those of the residual as the last column."""
         owner, relation, factor, share = self._parts
         block, values = self.blocks[number], self._values[number]
-        y = self._measured(block)
+        y = _measured(self.signals, block)
         targets, n = y.shape
         a, b = np.zeros((targets, targets, n)), np.zeros((targets, n))
         for k in np.flatnonzero(theta[owner]):
@@ -178,6 +172,16 @@ class MechanismProblem:
             if not here.cost < (1.0 - SETTLED) * before:
                 break
         return theta, here
+
+
+def _columns(signals: Signals, block: Block) -> FloatArray:
+    columns: FloatArray = signals.columns[block.record][:, block.start : block.stop]
+    return columns
+
+
+def _measured(signals: Signals, block: Block) -> FloatArray:
+    """Return the targets on a block, (T, n_b)."""
+    return _columns(signals, block)[[signals.row(t) for t in signals.targets]]
 
 
 def _step(here: Linearised, scales: FloatArray) -> FloatArray:

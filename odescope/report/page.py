@@ -8,11 +8,12 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from odescope.library.mathml import math, mathml_name
+from odescope.library.mechanism import FORCE_ON
 from odescope.library.parse import Scope
 from odescope.model.display import equation_mathml, product_mathml, relation_mathml
 from odescope.model.mechanism_display import HEADINGS, by_kind, mechanisms_mathml, reaction_mathml, term_mathml
 from odescope.model.notes import findings, trust
-from odescope.model.relation import FORCE_ON, FoundMechanism, RelationTerm
+from odescope.model.relation import FoundMechanism, RelationTerm
 from odescope.model.rounding import places, rounded
 from odescope.model.scores import Likelihood, PathScore, Step
 from odescope.report.assemble import model_of, to_json_text

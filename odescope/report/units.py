@@ -7,10 +7,11 @@ from fractions import Fraction
 
 from odescope.errors import InputError
 from odescope.library.functions import FUNCTIONS
+from odescope.library.mechanism import FORCE_ON
 from odescope.library.parse import Scope, parse_term
 from odescope.library.printer import Language, print_product, print_term
 from odescope.model.model import Model
-from odescope.model.relation import FORCE_ON, FoundMechanism, Relation
+from odescope.model.relation import FoundMechanism, Relation
 from odescope.report.numerals import raised
 
 Dimension = tuple[tuple[str, Fraction], ...]  # powers of units, each unit as the study spells it

@@ -128,6 +128,12 @@ def left_column(problem: Problem, support: Support) -> int:
     return problem.left if problem.left in support else next(j for j in problem.own if j in support)
 
 
+def criteria(problem: Problem, supports: Sequence[Support]) -> FloatArray:
+    """Return the criterion of each relation (C,), infinite where its denominator changes sign inside the data."""
+    scores = score(problem, supports, [left_column(problem, s) for s in supports])
+    return np.where(scores.sound, _criteria(problem, supports, scores), np.inf)
+
+
 def _criteria(problem: Problem, supports: Sequence[Support], scores: Scores) -> FloatArray:
     """Return what ranks each relation, (C,).
 

@@ -16,6 +16,7 @@ from odescope.commands.files import (
     result_files,
     write_file,
     write_files,
+    write_results,
 )
 from odescope.errors import InputError
 from odescope.export.model_file import from_json
@@ -109,6 +110,15 @@ def test_files_are_written_as_they_are_and_nothing_else_is_left(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["a.txt", "b.txt", "figures", "new"]
     assert sorted(os.listdir(tmp_path / "figures")) == ["c.png", "c.svg"]
     assert sorted(os.listdir(tmp_path / "new")) == ["deep"]
+
+
+def test_models_of_a_longer_path_go_and_nothing_else_does(tmp_path):
+    older = dict.fromkeys(("path/2_terms.json", "path/9_terms.json", "path/notes.txt", "9_terms.json"), "old")
+    write_files(tmp_path, older)
+    newer = {"path/2_terms.json": "new", "model.json": "new"}
+    write_results(tmp_path, newer)
+    found = {str(p.relative_to(tmp_path)): p.read_text() for p in tmp_path.rglob("*") if p.is_file()}
+    assert found == {"path/notes.txt": "old", "9_terms.json": "old", **newer}
 
 
 def test_results_have_the_permissions_that_the_user_set(tmp_path):

@@ -77,7 +77,7 @@ def refined(held, coefficients, seed=2, budget=60.0):
     mechanisms = candidates_of([problem.terms], signals.targets)
     begun, other = (coefficients_of(mechanisms, r) for r in (start(problem, coefficients), [forward(problem)]))
     options = LikelihoodSearch(budget=budget)
-    found = refine(records, signals, mechanisms, [begun, other], begun, lambda: None, Spectral(), options)
+    found = refine(records, signals, mechanisms, [begun, other], begun, None, lambda: None, Spectral(), options)
     return columns, signals, found
 
 

@@ -11,7 +11,7 @@ from odescope.recordings.coordinate import Coordinate, Input
 from odescope.regression.problem import pose
 from odescope.regression.proposers import EnergyThreshold
 from odescope.regression.rows import NoiseWeighted, PlainRows
-from odescope.selection.ranking import Ranking, left_column, rank
+from odescope.selection.ranking import Ranking, criteria, left_column, rank
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
 from odescope.signals.estimate import Channel, Signals
 
@@ -69,6 +69,14 @@ def found(problem):
 @pytest.fixture(scope="module")
 def ranked(problem, found):
     return rank(problem, found, Ranking())
+
+
+def test_relations_by_themselves_have_the_criterion_that_they_are_ranked_by(problem, ranked):
+    candidates = ranked.candidates[:20]
+    pole = support_of(problem, "u", "phi_ddot*sin(phi)")  # its denominator vanishes
+    *same, none = criteria(problem, [*(c.support for c in candidates), pole])
+    np.testing.assert_allclose(same, [c.criterion for c in candidates], rtol=1e-12)
+    assert none == np.inf
 
 
 # scores

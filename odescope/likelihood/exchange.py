@@ -1,0 +1,54 @@
+"""What becomes of cost and coefficients where an absent mechanism takes the place of present ones, to second order.
+
+docs/method.md, Structure by likelihood.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from odescope.arrays import FloatArray, IntArray
+from odescope.likelihood.evaluator import Expansion
+from odescope.likelihood.evidence import Projection
+from odescope.likelihood.gauge import SINGULAR, inverse
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of coefficients of which the data say nothing
+def rise(rest: Projection, theta: FloatArray) -> FloatArray:
+    """Return the change of the cost (a, p, p) where absent k comes and present i and j go; i = j: one goes.
+
+    With k present the coefficients are theta - v_k d_k, and their covariance is C + v_k v_k' / l_k: v_k is the
+    combination of the present that comes nearest to k, l_k what it leaves of the information of k, d_k the estimate of
+    k. There two coefficients t of covariance S cost t' S^-1 t, and k is worth its score.
+
+    Args:
+        rest: what the p present mechanisms leave of the a absent ones.
+        theta: (p,) coefficients of the present ones, in units of `rest.scale`.
+    """
+    left = np.maximum(rest.left, SINGULAR)
+    # What two add up to has little left of its own, less than a score test asks for; still less would be rounding.
+    slope = np.where(rest.left > SINGULAR, rest.slopes.sum(axis=0), 0.0)
+    moved = theta + (rest.stand_in * slope / left).T
+    covariance = rest.inverse + np.einsum("ik,jk->kij", rest.stand_in, rest.stand_in / left)
+    error = np.sqrt(np.maximum(np.einsum("kii->ki", covariance), 1e-300))
+    correlation = covariance / (error[:, :, None] * error[:, None, :])
+    one, other = (moved / error)[:, :, None], (moved / error)[:, None, :]
+    lost = (one**2 + other**2 - 2.0 * correlation * one * other) / np.maximum(1.0 - correlation**2, SINGULAR)
+    np.einsum("kii->ki", lost)[...] = one[:, :, 0] ** 2
+    change: FloatArray = lost - (slope**2 / left)[:, None, None]
+    return change
+
+
+def refitted(expansion: Expansion, theta: FloatArray, kept: IntArray) -> FloatArray:
+    """Return the coefficients (f,) of least cost where only some are not zero.
+
+    Args:
+        expansion: of the cost about theta, initial states eliminated.
+        theta: (f,) coefficients.
+        kept: numbers of those that stay.
+    """
+    found = np.zeros_like(theta)
+    found[kept] = theta[kept]
+    gradient = expansion.gradient + expansion.information @ (found - theta)
+    found[kept] -= inverse(expansion.information[np.ix_(kept, kept)]) @ gradient[kept]
+    return found
