@@ -7,6 +7,7 @@ from math import comb
 
 from odescope.errors import InputError
 from odescope.library.candidates import Library
+from odescope.library.friction import default_friction, friction_rule
 from odescope.library.parse import Scope
 from odescope.library.rules import Exclusive, Identity, MaximumDegree, Rule
 from odescope.recordings.coordinate import Coordinate, Input
@@ -52,7 +53,8 @@ def default_library(
 
     With angles: {1, velocities, products of two velocities, inputs, positions that are neither angle nor cyclic,
     targets} x products of sines and cosines to degree 2. Without: monomials of states and inputs to degree 3 (less
-    where that would be too many) x {1, targets}.
+    where that would be too many) x {1, targets}. In both, dry and quadratic friction of the targets' coordinates of
+    order 2 and of the differences of their rates with like ones, which nothing multiplies.
 
     Args:
         coordinates: give states, velocities and angles; an angle or a cyclic coordinate does not itself enter.
@@ -68,29 +70,38 @@ def default_library(
     ]
     driven = [i.name for i in inputs]
     angles = [c.name for c in coordinates if c.angle]
+    friction = Library.of(default_friction(coordinates, targets), scope)
     if not angles:
         names = [*states, *driven]
         degree = next((d for d in (3, 2) if comb(len(names) + d, d) <= COMFORTABLE), 1)
         polynomial = Library.of(names, scope).powers(degree)
-        return polynomial * Library.of(("1", *targets), scope)
+        return polynomial * Library.of(("1", *targets), scope) + friction
     velocities = Library.of([s for s in states if s not in {c.name for c in coordinates}], scope).powers(2)
     positions = Library.of([s for s in states if s in {c.name for c in coordinates}], scope)
     trigonometric = Library.of([f"{f}({a})" for a in angles for f in ("sin", "cos")], scope).powers(2)
     trigonometric = trigonometric.thin([Identity(f"sin({a})") for a in angles], scope)
-    return (velocities + Library.of([*driven], scope) + positions + Library.of(targets, scope)) * trigonometric
+    moving = velocities + Library.of([*driven], scope) + positions + Library.of(targets, scope)
+    return moving * trigonometric + friction
 
 
-def default_rules(coordinates: Sequence[Coordinate], targets: Sequence[str], basis: Sequence[str]) -> tuple[Rule, ...]:
-    """Return the rules of a basis by hand that brings none of its own: linear in the targets, sin^2 = 1 - cos^2.
+def default_rules(
+    coordinates: Sequence[Coordinate], targets: Sequence[str], basis: Sequence[str], scope: Scope
+) -> tuple[Rule, ...]:
+    """Return the rules of a basis by hand that brings none of its own.
+
+    Linear in the targets, sin^2 = 1 - cos^2, no products with functions of dry friction.
 
     Args:
-        coordinates: the angles among them may have sine and cosine in the basis.
+        coordinates: the angles among them may have sine and cosine in the basis, those of order 2 friction.
         targets: to appear to the first power at most.
         basis: the functions, as text.
+        scope: the names that they may use.
     """
     compact = {b.replace(" ", "") for b in basis}
     pairs = [c.name for c in coordinates if {f"sin({c.name})", f"cos({c.name})"} <= compact]
-    return (MaximumDegree(tuple(targets), 1), *(Identity(f"sin({a})") for a in pairs))
+    friction = friction_rule(coordinates, basis, scope)
+    identities = [Identity(f"sin({a})") for a in pairs]
+    return (MaximumDegree(tuple(targets), 1), *identities, *([friction] if friction else []))
 
 
 def check_basis(coordinates: Sequence[Coordinate], library: Library) -> None:

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import combinations, combinations_with_replacement, islice, product
+from itertools import combinations_with_replacement, islice, product
 
+from odescope.library.friction import friction_rates
 from odescope.recordings.coordinate import Coordinate, Input
 
 COMFORTABLE = 250  # degrees are lowered until a default has no more kinetic and potential terms than this
@@ -39,18 +40,13 @@ def default_energies(coordinates: Sequence[Coordinate]) -> tuple[tuple[str, ...]
 
 
 def default_dissipation(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
-    """Return the default terms of the dissipation function: viscous and dry friction, and drag.
+    """Return the default terms of the dissipation function: viscous, dry and quadratic friction.
 
-    Viscous and dry friction are of every rate and of the differences of two rates of like kind, both of angles or both
-    not; drag, which goes with the square of the speed, is of every rate.
+    Each is of every rate and of the differences of two rates of like kind, as in the default relations.
     """
-    rates = [c.derivative(1) for c in coordinates]
-    # Names in order: the sign that a sum begins with is that of the first name.
-    alike = [sorted((a.derivative(1), b.derivative(1))) for a, b in combinations(coordinates, 2) if a.angle == b.angle]
-    relative = [f"{a} - {b}" for a, b in alike]
-    viscous = [*(f"{r}**2" for r in rates), *(f"({r})**2" for r in relative)]
-    dry = [f"abs({r})" for r in (*rates, *relative)]
-    return (*viscous, *dry, *(f"abs({r})**3" for r in rates))
+    of = friction_rates(coordinates, coordinates)
+    viscous = [f"{v}**2" if v.isidentifier() else f"({v})**2" for v in of]
+    return (*viscous, *(f"abs({v})" for v in of), *(f"abs({v})**3" for v in of))
 
 
 def default_forces(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> dict[str, tuple[str, ...]]:

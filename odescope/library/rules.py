@@ -84,4 +84,20 @@ class Identity(msgspec.Struct, frozen=True, tag="identity", tag_field="kind", fo
         return f"{self.of}: its square follows from an identity, so at most once"
 
 
-AnyRule = MaximumDegree | Exclusive | MaximumFactors | Identity
+class Unmultiplied(msgspec.Struct, frozen=True, tag="unmultiplied", tag_field="kind", forbid_unknown_fields=True):
+    """Of the products with any of these functions, as those of dry friction, only `terms` stay, as they are written."""
+
+    of: tuple[str, ...]
+    terms: tuple[str, ...]
+
+    def keeps(self, term: Term, scope: Scope) -> bool:
+        """Say whether none of the functions appears, or the product is one of the terms."""
+        if not any(term.power_of(atom) for atom in _atoms(self.of, scope)):
+            return True
+        return term in {parse_term(text, scope) for text in self.terms}
+
+    def __str__(self) -> str:
+        return f"{', '.join(self.of)}: in no products but {', '.join(self.terms)}"
+
+
+AnyRule = MaximumDegree | Exclusive | MaximumFactors | Identity | Unmultiplied

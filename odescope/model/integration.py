@@ -1,7 +1,7 @@
 """One compiled kernel that integrates any model: Dormand-Prince 5(4), with steps that end wherever an input has a kink.
 
-A blow-up, a pole or a stiff stretch that would take for ever ends the run and is reported: an outcome, not an
-exception and never a hang.
+They also end wherever dry friction begins or ceases to hold. A blow-up, a pole or a stiff stretch that would take for
+ever ends the run and is reported: an outcome, not an exception and never a hang.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ import numpy as np
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.tape import Instructions, run_tape
 from odescope.model.linear_solve import solve_in_place
+from odescope.model.standstill import Contacts, balance, lasts, settle, show, touch
 from odescope.parallel.kernels import kernel
 
 STEPS_AN_INTERVAL = 2000  # more between two nodes than this and the run has ended
 STEPS_ON_AVERAGE = 100  # and more than this on average over a long record
+LOCATED = 1e-10  # of the time between two nodes: so sharply is it known when an edge changes
 LARGEST = 1e12  # times the largest initial state, or 1
 REACHED, GREW, STIFF = range(3)  # how a run ends
 
@@ -24,13 +26,15 @@ REACHED, GREW, STIFF = range(3)  # how a run ends
 class Equations(NamedTuple):
     """A model as the kernel takes it.
 
-    `instructions` compute the slots `outputs`: A row by row, then b, so (T * T + T,) of them for T targets.
-    following (n,) says for each state which state is its derivative, or -1 - (number of its target).
+    `instructions` compute the slots `outputs` from states, inputs and values of signs: A row by row, then b, so
+    (T * T + T,) of them for T targets. following (n,) says for each state which state is its derivative, or
+    -1 - (number of its target). edges (K, n + 1) are what the signs are of (see `standstill`).
     """
 
     instructions: Instructions
     outputs: IntArray
     following: IntArray
+    edges: FloatArray
 
 
 class Drive(NamedTuple):
@@ -71,7 +75,7 @@ _E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525,
 
 @kernel(inline=True)
 def _derivative(equations, x, work, a, b, out):
-    """Write x' (n,) to `out`; work (slots, 1) holds the inputs, a (T, T) and b (T, 1) are scratch."""
+    """Write x' (n,) to `out`; work (slots, 1) holds inputs and signs, a (T, T) and b (T, 1) are scratch."""
     n, targets = x.shape[0], b.shape[0]
     outputs, following = equations.outputs, equations.following
     for i in range(n):
@@ -87,10 +91,37 @@ def _derivative(equations, x, work, a, b, out):
 
 
 @kernel()
+def _hold(equations, x, work, a, b, contacts, limited, out):
+    """Add to the derivative what edges that are held do.
+
+    Args:
+        equations: what to integrate.
+        x: (n,) the state.
+        work: (slots, 1) holds inputs and signs, those that are held as zero.
+        a: (T, T) scratch.
+        b: (T, 1) scratch.
+        contacts: the edges; values of those that are held are written to.
+        limited: whether they may be let go.
+        out: (n,) the derivative without them, written to.
+    """
+    first = work.shape[0] - equations.instructions.code.shape[0] - contacts.held.shape[0]
+    for k in range(contacts.held.shape[0]):
+        if contacts.held[k]:
+            work[first + k, 0] = 1.0
+            _derivative(equations, x, work, a, b, contacts.response[k])
+            work[first + k, 0] = 0.0
+            for i in range(x.shape[0]):
+                contacts.response[k, i] -= out[i]
+    balance(contacts, out, limited)
+    show(contacts, work[first:, 0])
+
+
+@kernel()
 def integrate(equations, drive, initial, states, rtol, atol):
     """Write the states (N, n) at the samples; return how many samples were reached, and how the run ended.
 
-    Longer than a screen because a step, its error and the length of the next share a dozen scalars.
+    A step over which an edge changes is cut in halves until it ends there. Longer than a screen because a step, its
+    error and the length of the next share a dozen scalars.
 
     Args:
         equations: what to integrate.
@@ -101,13 +132,17 @@ def integrate(equations, drive, initial, states, rtol, atol):
             happens to pass zero.
         atol: absolute tolerance of a step.
     """
-    n, targets = initial.shape[0], 0
+    n, targets, edges = initial.shape[0], 0, equations.edges.shape[0]
     while targets * targets + targets < equations.outputs.shape[0]:
         targets += 1
     inputs = drive.begin.shape[1]
-    work = np.empty((n + inputs + equations.instructions.code.shape[0], 1))
+    work = np.empty((n + inputs + edges + equations.instructions.code.shape[0], 1))
     a, b = np.empty((targets, targets)), np.empty((targets, 1))
     x, y, k, scale = initial.copy(), np.empty(n), np.empty((7, n)), np.abs(initial)
+    held, values, response = np.empty(edges, np.bool_), np.empty(edges), np.empty((edges, n))
+    contacts = Contacts(equations.edges, held, values, response, np.empty((edges, edges)), np.empty(edges))
+    touch(contacts, x, scale, atol)
+    show(contacts, work[n + inputs :, 0])
     states[0] = x
     reached = 1
     h, total_steps = 0.0, 0
@@ -117,11 +152,14 @@ def integrate(equations, drive, initial, states, rtol, atol):
         span, period = drive.t[node + 1] - drive.t[node], drive.period[node]
         begin, end = drive.begin[node], drive.end[node]
         done, fresh = 0.0, True
+        low, high = 0.0, 0.0  # between these lengths of a step an edge changes; high is 0 where none was seen
         if h <= 0.0 or h > period:
             h = period
         steps = 0
         while done < span:
             step = span - done if span - done < h * (1.0 + 1e-9) else h
+            if high > 0.0:
+                step = high if high - low <= LOCATED * span else 0.5 * (low + high)
             for s in range(7):
                 if s == 0 and not fresh:
                     for i in range(n):
@@ -136,6 +174,8 @@ def integrate(equations, drive, initial, states, rtol, atol):
                         total += _A[s, r] * k[r, i]
                     y[i] = x[i] + step * total
                 _derivative(equations, y, work, a, b, k[s])
+                if edges > 0:
+                    _hold(equations, y, work, a, b, contacts, s == 0, k[s])
             error = 0.0
             for i in range(n):
                 estimate = 0.0
@@ -146,7 +186,11 @@ def integrate(equations, drive, initial, states, rtol, atol):
             error = np.sqrt(error / n)
             steps += 1
             total_steps += 1
-            if error <= 1.0:
+            if error <= 1.0 and step != high and edges > 0 and not lasts(contacts, y, scale, atol):
+                high, fresh = step, True
+            elif error <= 1.0 and step < high:
+                low, fresh = step, True
+            elif error <= 1.0:
                 done = span if step == span - done else done + step
                 fresh = False
                 for i in range(n):
@@ -154,12 +198,17 @@ def integrate(equations, drive, initial, states, rtol, atol):
                     scale[i] = max(scale[i], abs(x[i]))
                     if not abs(x[i]) < largest:
                         return reached, GREW
+                if edges > 0:
+                    settle(contacts, x, scale, atol)
+                    show(contacts, work[n + inputs :, 0])
+                    fresh, low, high = high > 0.0, 0.0, 0.0
                 grown = 5.0 if error < 1e-4 else min(5.0, 0.9 * error**-0.2)
                 # A step cut short by a node says nothing of how long the next may be.
                 h = max(h, step * grown) if step < h else step * grown
             else:
                 fresh = True
                 h = step * (max(0.1, 0.9 * error**-0.2) if error < 1e300 else 0.1)
+                low, high = 0.0, 0.0
                 if not h > 1e-12 * span:
                     return reached, GREW
             if steps > STEPS_AN_INTERVAL or total_steps > budget:

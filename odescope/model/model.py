@@ -16,6 +16,7 @@ from odescope.model.explicit import Quotient, explicit
 from odescope.model.notes import trust
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation
 from odescope.model.scores import ModelScores
+from odescope.model.switches import Switched, switched
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
@@ -77,6 +78,11 @@ class Model:
         matrix = [r.part(target) for r in self.relations for target in self.targets]
         right = [r.right for r in self.relations]
         return write_tape(self.variables, [*matrix, *right])
+
+    @cached_property
+    def switched(self) -> Switched:
+        """The same with the signs of states as inputs, as a simulation takes it."""
+        return switched(self.relations, self.targets, self.states, tuple(i.name for i in self.inputs))
 
     @cached_property
     def quotients(self) -> tuple[Quotient, ...]:

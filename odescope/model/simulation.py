@@ -47,6 +47,9 @@ def simulate(
     An input with a delay acts that much later than it was sampled: the model sees u(t - delay), and the first (last)
     sample where there is none so early (late).
 
+    Dry friction, sign(v) with v a sum of states, holds at v = 0 for as long as less than all of it is needed, and has
+    then the value that keeps v at zero.
+
     Args:
         model: what to integrate.
         t: (N,) ascending sample times in seconds.
@@ -84,7 +87,8 @@ def follow(
         rtol: relative tolerance of a step.
         atol: absolute tolerance of a step.
     """
-    equations = Equations(model.tape.instructions, model.tape.outputs, following_states(model.coordinates))
+    tape, edges = model.switched.tape, model.switched.edges
+    equations = Equations(tape.instructions, tape.outputs, following_states(model.coordinates), edges)
     states = np.empty((len(t), len(model.states)))
     reached, ending = integrate(
         equations, driven, np.array(initial, dtype=np.float64), states, float(rtol), float(atol)

@@ -315,9 +315,10 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             library = Library.of(options.terms, scope)
             library = library if any(t.names & set(targets) for t in library) else library + Library.of(targets, scope)
         elif options.basis is not None:
-            rules = default_rules(coordinates, targets, options.basis) if options.rules is None else options.rules
+            of_its_own = default_rules(coordinates, targets, options.basis, scope)
+            linear = default_rules((), targets, (), scope) if options.rules else ()
             library = Library.of((*options.basis, *targets), scope).powers(options.degree)
-            library = library.thin((*rules, *(default_rules((), targets, ()) if options.rules else ())), scope)
+            library = library.thin(of_its_own if options.rules is None else (*options.rules, *linear), scope)
         elif options.preset == "paper":
             library = Library.of(paper_basis(coordinates, inputs), scope).powers(4)
             library = library.thin(paper_rules(coordinates, inputs, target), scope)

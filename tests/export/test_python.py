@@ -6,12 +6,15 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from hand_models import MODELS
+from hand_models import MODELS, relation
 from scipy.integrate import solve_ivp
 
 from odescope.export.languages.python import to_python
 from odescope.export.model_file import to_json
+from odescope.library.parse import Scope
+from odescope.model.model import Model
 from odescope.model.simulation import simulate
+from odescope.recordings.coordinate import Coordinate
 
 
 def module(model):
@@ -110,6 +113,32 @@ def test_the_module_names_states_and_inputs_and_imports_numpy_alone(name):
     assert imported == ["numpy"]
     own = [n.name for n in tree.body if isinstance(n, ast.FunctionDef)]
     assert [name for name in own if not name.startswith("_")] == ["derivative"]
+
+
+def test_the_module_goes_through_standstill_as_the_free_run_does():
+    # x'' = cos(t) - .8 sign(x'): sticks and slides, within a domain that sets how sharp the sign is.
+    scope = Scope.of(["x", "f", "x_dot", "f_dot"])
+    model = Model(
+        (Coordinate("x", 2), Coordinate("f", 2)),
+        (),
+        (
+            relation(scope, ("x_ddot", "1", 1.0), (None, "f", -1.0), (None, "sign(x_dot)", 0.8)),
+            relation(scope, ("f_ddot", "1", 1.0), (None, "f", 1.0)),
+        ),
+        domain={"x_dot": (-0.2, 0.3)},
+    )
+    t, start = np.linspace(0.0, 20.0, 201), np.array([0.0, 0.0, 1.0, 0.0])
+    run = simulate(model, t, np.empty((201, 0)), start)
+    exported = module(model)
+    assert "tanh" in exported["__doc__"]
+    found = solve_ivp(exported["derivative"], (0.0, 20.0), start, "LSODA", t_eval=t, rtol=1e-8, atol=1e-10)
+    assert found.nfev < 20_000
+    assert np.allclose(found.y[0], run.column("x"), atol=3e-4)
+    assert np.mean(run.column("x_dot") == 0.0) > 0.3
+    # Sharp beyond any speed but those next to none; without a domain as it was.
+    assert exported["derivative"](0.0, [0.0, 1.0, 0.01, 0.0])[2] == 1.0 - 0.8
+    assert ".sign(x_dot)" in to_python(replace(model, domain={}))
+    assert "tanh" not in to_python(replace(model, domain={}))
 
 
 def test_whole_numbers_are_as_good_as_floats():

@@ -52,8 +52,9 @@ def test_the_papers_counts_and_candidates(target, other):
 def test_the_default_of_a_pendulum_on_a_cart():
     library, names = default(CART, FORCE)
     motion = ("1", "x_dot", "phi_dot", "x_dot**2", "x_dot*phi_dot", "phi_dot**2", "u", "x_ddot", "phi_ddot")
-    assert set(library) == products(names, motion, TRIGONOMETRIC)
-    assert len(library) == len(set(library)) == 45
+    friction = Library.of(("sign(x_dot)", "sign(phi_dot)", "x_dot*abs(x_dot)", "phi_dot*abs(phi_dot)"), names)
+    assert set(library) == products(names, motion, TRIGONOMETRIC) | set(friction)
+    assert len(library) == len(set(library)) == 49
 
 
 def test_a_position_that_is_neither_angle_nor_cyclic_enters_beside_an_angle():
@@ -86,8 +87,20 @@ def test_the_default_without_angles_is_monomials_with_and_without_a_target():
     library, names = default(coordinates, inputs, ("x_dot",))
     monomials = Library.of(("x", "y", "y_dot", "u"), names).powers(3)
     target = parse_term("x_dot", names)
+    # The relation of x, which is of order 1: the friction of y is not in it.
     assert set(library) == {*monomials, *(target * m for m in monomials)}
     assert len(library) == 2 * 35
+    library, _ = default(coordinates, inputs, ("y_ddot",))
+    assert set(Library.of(("sign(y_dot)", "y_dot*abs(y_dot)"), names)) == {t for t in library if "(" in t.text}
+
+
+def test_friction_is_of_the_targets_rates_and_their_differences_with_like_ones():
+    coordinates = tuple(Coordinate(name, order=2, angle=name in "bd", cyclic=True) for name in "abcd")
+    library, names = default(coordinates, FORCE, ("b_ddot",))
+    friction = ("sign(b_dot)", "b_dot*abs(b_dot)", "sign(b_dot - d_dot)", "(b_dot - d_dot)**1*abs(b_dot - d_dot)")
+    found = {t for t in library if "sign" in t.text or "abs" in t.text}
+    assert found == set(Library.of(friction, names))
+    assert len(library) == len({*library})
 
 
 @pytest.mark.parametrize(("count", "degree", "monomials"), [(5, 3, 56), (6, 2, 28), (9, 2, 55), (10, 1, 11)])
@@ -116,7 +129,7 @@ def test_an_equation_of_third_order_has_its_derivatives_as_states():
 def test_a_basis_by_hand_is_linear_in_targets_and_free_of_the_identity():
     names = scope(CART, FORCE)
     basis = ("x_dot", "sin( phi )", "cos(phi)", "phi_ddot")
-    rules = default_rules(CART, ("x_ddot", "phi_ddot"), basis)
+    rules = default_rules(CART, ("x_ddot", "phi_ddot"), basis, names)
     kept = Library.of(basis, names).powers(3).thin(rules, names)
     for t in kept:
         assert t.power_of(parse_term("sin(phi)", names).factors[0][0]) <= 1
@@ -126,7 +139,50 @@ def test_a_basis_by_hand_is_linear_in_targets_and_free_of_the_identity():
 
 
 def test_sine_without_cosine_keeps_its_square():
-    assert len(default_rules(CART, ("x_ddot",), ("sin(phi)", "x_dot"))) == 1
+    assert len(default_rules(CART, ("x_ddot",), ("sin(phi)", "x_dot"), scope(CART, ()))) == 1
+
+
+def by_hand(*basis, coordinates=CART, degree=3):
+    names = scope(coordinates, FORCE)
+    rules = default_rules(coordinates, ("x_ddot",), basis, names)
+    return Library.of((*basis, "x_ddot"), names).powers(degree).thin(rules, names), names
+
+
+@pytest.mark.parametrize("dry", ["sign(x_dot)", "sign( x_dot - phi_dot )", "tanh(x_dot/0.01)", "sign(x_dot - 0.2)"])
+def test_dry_friction_stays_alone_and_costs_one_candidate(dry):
+    plain, _ = by_hand("x_dot", "u", "cos(phi)")
+    library, names = by_hand("x_dot", "u", "cos(phi)", dry)
+    assert set(library) == {*plain, parse_term(dry, names)}
+    assert "in no products but" in library.removed[-1][0]
+    assert library.removed[-1][1] > 0
+
+
+def test_friction_that_is_named_with_its_normal_force_stays_as_a_whole():
+    whole, sized = "u*cos(phi)*sign(x_dot)", "sqrt(abs(x_dot))"
+    plain, _ = by_hand("x_dot", "u")
+    library, names = by_hand("x_dot", "u", whole, sized)
+    # sqrt(abs(v)) is nobody's dry friction: it is multiplied as any function.
+    assert {t for t in library if "sign" in t.text} == {parse_term(whole, names)}
+    assert {t for t in library if "(" not in t.text} == set(plain)
+    assert parse_term(f"u*{sized}", names) in set(library)
+    both, _ = by_hand("u", whole, "sign(x_dot)")
+    assert {t for t in both if "sign" in t.text} == {parse_term(t, names) for t in (whole, "sign(x_dot)")}
+
+
+def test_the_size_of_a_rate_multiplies_that_rate_alone():
+    library, names = by_hand("x_dot", "phi_dot", "u", "abs(x_dot)")
+    assert {t for t in library if "abs" in t.text} == {parse_term(t, names) for t in ("abs(x_dot)", "x_dot*abs(x_dot)")}
+
+
+def test_signs_of_what_is_no_rate_are_functions_as_any():
+    for coordinates, sign in (
+        (CART, "sign(x)"),
+        (CART, "sign(x_dot*phi_dot)"),
+        ((Coordinate("x_dot"),), "sign(x_dot)"),
+    ):
+        names = scope(coordinates, FORCE)
+        rules = default_rules(coordinates, (coordinates[0].target,), (sign, "u"), names)
+        assert len(rules) == 1
 
 
 def test_a_library_without_a_state_is_refused():

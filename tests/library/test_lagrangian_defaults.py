@@ -3,6 +3,10 @@ from itertools import combinations
 import pytest
 from mechanics import ARMS, CART, ELASTIC, FORCE, MASSES, arms, positions, scope_of
 
+from odescope.library.candidates import Library
+from odescope.library.expansion import expanded
+from odescope.library.expression import Combination
+from odescope.library.friction import default_friction
 from odescope.library.lagrangian import lagrangian
 from odescope.library.lagrangian_defaults import default_dissipation, default_energies, default_forces
 from odescope.library.parse import parse_term
@@ -34,7 +38,7 @@ def test_the_default_of_two_arms():
     assert set(kinetic) >= {"phi1_dot*phi2_dot*cos(phi1 - phi2)", "phi1_dot*phi1_dot*cos(phi2)"}
     assert len(kinetic) == 3 * 13
     assert {"(phi1_dot - phi2_dot)**2", "abs(phi1_dot - phi2_dot)"} <= set(default_dissipation(ARMS))
-    assert len(lagrangian(ARMS, (), scope_of(ARMS))) == 59
+    assert len(lagrangian(ARMS, (), scope_of(ARMS))) == 60
 
 
 def test_positions_enter_by_powers_beside_harmonics():
@@ -54,10 +58,26 @@ def test_where_all_are_cyclic_there_is_no_potential(flags):
     assert default_energies(coordinates) == (("a_dot*a_dot", "a_dot*b_dot", "b_dot*b_dot"), ())
 
 
+def test_friction_is_that_of_the_default_relations():
+    coordinates = (*CART, Coordinate("psi", 2, angle=True), Coordinate("a", 2))
+    scope = scope_of(coordinates)
+    slopes = {
+        t
+        for m in lagrangian(coordinates, (), scope)
+        if m.kind == "dissipation"
+        for t in (part.product.term for part in m.parts)
+    }
+    named = Library.of(default_friction(coordinates, [c.target for c in coordinates]), scope)
+    # Derivatives of squares, sizes and cubed sizes; differences, multiplied out, in the relation of each.
+    products = {e for t in named for _, e in expanded(Combination.of([(1.0, t)])).parts}
+    assert products | {parse_term(c.derivative(1), scope) for c in coordinates} == slopes
+
+
 def test_differences_are_of_coordinates_of_like_kind():
     coordinates = (*CART, Coordinate("psi", 2, angle=True), Coordinate("a", 2))
     relative = {t for t in default_dissipation(coordinates) if " - " in t}
-    assert relative == {f.format(d) for f in ("({})**2", "abs({})") for d in ("a_dot - x_dot", "phi_dot - psi_dot")}
+    kinds = ("({})**2", "abs({})", "abs({})**3")
+    assert relative == {f.format(d) for f in kinds for d in ("a_dot - x_dot", "phi_dot - psi_dot")}
 
 
 def test_what_is_written_is_what_a_term_says_but_for_numbers():

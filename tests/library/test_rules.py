@@ -7,7 +7,7 @@ from term_oracle import SCOPE
 from odescope.errors import InputError
 from odescope.library.candidates import Library
 from odescope.library.parse import parse_term
-from odescope.library.rules import AnyRule, Exclusive, Identity, MaximumDegree, MaximumFactors
+from odescope.library.rules import AnyRule, Exclusive, Identity, MaximumDegree, MaximumFactors, Unmultiplied
 
 BASIS = ("x", "phi_dot", "u", "sin(phi)", "cos(phi)")
 DEGREE = 4
@@ -22,6 +22,7 @@ def spelled(powers):
     return parse_term("*".join(f"({b})**{p}" for b, p in zip(BASIS, powers, strict=True) if p) or "1", SCOPE)
 
 
+WHOLE = ((1, 0, 1, 0, 0), (0, 0, 0, 1, 0))
 RULES = [
     (MaximumDegree(("x", "u"), 2), lambda e: e[0] + e[2] <= 2),
     (MaximumDegree(("cos(phi)",), 0), lambda e: e[4] == 0),
@@ -31,6 +32,7 @@ RULES = [
     (MaximumFactors(2), lambda e: sum(p > 0 for p in e) <= 2),
     (MaximumFactors(0), lambda e: not any(e)),
     (Identity("sin(phi)"), lambda e: e[3] <= 1),
+    (Unmultiplied(("u", "sin( phi )"), ("x*u", "sin(phi)")), lambda e: not (e[2] or e[3]) or e in WHOLE),
 ]
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from odescope.library.expression import Power, signed_sum
 from odescope.library.printer import Language, print_combination
 from odescope.model.model import Model
+from odescope.model.switches import smoothed
 from odescope.recordings.coordinate import state_chain
 
 _TEMPLATE = '''"""Equations of motion, written by odescope.
 
 States: {states}
 Inputs: {inputs}
-"""
+{note}"""
 
 import numpy as {np}
 
@@ -33,6 +34,11 @@ def derivative({t}, {state}, {given}=()):
     return {np}.array([{following}])
 '''
 
+_NOTE = """
+Dry friction is tanh(v/w) here, with w a ten-thousandth of the largest speed in the data, instead of sign(v), at which
+integrators of variable step stall in standstill. It is stiff: solve_ivp is fastest with method="LSODA".
+"""
+
 _ACTING = """
 def {acting}({t}, {given}):
     if callable({given}):
@@ -51,13 +57,15 @@ def to_python(model: Model) -> str:
     own = {name: mark + name for name in ("np", "t", "a", "b", "state")} | {"given": f"{mark}inputs"}
     language = python_language(own["np"])
     matrix = [[print_combination(language, r.part(t)) for t in model.targets] for r in model.relations]
-    right = [print_combination(language, r.right) for r in model.relations]
+    smooth = [smoothed(r.right, model.states, model.domain) for r in model.relations]
+    right = [print_combination(language, combination) for combination in smooth]
     unpack, acting = f"    {_unpacked(model.states)} = {own['state']}\n", f"{mark}acting"
     if inputs:
         unpack += f"    {_unpacked(inputs)} = {acting}({own['t']}, {own['given']})\n"
     return _TEMPLATE.format(
         states=", ".join(model.states),
         inputs=", ".join(inputs) or "none",
+        note=_NOTE if smooth != [r.right for r in model.relations] else "",
         states_tuple=repr(model.states),
         inputs_tuple=repr(inputs),
         delays_tuple=repr(tuple(float(i.delay) for i in model.inputs)),

@@ -1,0 +1,76 @@
+"""Friction of rates and of differences of rates: its functions by default, and those that a basis names."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from itertools import combinations
+
+from odescope.library.expression import ONE, Atom, Call
+from odescope.library.parse import Scope, parse_term
+from odescope.library.rules import Unmultiplied
+from odescope.recordings.coordinate import Coordinate
+
+
+def friction_rates(coordinates: Sequence[Coordinate], of: Sequence[Coordinate]) -> tuple[str, ...]:
+    """Return the rates that friction may depend on: those of some positions, and differences with like others.
+
+    Args:
+        coordinates: all. Two are alike if both are angles or both are not.
+        of: one coordinate of each difference is among these. What is not of order 2 has no friction.
+    """
+    second = [c for c in coordinates if c.order == 2]
+    # Names in order: the sign that a sum begins with is that of the first name.
+    alike = [
+        sorted((a.derivative(1), b.derivative(1)))
+        for a, b in combinations(second, 2)
+        if a.angle == b.angle and (a in of or b in of)
+    ]
+    return (*(c.derivative(1) for c in second if c in of), *(f"{a} - {b}" for a, b in alike))
+
+
+def default_friction(coordinates: Sequence[Coordinate], targets: Sequence[str]) -> tuple[str, ...]:
+    """Return dry and quadratic friction for the relations of some targets.
+
+    Viscous friction is not among them: it is a rate.
+
+    Args:
+        coordinates: all.
+        targets: their coordinates' rates, and differences with like ones, are meant.
+    """
+    found = friction_rates(coordinates, [c for c in coordinates if c.target in targets])
+    # To the first power, which keeps a difference from being multiplied out.
+    return (*(f"sign({v})" for v in found), *(f"({v})**1*abs({v})" for v in found))
+
+
+def friction_rule(coordinates: Sequence[Coordinate], basis: Sequence[str], scope: Scope) -> Unmultiplied | None:
+    """Return the rule that keeps friction functions of a basis from being multiplied; None where there is none.
+
+    What is left are the functions themselves, what the basis names as a whole (a normal force times one), and v*abs(v).
+
+    Args:
+        coordinates: what is not of order 2 has no friction.
+        basis: the functions, as text.
+        scope: the names that they may use.
+    """
+    moving = {c.derivative(1) for c in coordinates if c.order == 2}
+    terms = [parse_term(text, scope) for text in basis]
+    found = dict.fromkeys(a for t in terms for a, _ in t.factors if _is_dry(a, moving, alone=len(t.factors) == 1))
+    if not found:
+        return None
+    named = [term for term in terms if any(term.power_of(atom) for atom in found)]
+    drag = [f"{v}*abs({v})" for v in sorted(moving) if f"abs({v})" in {term.text for term in named}]
+    return Unmultiplied(tuple(atom.text for atom in found), (*(term.text for term in named), *drag))
+
+
+def _is_dry(atom: Atom, moving: Collection[str], alone: bool) -> bool:
+    """Say whether an atom is the sign of a sum of rates, a smooth one, or its size where nothing else is named with it.
+
+    Args:
+        atom: of a term of the basis. A constant may be added to the rates, as the speed of a belt.
+        moving: the rates.
+        alone: whether the term has no other factor: with one, as in v*abs(v), a size is no dry friction.
+    """
+    if not isinstance(atom, Call) or atom.function not in (("sign", "tanh", "abs") if alone else ("sign", "tanh")):
+        return False
+    parts = [term for _, term in atom.argument.parts if term != ONE]
+    return bool(parts) and all(term.text in moving for term in parts)
