@@ -17,7 +17,6 @@ from odescope.library.product import Product
 from odescope.library.tape import Tape, write_tape
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
 
-
 REACH = -3.0, 8.0  # powers of e that a constant may be smaller or larger than without its mechanism
 
 
@@ -41,7 +40,13 @@ class Frame:
     def of(
         coordinates: Sequence[Coordinate], inputs: Sequence[str], constants: Mapping[str, float] | None = None
     ) -> Frame:
-        """Return the frame of these coordinates, inputs and constants."""
+        """Return the frame.
+
+        Args:
+            coordinates: what was measured.
+            inputs: what drove it, by name.
+            constants: those within functions, each with its value.
+        """
         states = state_names(coordinates)
         measured = np.array([states.index(c.name) for c in coordinates], dtype=np.int64)
         targets = tuple(c.target for c in coordinates)

@@ -296,12 +296,14 @@ class SearchSpace:
         """
         return settings_of(*self._as_found(found, covariance), self._constants(found))
 
-    def _constants(self, found: Fit) -> dict[str, float]:
-        """Return the values of all constants, by name, to a few digits: no more of them is known."""
-        moved = {
-            self.mechanisms[k].place: found.theta[k] for k in found.present if self.mechanisms[k].kind == "constant"
-        }
-        return {name: float(f"{self.frame.value(name, moved.get(name, 0.0)):.4g}") for name in self.frame.constants}
+    def _constants(self, found: Fit) -> dict[str, float | None]:
+        """Return the values of all constants, by name, to a few digits; None where the record does not ask for one."""
+        values = dict[str, float | None].fromkeys(self.frame.constants)
+        for k in found.present:
+            if self.mechanisms[k].kind == "constant":
+                name = self.mechanisms[k].place
+                values[name] = float(f"{self.frame.value(name, found.theta[k]):.4g}")
+        return values
 
     def _as_found(self, found: Fit, covariance: FloatArray) -> tuple[list[Mechanism], FloatArray, FloatArray]:
         """Return the present mechanisms, their coefficients, and the covariance of all of these."""

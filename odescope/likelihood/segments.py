@@ -29,7 +29,7 @@ LARGEST = 60_000  # averages in all: of longer logs the likelihood takes the fir
 
 
 @dataclass(frozen=True, eq=False)
-class Driven:
+class SampledInputs:
     """The inputs of all records end to end, from which those of every step follow, however late they act.
 
     Shapes: samples (M, i) as they act without more delay; holds (i,) names; at (N,) the sample at every average, first
@@ -83,7 +83,7 @@ class Segments:
     block: int
     runs: tuple[tuple[int, int], ...]
     weight: FloatArray | None = None
-    driven: Driven | None = None
+    driven: SampledInputs | None = None
 
     @cached_property
     def samples(self) -> int:
@@ -157,13 +157,13 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
     )
 
 
-def _driven(records: Records, inputs: Sequence[Input], centres: Sequence[IntArray], block: int) -> Driven:
+def _driven(records: Records, inputs: Sequence[Input], centres: Sequence[IntArray], block: int) -> SampledInputs:
     """Return the inputs of records, given the sample at the centre of every average."""
     begin = np.concatenate([[0], np.cumsum([len(run) for run in records])])
     names = [i.name for i in inputs]
     samples = [np.column_stack([run.column(n) for n in names]) if names else np.empty((len(run), 0)) for run in records]
     kept = [len(c) for c in centres]
-    return Driven(
+    return SampledInputs(
         samples=np.concatenate(samples),
         holds=tuple(i.hold for i in inputs),
         at=np.concatenate([b + c for b, c in zip(begin, centres, strict=False)]),

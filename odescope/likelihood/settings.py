@@ -124,12 +124,12 @@ def _smoothed(term: Term, widths: Mapping[str, Atom]) -> Term:
     return Term.of(factors)
 
 
-def with_values(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
-    """Return a mechanism with numbers for its constants.
+def with_values(mechanism: Mechanism, values: Mapping[str, float | None]) -> Mechanism:
+    """Return a mechanism with numbers for its constants, and sign(v) again where nothing is known of the width.
 
     Args:
         mechanism: whose terms may name constants.
-        values: of the constants, by name.
+        values: of all constants, by name; None for one that the record does not ask for.
     """
     if not mechanism.names & set(values):
         return mechanism
@@ -140,22 +140,25 @@ def with_values(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
     return replace(mechanism, parts=merged(parts))
 
 
-def _substituted(term: Term, values: Mapping[str, float]) -> tuple[float, Term]:
+def _substituted(term: Term, values: Mapping[str, float | None]) -> tuple[float, Term]:
     """Return a term with numbers for some names, as a number times a term."""
     share, rest = 1.0, ONE
     for atom, power in term.factors:
         if isinstance(atom, Call):
+            jump = any(values.get(name, 0.0) is None for name in atom.argument.names)
             inner = [(c, *_substituted(t, values)) for c, t in atom.argument.parts]
-            rest *= Term(((Call(atom.function, Combination.of((c * k, t) for c, k, t in inner)), power),))
+            argument = Combination.of((c * k, t) for c, k, t in inner)
+            rest *= Term(((Call("sign" if jump and atom.function == "tanh" else atom.function, argument), power),))
         elif atom.name in values:
-            share *= values[atom.name] ** power
+            value = values[atom.name]
+            share *= 1.0 if value is None else value**power
         else:
             rest *= Term(((atom, power),))
     return share, rest
 
 
 def settings_of(
-    mechanisms: Sequence[Mechanism], theta: FloatArray, covariance: FloatArray, constants: Mapping[str, float]
+    mechanisms: Sequence[Mechanism], theta: FloatArray, covariance: FloatArray, constants: Mapping[str, float | None]
 ) -> FoundSettings:
     """Return what mechanisms without parts say.
 
@@ -163,21 +166,21 @@ def settings_of(
         mechanisms: those that are present.
         theta: (k,) their coefficients.
         covariance: (k, k) of these.
-        constants: values of all constants, by name.
+        constants: values of all constants, by name; None for one that the record does not ask for.
     """
     found: dict[Kind, dict[str, Found]] = {"offset": {}, "delay": {}}
     parameters = []
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     for m, value, error in zip(mechanisms, theta.tolist(), errors.tolist(), strict=True):
         if m.kind == "constant":
-            size = constants[m.place]
+            size = constants[m.place] or 0.0
             parameters.append(FoundParameter(m.place, size, size * error, _holding(m.place, mechanisms, constants)))
         elif not m.parts:
             found[m.kind][m.place] = Found(value, error)
     return FoundSettings(found["offset"], found["delay"], tuple(parameters))
 
 
-def _holding(name: str, mechanisms: Sequence[Mechanism], constants: Mapping[str, float]) -> tuple[str, ...]:
+def _holding(name: str, mechanisms: Sequence[Mechanism], constants: Mapping[str, float | None]) -> tuple[str, ...]:
     """Return the terms, with numbers, that hold a constant, each once."""
     holding = [replace(m, parts=tuple(p for p in m.parts if name in p.product.term.names)) for m in mechanisms]
     texts = [p.product.term.text for m in holding for p in with_values(m, constants).parts]

@@ -12,7 +12,7 @@ from odescope.library.product import Product
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.segments import Driven, Segments
+from odescope.likelihood.segments import SampledInputs, Segments
 from odescope.recordings.coordinate import Coordinate
 
 # phi_ddot = -8 sin(phi) - 0.2 phi_dot - 1.5 tanh(phi_dot/w) + 2 u, u late and phi read with an offset.
@@ -37,7 +37,7 @@ def held_segments(hold, count=60, seed=3):
     rng = np.random.default_rng(seed)
     samples = rng.standard_normal((count, 1))
     whole = np.zeros(count, dtype=np.int64)
-    driven = Driven(samples, (hold,), np.arange(count), whole, whole + count - 1, 1, SPRING_STEP)
+    driven = SampledInputs(samples, (hold,), np.arange(count), whole, whole + count - 1, 1, SPRING_STEP)
     start, size = np.array([0, 20, 40]), np.array([20, 20, 20])
     return Segments(
         rng.standard_normal((count, 1)), driven.nodes([0.0]), np.zeros((count, 2)), start, size, np.zeros(3, bool),
