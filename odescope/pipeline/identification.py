@@ -22,7 +22,7 @@ from odescope.model.notes import notes_of, trust
 from odescope.model.scores import DelayScore, ModelScores, Streamed
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.competition import Regressed, Winner, adopted, compete, regress
-from odescope.pipeline.evaluation import domain, free_run, provenance, scores
+from odescope.pipeline.evaluation import domain, free_run, provenance, scores, time_score
 from odescope.pipeline.joint_models import Search
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
@@ -188,6 +188,7 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         told,
         left_out=filtered.left_out,
         outliers=filtered.outliers,
+        time=time_score(sample.records, study.measured()),
         delays={name: DelayScore(d.seconds, d.std_error) for name, d in filtered.delays.items()},
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
         forms=winner.forms,

@@ -150,15 +150,14 @@ def test_clipping_and_delays_reach_every_chunk(tmp_path, log):
     assert [found[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.02)
 
 
-def test_gaps_between_and_within_chunks_are_split(tmp_path, log):
+@pytest.mark.parametrize("gaps", ["split", "bridge"])
+def test_gaps_between_and_within_chunks(tmp_path, log, gaps):
     table = pa.table(log).take(np.delete(np.arange(ROWS), [*range(6000, 6004), 30_000, *range(70_000, 77_000)]))
     parquet.write_table(table, tmp_path / "log.parquet")
     study = study_of(tmp_path / "log.parquet")
     with pytest.raises(InputError, match="gap"):
-        identify(study)
-    found = coefficients(
-        identify(msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, gaps="split")))
-    )
+        identify(msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, gaps="refuse")))
+    found = coefficients(identify(msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, gaps=gaps))))
     assert found.keys() == {"x_ddot", "x", "x_dot", "u"}
     assert [found[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.01)
 
