@@ -12,7 +12,7 @@ from odescope.arrays import IntArray
 from odescope.errors import InputError
 from odescope.recordings.angles import unwrap
 from odescope.recordings.chunks import Chunk
-from odescope.recordings.columns import Columns, numbers, recording_codes
+from odescope.recordings.columns import Columns, numbers, recording_codes, times
 from odescope.recordings.disorder import in_order
 from odescope.recordings.gaps import SHORTEST_RUN, RawRun, check_cells, pieces
 from odescope.recordings.layout import Layout
@@ -61,13 +61,14 @@ def _raw_runs(
     columns: Columns, layout: Layout, source: str, groups: Iterable[tuple[str, IntArray]], before: int
 ) -> Iterator[RawRun]:
     """Yield the run of each label and its row indices (n,); `before` rows of the file come before the table."""
-    found = {label: numbers(columns[label], label, source) for label in layout.numeric}
+    found = {label: numbers(columns[label], label, source) for label in dict(layout.columns).values()}
     values = np.column_stack([found[column] for _, column in layout.columns])
+    time = None if layout.time is None else times(columns[layout.time], layout.time, source)
     units = dict(layout.units)
     counted = np.arange(len(values), dtype=np.float64) * (layout.sample_period or 0.0)
     for label, rows in groups:
         yield RawRun(
-            t=counted[: len(rows)] if layout.time is None else found[layout.time][rows],
+            t=counted[: len(rows)] if time is None else time[rows],
             values=values[rows],
             names=layout.names,
             units=tuple(units.get(name) for name in layout.names),

@@ -201,6 +201,15 @@ def test_categories_and_numbers_label_recordings():
         assert np.array_equal(runs[1].column("x"), X[15:])
 
 
+@pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+def test_dates_are_times(unit):
+    dates = np.datetime64("2026-11-22T13:05:00", unit) + (1000 * T).astype("m8[ms]").astype(f"m8[{unit}]")
+    for data in ({**TABLE, "t": dates}, pd.DataFrame({**TABLE, "t": dates}), pa.table({**TABLE, "t": dates})):
+        (run,) = records_from(data, LAYOUT)
+        assert run.t - run.t[0] == pytest.approx(T, abs=1e-6)
+        assert run.t[0] == pytest.approx(1795352700.0)
+
+
 def test_kinds_of_numbers_become_floats():
     data = {"t": np.arange(20, dtype=">i4"), "x": np.arange(20) % 2 == 0, "force": np.arange(20, dtype=np.float16)}
     (run,) = records_from(data, LAYOUT)
@@ -216,7 +225,7 @@ def test_kinds_of_numbers_become_floats():
         ({"x": [[1], [2, 3]]}, "'x' in the data is not a column of numbers"),
         ({"x": np.zeros((N, 2))}, r"'x' in the data is an array of shape \(30, 2\)"),
         ({"x": X[1:]}, "differ in length"),
-        ({"t": np.arange(N).astype("M8[s]")}, r"'t' in the data holds timestamp\[s\]"),
+        ({"x": np.arange(N).astype("M8[s]")}, r"'x' in the data holds timestamp\[s\]"),
     ],
 )
 def test_bad_mappings(change, message):

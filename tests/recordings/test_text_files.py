@@ -102,6 +102,17 @@ def test_written_floats_read_back_bit_exact(tmp_path, values):
     assert run.values.tobytes() == values.tobytes()
 
 
+@pytest.mark.parametrize("zone", ["", "Z"])
+@pytest.mark.parametrize("gap", [" ", "T"])
+def test_dates_are_times(tmp_path, zone, gap):
+    stamps = [f"2026-11-22{gap}13:{k // 60:02}:{k % 60:02}.250{zone}" for k in range(100)]
+    text = ["t,x,force", *(f"{stamp},{k},{-k}" for k, stamp in enumerate(stamps))]
+    (run,) = read_records([write(tmp_path, text)], LAYOUT)
+    assert run.t == pytest.approx(1795352400.25 + np.arange(100), abs=1e-6)
+    text[50] = "2026-11-22 25:00:00,1,2"
+    refused(tmp_path, text, r"column 't' in run1\.csv has cells that are not numbers")
+
+
 @pytest.mark.parametrize("cell", ["", "NaN", "NA", "nan", " ", " NaN "])
 def test_missing_cells_are_gaps(tmp_path, cell):
     text = ["t,x,force", *(f"{k},{cell if k == 20 else k * k},{k}" for k in range(40))]
