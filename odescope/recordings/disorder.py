@@ -11,6 +11,7 @@ from odescope.recordings.gaps import RawRun
 from odescope.recordings.record import Repairs, check_increasing, within
 
 FARTHEST = 32  # rows that a row may be away from its place; if it is further, another recording has begun
+PART = 4  # of a short run: nor may a row be further away than this part of it
 AMBIGUOUS = 0.1  # of all rows: where more share a time but not their values, the clock is too coarse to tell them apart
 
 
@@ -34,7 +35,7 @@ def in_order(run: RawRun) -> RawRun:
         )
     order = np.argsort(run.t[timed], kind="stable")
     away = np.abs(order - np.arange(len(order)))
-    if len(away) and away.max() > FARTHEST:
+    if len(away) and away.max() > min(FARTHEST, len(away) // PART):
         check_increasing(run.t[timed], run.rows[timed], run.source)
     disordered = int(np.sum(run.t[timed] < np.maximum.accumulate(run.t[timed]))) if len(timed) else 0
     sorted_run = replace(run.take(timed[order]), rows=run.rows[timed])
