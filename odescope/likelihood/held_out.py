@@ -56,7 +56,9 @@ def free_run_errors(space: SearchSpace, theta: FloatArray) -> FloatArray:
     present = np.flatnonzero(theta)
     evaluator, program, none = space.on(loose).evaluator, space.program(present), np.zeros(0, dtype=np.int64)
     cost = evaluator.integrate(program, theta[present], none, segments.filtered[start]).cost
-    error = cost / (loose.count * measured.shape[1])
+    weight = np.ones_like(measured) if segments.weight is None else segments.weight
+    total = np.array([np.sum(weight[low:high] ** 2) for low, high in windows])
+    error = cost / np.maximum(total, 1e-300)
     bounded = np.where(np.isfinite(error), error / (1.0 + error), 1.0)
     errors: FloatArray = bounded.reshape(-1, WINDOWS).mean(axis=1)
     return errors if len(errors) >= FEW else bounded

@@ -2,7 +2,8 @@
 
 The signal ends at the cutoff, the noise does not: averages over blocks of k samples with a Nyquist frequency of several
 times the cutoff carry the same information. What averaging does to the signal itself is taken out
-with the filtered signal, whose own error does not matter there.
+with the filtered signal, whose own error does not matter there. An average of fewer samples, or more, weighs less, or
+more; one without any weighs nothing.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ class Segments:
 
     def cut_anew(self, length: int) -> Segments:
         """Return the same averages in segments of about so many."""
-        start, count, joined = _cut(self.runs, length)
+        start, count, joined = _cut(self.runs, length, self.weight)
         return replace(self, start=start, count=count, joined=joined)
 
 
@@ -129,17 +130,20 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
     period, channels = records.runs[0].sample_period, signals.channels
     block = _block(records, signals, period)
     share = min(1.0, LARGEST * block / sum(len(r) for r in records))
-    measured, centres, filtered, runs, total = [], [], [], list[tuple[int, int]](), 0
+    measured, weight, centres, filtered, runs, total = [], [], [], [], list[tuple[int, int]](), 0
     for run in records:
-        y, centre, x = _averages(run, signals, differentiator, period, block)
+        y, w, centre, x = _averages(run, signals, differentiator, period, block)
         kept = max(round(share * len(y)), min(len(y), LEAST_SEGMENT))
         measured.append(y[:kept])
+        weight.append(w[:kept])
         centres.append(centre[:kept])
         filtered.append(x[:kept])
         runs.append((total, total + len(y[:kept])))
         total = runs[-1][1]
-    start, count, joined = _cut(runs, length)
-    y, driven = np.concatenate(measured), _driven(records, signals.inputs, centres, block)
+    y, weights = np.concatenate(measured), np.concatenate(weight)
+    unequal = None if np.all(weights == 1.0) else weights
+    start, count, joined = _cut(runs, length, unequal)
+    driven = _driven(records, signals.inputs, centres, block)
     noise = np.array([max(c.noise, 1e-12 * float(np.ptp(y[:, k]))) for k, c in enumerate(channels)])
     return Segments(
         measured=y,
@@ -153,6 +157,7 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
         step=block * period,
         block=block,
         runs=tuple(runs),
+        weight=unequal,
         driven=driven,
     )
 
@@ -183,34 +188,67 @@ def _block(records: Records, signals: Signals, period: float) -> int:
     return block - (block + 1) % 2  # the centre of an odd block is a sample, at which the filtered signal is known
 
 
-def _cut(runs: Sequence[tuple[int, int]], length: int) -> tuple[IntArray, IntArray, BoolArray]:
-    """Return start and count of segments of about so many averages, and whether each ends where the next begins."""
+def _cut(
+    runs: Sequence[tuple[int, int]], length: int, weight: FloatArray | None
+) -> tuple[IntArray, IntArray, BoolArray]:
+    """Return start and count of segments of about so many averages, and whether each ends where the next begins.
+
+    A segment of which a coordinate has too few averages that were measured goes on to the end of the next: by itself
+    it would not determine a state.
+    """
     start, count, joined = list[int](), list[int](), list[bool]()
     for begin, end in runs:
         pieces = max(1, round((end - begin) / length))
         edges = np.linspace(0, end - begin, pieces + 1).astype(np.int64)
+        if weight is not None:
+            edges = _determined(edges, weight[begin:end] > 0.0)
+            pieces = len(edges) - 1
         start += (begin + edges[:-1]).tolist()
         count += np.diff(edges).tolist()
         joined += [True] * (pieces - 1) + [False]
     return np.array(start, dtype=np.int64), np.array(count, dtype=np.int64), np.array(joined, dtype=np.bool_)
 
 
+def _determined(edges: IntArray, measured: BoolArray) -> IntArray:
+    """Return the edges between which every coordinate has averages enough, of those that were `measured` (b, c)."""
+    there = np.concatenate([np.zeros((1, measured.shape[1]), dtype=np.int64), np.cumsum(measured, axis=0)])
+    kept = [0]
+    for edge in edges[1:-1].tolist():
+        if min((there[edge] - there[kept[-1]]).min(), (there[-1] - there[edge]).min()) >= LEAST_SEGMENT:
+            kept.append(edge)
+    return np.array([*kept, edges[-1]], dtype=np.int64)
+
+
 def _averages(
     run: Record, signals: Signals, differentiator: Differentiator, period: float, block: int
-) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Return measured averages (b, c), the samples at their centres (b,), smoothed states (b, n) of one record."""
+) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
+    """Return what is seen of one record.
+
+    Measured averages (b, c) and their weights, the samples at their centres (b,), smoothed states (b, n).
+    """
     blocks = len(run) // block
     centre = (block - 1) // 2 + block * np.arange(blocks)
     smooth: dict[str, FloatArray] = {}
-    columns = []
+    columns, weights = [], []
     for c, channel in zip(signals.coordinates, signals.channels, strict=True):
         samples = run.column(c.name)
         values = derivatives_like(differentiator, channel.cutoff, [samples], [False], period, c.order - 1)[0]
         at_centre = [v[centre] for v in values]
         smooth |= {c.derivative(k): v for k, v in enumerate(at_centre)}
         rest = (samples - values[0])[: blocks * block].reshape(blocks, block)
-        columns.append(rest.mean(axis=1) + at_centre[0])
-    return np.column_stack(columns), centre, np.column_stack([smooth[s] for s in signals.states])
+        average, weight = _weighed(rest, run.counted(c.name)[: blocks * block].reshape(blocks, block))
+        columns.append(average + at_centre[0])
+        weights.append(weight)
+    states = np.column_stack([smooth[s] for s in signals.states])
+    return np.column_stack(columns), np.column_stack(weights), centre, states
+
+
+def _weighed(rest: FloatArray, counts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the averages (b,) of residuals (b, block), and the root of the share of a full average behind each."""
+    if np.all(counts == 1.0):
+        return rest.mean(axis=1), np.ones(len(rest))
+    total = counts.sum(axis=1)
+    return (counts * rest).sum(axis=1) / np.maximum(total, 1.0), np.sqrt(total / counts.shape[1])
 
 
 @lru_cache(maxsize=64)

@@ -7,13 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from odescope.model.scores import Conserved, Doubts, EnergyScore, FormScore, Likelihood, ModelScores, PathScore
+from odescope.model.scores import (
+    Conserved,
+    Doubts,
+    EnergyScore,
+    FormScore,
+    Likelihood,
+    ModelScores,
+    PathScore,
+    TimeScore,
+)
 
 TOLD = 6  # notes of one kind
 EXACT = 10.0  # standard errors: from here on whole numbers
 UNSIGNED = 1e-6  # of the largest power dissipated: less is rounding
 IMBALANCE = 0.1  # of the energy turned over: less is what noise of the velocities makes
 LOOSE = 1.0  # standard error over coefficient of a kinetic term that another Lagrangian could do without
+READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
 FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
 
 
@@ -99,6 +109,8 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
         yield f"the denominator of {target} vanishes between the states of the data: expect poles when simulating"
     if scores.left_out:
         yield f"{scores.left_out} recordings are shorter than a period of the cutoff and were left out"
+    if scores.time is not None:
+        yield from _of_time(scores.time)
     if (read := scores.streamed) is not None:
         yield (
             f"{read.rows:,} rows were read in {read.portions} chunks: all of them count in the regression;"
@@ -114,6 +126,24 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
     for name, count in scores.outliers.items():
         if count:
             yield f"{count} samples of {name} were clipped as outliers"
+
+
+def _of_time(found: TimeScore) -> Iterator[str]:
+    """Yield what was wrong with the time stamps, in words that say what was done."""
+    if found.disordered:
+        yield f"{found.disordered} of {found.rows} rows were out of order: sorted"
+    if found.doubled:
+        yield f"{found.doubled} of {found.rows} rows had the time of another: merged, different values averaged"
+    if found.jitter > READ_BADLY:
+        yield (
+            f"the clock was read with a jitter of {100.0 * found.jitter:.2g} % of a sample period: samples count as"
+            " taken at regular times"
+        )
+    for name, (missing, gaps) in found.missing.items():
+        if missing:
+            where = "a gap" if gaps == 1 else f"{gaps} gaps"
+            part = share(missing / found.samples)
+            yield f"{missing} samples of {name}, of {found.samples}, are missing ({part}), in {where}"
 
 
 def _of_the_forms(forms: Sequence[FormScore]) -> Iterator[str]:

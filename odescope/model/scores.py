@@ -131,6 +131,22 @@ class Streamed(msgspec.Struct, frozen=True):
     sampled: int
 
 
+class TimeScore(msgspec.Struct, frozen=True):
+    """What the time stamps of the recordings were found to be like, and what was done about it.
+
+    Of `rows` rows `disordered` were sorted and `doubled` merged with others; `jitter` is the largest of clocks whose
+    stamps were smoothed, in sample periods. `missing` counts, by name, the samples of a coordinate that were not
+    measured, and the gaps they are in; `samples` how many each coordinate should have.
+    """
+
+    rows: int
+    disordered: int
+    doubled: int
+    jitter: float
+    samples: int
+    missing: dict[str, tuple[int, int]]
+
+
 class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     """All that was found out about a model; what a stage did not find is absent.
 
@@ -144,6 +160,7 @@ class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     outliers: dict[str, int] = {}
     delays: dict[str, DelayScore] = {}
     offsets: dict[str, OffsetScore] = {}
+    time: TimeScore | None = None
     streamed: Streamed | None = None
     forms: tuple[FormScore, ...] = ()
     path: tuple[PathScore, ...] = ()

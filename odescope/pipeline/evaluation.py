@@ -13,10 +13,12 @@ from odescope.likelihood.findings import likelihood_scores
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Json, Model, without_delays
-from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore
+from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore, TimeScore
 from odescope.model.simulation import Trajectory, simulate
 from odescope.pipeline.joint_models import Search, samples_of
 from odescope.pipeline.reduce import Whole
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Records
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
@@ -128,6 +130,30 @@ def free_run(model: Model, signals: Signals) -> FreeRun:
     late = np.flatnonzero(error > VALID_ERROR)
     valid = float(part.t[late[0]]) if late.size else float(part.t[reached - 1])
     return FreeRun(duration=float(part.t[-1]), valid_time=valid, ended=run.ended)
+
+
+def time_score(records: Records, coordinates: Sequence[Coordinate]) -> TimeScore | None:
+    """Return what was wrong with the time of recordings; None where nothing was.
+
+    Args:
+        records: as they were read.
+        coordinates: what was measured.
+    """
+    repairs = [run.repairs for run in records]
+    lacking = {c.name: [run.counted(c.name) == 0.0 for run in records] for c in coordinates}
+    missing = {
+        name: (sum(int(m.sum()) for m in cells), sum(int(np.sum(np.diff(m, prepend=False) & m)) for m in cells))
+        for name, cells in lacking.items()
+    }
+    found = TimeScore(
+        rows=sum(r.rows for r in repairs),
+        disordered=sum(r.disordered for r in repairs),
+        doubled=sum(r.doubled for r in repairs),
+        jitter=max(r.jitter for r in repairs),
+        samples=records.samples,
+        missing={name: told for name, told in missing.items() if told[0]},
+    )
+    return found if found.disordered or found.doubled or found.jitter or found.missing else None
 
 
 def provenance(study: Study, signals: Signals, whole: Whole | None) -> dict[str, Json]:

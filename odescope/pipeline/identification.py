@@ -22,7 +22,7 @@ from odescope.model.notes import notes_of, trust
 from odescope.model.scores import DelayScore, ModelScores, OffsetScore, Streamed
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.competition import Regressed, Winner, adopted, compete, regress
-from odescope.pipeline.evaluation import domain, free_run, provenance, scores
+from odescope.pipeline.evaluation import domain, free_run, provenance, scores, time_score
 from odescope.pipeline.joint_models import Search
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
@@ -215,6 +215,7 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         told,
         left_out=filtered.left_out,
         outliers=filtered.outliers,
+        time=time_score(sample.records, study.measured()),
         delays=_delays(filtered, winner),
         offsets=_offsets(winner),
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),

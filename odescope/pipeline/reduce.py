@@ -24,12 +24,14 @@ from odescope.pipeline.store import Reduced, digest
 from odescope.recordings.chunks import Chunk, cut
 from odescope.recordings.coordinate import Input
 from odescope.recordings.layout import Layout
+from odescope.recordings.periods import stretch_at_period
 from odescope.recordings.readers import read_chunk
 from odescope.regression.problem import LibraryRows, Pieces, Problem, factored, pieces_a_block
 from odescope.regression.rows import FOLDS, cut_blocks
 from odescope.signals.delays import delayed, remaining
 from odescope.signals.differentiators import Differentiator
 from odescope.signals.estimate import Signals, signals_like
+from odescope.signals.filling import filled_like
 from odescope.signals.outliers import Clipping, clip_outliers
 from odescope.signals.spectral import reach
 
@@ -38,11 +40,12 @@ from odescope.signals.spectral import reach
 class Plan:
     """What turns a chunk of the data into factors, settled before: small, and the same for every chunk.
 
-    `like` are signals without columns, `lead` the seconds dropped at the ends for the sake of delays, `shortest` those
-    below which a recording is left out, `libraries` those of the targets.
+    `period` is that of the samples, `like` are signals without columns, `lead` the seconds dropped at the ends for the
+    sake of delays, `shortest` those below which a recording is left out, `libraries` those of the targets.
     """
 
     layout: Layout
+    period: float
     differentiator: Differentiator
     margin: float
     inputs: tuple[Input, ...]
@@ -55,16 +58,20 @@ class Plan:
     @property
     def digest(self) -> str:
         """What tells this plan from any other."""
-        settled = (self.layout, self.differentiator, self.margin, self.inputs, self.lead, self.clipping, self.shortest)
+        settled = (
+            self.layout, self.period, self.differentiator, self.margin, self.inputs, self.lead, self.clipping,
+            self.shortest,
+        )  # fmt: skip
         found = (self.like.channels, self.like.period, self.like.coordinates)
         libraries = [([t.text for t in library.terms], library.row_map) for library in self.libraries]
         return fingerprint((settled, found, libraries))
 
-    def overlap(self, period: float) -> int:
-        """Return the rows that a cut has to be away from a sample to leave it alone."""
+    @property
+    def overlap(self) -> int:
+        """The rows that a cut has to be away from a sample to leave it alone."""
         slowest = min(c.cutoff for c in self.like.channels)
         late = max((abs(i.delay) for i in self.inputs), default=0.0) + (self.lead or 0.0)
-        return int(np.ceil((reach(slowest) + late) / period)) + 1
+        return int(np.ceil((reach(slowest) + late) / self.period)) + 1
 
 
 @dataclass(frozen=True)
@@ -99,11 +106,14 @@ def reduce(task: Task, plan: Plan) -> Reduced:
 
 def _signals(chunk: Chunk, plan: Plan) -> tuple[Signals, int]:
     """Return the signals of a chunk, and how many recordings begin in it."""
-    read = read_chunk(chunk, plan.layout)
+    read = [stretch_at_period(s, plan.period, plan.layout.held) for s in read_chunk(chunk, plan.layout)]
     least = [max(plan.shortest, s.record.sample_period) for s in read]
     stretches = tuple(
         s for s, short in zip(read, least, strict=True) if s.cut or remaining(s.record, plan.lead) >= short
     )
+    check_wanted()
+    cutoffs = [c.cutoff for c in plan.like.channels]
+    stretches = filled_like(stretches, plan.like.coordinates, plan.differentiator, cutoffs)
     check_wanted()
     if plan.clipping is not None:
         stretches = clip_outliers(stretches, plan.like.coordinates, plan.differentiator, plan.clipping)
@@ -119,7 +129,7 @@ def _tasks(sample: Sample, plan: Plan) -> list[Task]:
     Raises:
         InputError: a filter reaches further than a chunk.
     """
-    overlap = plan.overlap(sample.records.runs[0].sample_period)
+    overlap = plan.overlap
     if overlap > sample.rows and any(f.rows > sample.rows for f in sample.files):
         slowest = min(c.cutoff for c in plan.like.channels)
         raise InputError(

@@ -29,6 +29,7 @@ from odescope.pipeline.sample import Sample, open_recordings
 from odescope.pipeline.store import Store
 from odescope.recordings.checks import check_channels
 from odescope.recordings.coordinate import Input
+from odescope.recordings.periods import at_one_period
 from odescope.recordings.readers import records_from
 from odescope.recordings.record import Records, less_offsets
 from odescope.regression.problem import Problem, pose
@@ -38,6 +39,7 @@ from odescope.selection.ranking import Candidate, rank
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
 from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
 from odescope.signals.estimate import Signals, estimate_signals
+from odescope.signals.filling import filled
 from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, settle_clipping
 from odescope.study.options import Form, Mechanisms, Study
 from odescope.study.pieces import versions
@@ -104,6 +106,7 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
             sample = open_recordings(study.data, study.layout(), None if store is None else kept_in(store, study))
         else:
             sample = Sample(data if isinstance(data, Records) else records_from(data, study.layout()))
+        sample = replace(sample, records=at_one_period(sample.records, study.layout().held))
         check_channels(sample.records, study.measured(), study.driven())
     with work.stage("library"):
         mechanisms: dict[Form, Mechanisms] = {
@@ -160,7 +163,9 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
         NoModelError: a coordinate holds nothing above its noise.
     """
     study, sample = work.study, prepared.sample
-    records, outliers, clipping = sample.records, dict[str, int](), None
+    outliers, clipping = dict[str, int](), None
+    with work.stage("signals"):
+        records = filled(sample.records, study.measured(), study.signals.differentiator)
     if study.signals.outliers == "clip":
         with work.stage("signals"):
             records, outliers, clipping = _clipped(study, records)
@@ -273,9 +278,9 @@ def pose_all(work: Work, prepared: Prepared, filtered: Filtered) -> tuple[tuple[
         return problems, None
     with work.stage("recordings"):
         plan = Plan(
-            study.layout(), study.signals.differentiator, study.signals.margin, filtered.inputs, filtered.lead,
-            filtered.clipping, filtered.shortest, replace(filtered.signals, columns=(), start=()),
-            tuple(p.library for p in problems),
+            study.layout(), sample.records.runs[0].sample_period, study.signals.differentiator, study.signals.margin,
+            filtered.inputs, filtered.lead, filtered.clipping, filtered.shortest,
+            replace(filtered.signals, columns=(), start=()), tuple(p.library for p in problems),
         )  # fmt: skip
         whole = reduce_all(sample, plan, problems, work.workers, work.monitor)
     return whole.problems, whole

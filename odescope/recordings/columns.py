@@ -102,6 +102,27 @@ def numbers(column: ChunkedArray, label: str, source: str) -> FloatArray:
         raise InputError(f"column {label!r} in {source} does not fit 64-bit floats: {first_line(error)}") from error
 
 
+def times(column: ChunkedArray, label: str, source: str) -> FloatArray:
+    """Return a column of times in seconds (N,), NaN where a cell is missing: of numbers, or of dates since 1970.
+
+    Args:
+        column: of numbers or dates.
+        label: its name, for messages.
+        source: where it came from, for messages.
+
+    Raises:
+        InputError: it holds neither.
+    """
+    import pyarrow as pa
+
+    if not pa.types.is_timestamp(column.type):
+        return numbers(column, label, source)
+    ticks = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64()).combine_chunks()
+    seconds = 1e-9 * ticks.fill_null(0).to_numpy().astype(np.float64)
+    found: FloatArray = np.where(ticks.is_null().to_numpy(zero_copy_only=False), np.nan, seconds)
+    return found
+
+
 def recording_codes(columns: Columns, layout: Layout, source: str) -> tuple[list[str], IntArray]:
     """Return the labels of the recordings, in order of first appearance, and the index (N,) into them of each row.
 

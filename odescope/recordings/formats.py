@@ -62,12 +62,12 @@ def _read_text(path: Path, layout: Layout) -> Columns:
     file = _header(path, layout)
     if layout.time is None:
         refuse_blank_lines(file)
-    return read_columns(file, layout.used, layout.numeric)
+    return read_columns(file, layout.used, layout.numeric, layout.time)
 
 
 def _read_text_chunk(chunk: Chunk, layout: Layout) -> Columns:
     assert chunk.text is not None  # cut gives every chunk of a text file one
-    columns = read_columns(chunk.text, layout.used, layout.numeric)
+    columns = read_columns(chunk.text, layout.used, layout.numeric, layout.time)
     start, stop = chunk.window
     return {label: column.slice(start - chunk.text.first, stop - start) for label, column in columns.items()}
 

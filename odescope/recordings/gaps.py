@@ -1,20 +1,21 @@
-"""Gaps in a run: missing cells and jumps of time, at which it is cut or refused."""
+"""Gaps in a run: missing cells and jumps of time, which are bridged, or at which it is cut or refused."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.errors import InputError
-from odescope.recordings.record import Record, check_finite, check_increasing, within
+from odescope.recordings.record import UNREPAIRED, Repairs, check_finite, within
 
-Gaps = Literal["refuse", "split"]
+Gaps = Literal["bridge", "split", "refuse"]
 
 SHORTEST_RUN = 16  # fewer samples between gaps leave nothing between the margins of a derivative filter
 GAP_PERIODS = 1.5  # a longer step lacks at least one sample
+LONGEST_GAP = 32  # steps of a column: over a longer gap its samples hardly say what happened, and the run is cut there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,7 +23,8 @@ class RawRun:
     """One run as it was read: NaN where a cell is missing, time that may jump.
 
     Shapes: t (N,), values (N, c); rows (N,) counts the file's data rows from 1; `labels` are the columns' names in
-    the file, which messages use.
+    the file, which messages use; counts (N, c) of how many samples each value is the mean, None for 1 throughout;
+    `repairs` says what was done to the rows.
     """
 
     t: FloatArray
@@ -32,50 +34,97 @@ class RawRun:
     source: str
     rows: IntArray
     labels: tuple[str, ...]
+    counts: FloatArray | None = None
+    repairs: Repairs = UNREPAIRED
+
+    def take(self, samples: IntArray) -> RawRun:
+        """Return some samples (n,), by their indices."""
+        counts = None if self.counts is None else self.counts[samples]
+        return replace(self, t=self.t[samples], values=self.values[samples], rows=self.rows[samples], counts=counts)
 
 
-def gapless(run: RawRun, gaps: Gaps, partial: bool = False) -> tuple[IntArray, ...]:
-    """Return the samples (n,) of each piece of a raw run between its gaps, as indices into it.
+def check_cells(run: RawRun) -> None:
+    """Refuse times and values that are infinite; a missing one is NaN."""
+    check_finite(~np.isinf(run.t)[:, None], ("time",), run.rows, run.source)
+    check_finite(~np.isinf(run.values), run.labels, run.rows, run.source)
 
-    A gap is where cells are missing or time jumps by more than 1.5 periods. Pieces shorter than 16 samples are dropped.
+
+def pieces(run: RawRun, gaps: Gaps, partial: bool = False) -> tuple[IntArray, ...]:
+    """Return the samples (n,) of each piece of a raw run, as indices into it.
+
+    A gap is where cells are missing or time jumps by more than 1.5 periods. With "bridge" a run is only cut where a
+    gap of a column is longer than 32 of the median steps between the column's own samples; missing cells stay in the
+    pieces, but for those before the first and after the last sample of a column. With "split" it is cut at every gap.
+    Pieces shorter than 16 samples are dropped, unless the run is all one piece.
 
     Args:
-        run: as it was read; its angles are not unwrapped yet, since across a gap that would be a guess.
-        gaps: whether a run with gaps is split there or refused.
+        run: its times increasing, but for those that are missing; its angles are not unwrapped yet.
+        gaps: whether gaps are bridged, split at or refused.
         partial: the run is cut out of a longer one, whose rest may well serve: that nothing is left of it is no fault.
 
     Raises:
-        InputError: there are gaps and `gaps` is "refuse"; no piece is left; time goes back or repeats; a value is
-            infinite.
+        InputError: there are gaps and `gaps` is "refuse"; no piece is left; a column has fewer than 2 samples.
     """
-    check_finite(~np.isinf(run.t)[:, None], ("time",), run.rows, run.source)
-    check_finite(~np.isinf(run.values), run.labels, run.rows, run.source)
-    timed = np.flatnonzero(~np.isnan(run.t))
-    check_increasing(run.t[timed], run.rows[timed], run.source)
-    complete = np.flatnonzero(~np.isnan(run.t) & ~np.isnan(run.values).any(axis=1))
-    if len(complete) < 2:
-        if partial and (gaps == "split" or len(complete) == len(run.t)):
+    measured: BoolArray = np.isfinite(run.values) & np.isfinite(run.t)[:, None]
+    if gaps != "bridge":
+        measured &= np.all(measured, axis=1, keepdims=True)
+    counts = measured.sum(axis=0)
+    if (fewest := int(counts.min())) < 2:
+        if partial and (gaps != "refuse" or fewest == len(run.t)):
             return ()
-        raise InputError(f"{len(complete)} of {len(run.t)} rows are complete{within(run.source)}: expected at least 2")
+        what = (
+            "rows are complete" if gaps != "bridge" else f"cells of {run.labels[int(counts.argmin())]!r} hold numbers"
+        )
+        raise InputError(f"{fewest} of {len(run.t)} {what}{within(run.source)}: expected at least 2")
+    timed = np.flatnonzero(~np.isnan(run.t))
     steps = np.diff(run.t[timed])
     longest = GAP_PERIODS * float(np.median(steps))
     if gaps == "refuse":
         _refuse_gaps(run, run.rows[timed[:-1]][steps > longest])
-        return (complete,)
-    cuts = (np.diff(complete) > 1) | (np.diff(run.t[complete]) > longest)
-    pieces = np.split(complete, np.flatnonzero(cuts) + 1)
-    kept = tuple(samples for samples in pieces if len(samples) >= SHORTEST_RUN)
+        return (timed,)
+    found = _bridged(run, measured) if gaps == "bridge" else _split(run, measured[:, 0], longest)
+    whole = len(found) == 1 and gaps == "bridge"
+    kept = tuple(samples for samples in found if whole or len(samples) >= SHORTEST_RUN)
     if not kept and not partial:
         raise InputError(
-            f"nothing is left{within(run.source)} after splitting at its gaps: the longest of {len(pieces)} pieces "
-            f"has {max(map(len, pieces))} samples, and pieces shorter than {SHORTEST_RUN} are dropped"
+            f"nothing is left{within(run.source)} after splitting at its gaps: the longest of {len(found)} pieces "
+            f"has {max(map(len, found))} samples, and pieces shorter than {SHORTEST_RUN} are dropped"
         )
     return kept
 
 
-def record_of(run: RawRun, samples: IntArray) -> Record:
-    """Return some samples (n,) of a raw run as a record; InputError where one of them is not finite."""
-    return Record(run.t[samples], run.values[samples], run.names, run.units, run.source)
+def _split(run: RawRun, complete: BoolArray, longest: float) -> list[IntArray]:
+    """Return the pieces between missing cells and steps of time that are longer than `longest`."""
+    samples = np.flatnonzero(complete)
+    cuts = (np.diff(samples) > 1) | (np.diff(run.t[samples]) > longest)
+    return np.split(samples, np.flatnonzero(cuts) + 1)
+
+
+def _bridged(run: RawRun, measured: BoolArray) -> list[IntArray]:
+    """Return the pieces between gaps too long to bridge; a piece begins and ends where every column has begun."""
+    piece, within_all = np.zeros(len(run.t), dtype=np.int64), ~np.isnan(run.t)
+    for cells in measured.T:
+        there = np.flatnonzero(cells)
+        steps = np.diff(run.t[there])
+        within_all[: there[0]] = within_all[there[-1] + 1 :] = False
+        for k in np.flatnonzero(steps > LONGEST_GAP * np.median(steps)):
+            within_all[there[k] + 1 : there[k + 1]] = False
+            piece[there[k + 1] :] += 1
+    samples = np.flatnonzero(within_all)
+    found = np.split(samples, np.flatnonzero(np.diff(piece[samples])) + 1)
+    # A cut in one column may leave another without a sample at the ends of a piece.
+    trimmed = [_trimmed(samples, measured) for samples in found]
+    return trimmed if len(found) > 1 else [samples]
+
+
+def _trimmed(samples: IntArray, measured: BoolArray) -> IntArray:
+    """Return the samples from where all columns have begun to where the first one ends; none where one has too few."""
+    cells = measured[samples]
+    if not len(samples) or cells.sum(axis=0).min() < 2:
+        return samples[:0]
+    first = int(cells.argmax(axis=0).max())
+    last = len(samples) - int(cells[::-1].argmax(axis=0).max())
+    return samples[first:last]
 
 
 def _refuse_gaps(run: RawRun, jumps: IntArray) -> None:
@@ -88,7 +137,7 @@ def _refuse_gaps(run: RawRun, jumps: IntArray) -> None:
     if found:
         raise InputError(
             f"{' and '.join(found)}{within(run.source)}, where row 1 is the first row of data; "
-            "repair them there or set gaps = 'split' in [data]"
+            "repair them there or set gaps = 'bridge' or 'split' in [data]"
         )
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import get_args
 
 from odescope.errors import InputError, nearest
 from odescope.recordings.gaps import Gaps
-from odescope.recordings.uniform import LARGEST_JITTER
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,7 +14,8 @@ class Layout:
     """Which columns of a file mean what, and what to do about gaps and jitter.
 
     `columns` and `units` are pairs (name in odescope, column in the file) and (name, unit); `angles` and `held` hold
-    names in odescope; `time` and `recording` are columns in the file, or `recording` a folder's key (lap=7/a.parquet).
+    names in odescope; `jitter` is a limit in sample periods, None for none; `time` and `recording` are columns in the
+    file, or `recording` a folder's key (lap=7/a.parquet).
 
     Raises:
         InputError: not exactly one of `time` and `sample_period`, no column, a tolerance or period out of range.
@@ -27,8 +28,8 @@ class Layout:
     angles: frozenset[str] = frozenset()
     held: frozenset[str] = frozenset()
     recording: str | None = None
-    gaps: Gaps = "refuse"
-    jitter: float = 0.05
+    gaps: Gaps = "bridge"
+    jitter: float | None = None
 
     def __post_init__(self) -> None:
         if (self.time is None) == (self.sample_period is None):
@@ -37,10 +38,10 @@ class Layout:
             raise InputError(f"sample_period must be a positive number, got {self.sample_period!r}")
         if not self.columns:
             raise InputError("no column to read: name at least one coordinate")
-        if self.gaps not in ("refuse", "split"):
-            raise InputError(f"gaps must be 'refuse' or 'split', got {self.gaps!r}")
-        if not 0 <= self.jitter <= LARGEST_JITTER:
-            raise InputError(f"jitter must be between 0 and {LARGEST_JITTER} sample periods, got {self.jitter!r}")
+        if self.gaps not in get_args(Gaps):
+            raise InputError(f"gaps must be 'bridge', 'split' or 'refuse', got {self.gaps!r}")
+        if self.jitter is not None and not 0 <= self.jitter < float("inf"):
+            raise InputError(f"jitter must be a number of sample periods, 0 or more, got {self.jitter!r}")
         for name in (*(name for name, _ in self.units), *self.angles, *self.held):
             if name not in self.names:
                 raise InputError(

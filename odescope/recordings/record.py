@@ -12,15 +12,34 @@ from odescope.errors import InputError, nearest
 from odescope.recordings.coordinate import Coordinate, check_name
 
 
+@dataclass(frozen=True, slots=True)
+class Repairs:
+    """What was done to the rows of a run before it became a record: how many there were, and of how many what.
+
+    `disordered` rows came before an earlier one and were sorted; `doubled` ones had the time of another and were merged
+    with it; `jitter` is that of a regular clock whose stamps were smoothed, its standard deviation in sample periods.
+    """
+
+    rows: int = 0
+    disordered: int = 0
+    doubled: int = 0
+    jitter: float = 0.0
+
+
+UNREPAIRED = Repairs()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
     """One uninterrupted run, uniformly sampled or not.
 
-    Shapes: t (N,), values (N, c), one name and one unit a column; `source` says in messages where it came from.
+    Shapes: t (N,), values (N, c), one name and one unit a column; counts (N, c) how many measured samples stand behind
+    each value, None for 1 throughout: where it is 0 nothing was measured and the value is filled in, where it is 2 the
+    value is the mean of two. `source` says in messages where it came from, `repairs` what was done to its rows.
 
     Raises:
         InputError: shapes that do not fit, fewer than 2 samples, a value that is not finite, time that does not
-            strictly increase, names that are not unique plain identifiers.
+            strictly increase, names that are not unique plain identifiers, counts below 0.
     """
 
     t: FloatArray
@@ -28,6 +47,8 @@ class Record:
     names: tuple[str, ...]
     units: tuple[str | None, ...] = ()
     source: str = ""
+    counts: FloatArray | None = None
+    repairs: Repairs = UNREPAIRED
 
     def __post_init__(self) -> None:
         names = tuple(self.names)
@@ -35,6 +56,8 @@ class Record:
         object.__setattr__(self, "values", _float_array(self.values, "values", 2, self.source))
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "units", tuple(self.units) or (None,) * len(names))
+        if self.counts is not None:
+            object.__setattr__(self, "counts", _float_array(self.counts, "counts", 2, self.source))
         self._check_layout()
         rows = np.arange(1, len(self.t) + 1)
         check_finite(np.isfinite(self.t)[:, None], ("time",), rows, self.source)
@@ -47,6 +70,11 @@ class Record:
             raise InputError(
                 f"a record needs t of shape (N,), values of shape (N, c), c names and c units; got t {self.t.shape}, "
                 f"values {self.values.shape}, {columns[0]} names and {columns[1]} units{within(self.source)}"
+            )
+        if self.counts is not None and (self.counts.shape != self.values.shape or not np.all(self.counts >= 0.0)):
+            raise InputError(
+                f"counts of a record must be of shape {self.values.shape}, as its values, and not below 0; got "
+                f"{self.counts.shape}{within(self.source)}"
             )
         if len(self.t) < 2:
             raise InputError(f"a record needs at least 2 samples, got {len(self.t)}{within(self.source)}")
@@ -73,6 +101,16 @@ class Record:
         if name not in self.names:
             raise InputError(f"no column {name!r}{within(self.source)}; {nearest(name, self.names)}")
         return self.values[:, self.names.index(name)]
+
+    def counted(self, name: str) -> FloatArray:
+        """Return how many samples stand behind each value (N,) of one column."""
+        return np.ones(len(self)) if self.counts is None else self.counts[:, self.names.index(name)]
+
+    def part(self, first: int, stop: int) -> Record:
+        """Return the samples [first, stop) as a record."""
+        kept = slice(first, stop)
+        counts = None if self.counts is None else self.counts[kept]
+        return replace(self, t=self.t[kept], values=self.values[kept], counts=counts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

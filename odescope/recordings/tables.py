@@ -10,16 +10,18 @@ import numpy as np
 
 from odescope.arrays import IntArray
 from odescope.errors import InputError
+from odescope.recordings.angles import unwrap
 from odescope.recordings.chunks import Chunk
-from odescope.recordings.columns import Columns, numbers, recording_codes
-from odescope.recordings.gaps import SHORTEST_RUN, RawRun, gapless, record_of
+from odescope.recordings.columns import Columns, numbers, recording_codes, times
+from odescope.recordings.disorder import in_order
+from odescope.recordings.gaps import SHORTEST_RUN, RawRun, check_cells, pieces
 from odescope.recordings.layout import Layout
 from odescope.recordings.record import Stretch
-from odescope.recordings.uniform import uniform, unwrap
+from odescope.recordings.uniform import uniform
 
 
 def stretches(columns: Columns, layout: Layout, source: str, chunk: Chunk | None = None) -> Iterator[Stretch]:
-    """Yield the recordings of a table, split or refused at gaps, angles unwrapped, time uniform.
+    """Yield the recordings of a table, in order, gaps bridged or not, angles unwrapped, time uniform.
 
     The rows of one label are one recording. In a chunk of a file only those are that follow each other: a label that
     comes back later is another recording; and gaps, angles and jitter are judged by what the chunk holds.
@@ -59,13 +61,14 @@ def _raw_runs(
     columns: Columns, layout: Layout, source: str, groups: Iterable[tuple[str, IntArray]], before: int
 ) -> Iterator[RawRun]:
     """Yield the run of each label and its row indices (n,); `before` rows of the file come before the table."""
-    found = {label: numbers(columns[label], label, source) for label in layout.numeric}
+    found = {label: numbers(columns[label], label, source) for label in dict(layout.columns).values()}
     values = np.column_stack([found[column] for _, column in layout.columns])
+    time = None if layout.time is None else times(columns[layout.time], layout.time, source)
     units = dict(layout.units)
     counted = np.arange(len(values), dtype=np.float64) * (layout.sample_period or 0.0)
     for label, rows in groups:
         yield RawRun(
-            t=counted[: len(rows)] if layout.time is None else found[layout.time][rows],
+            t=counted[: len(rows)] if time is None else time[rows],
             values=values[rows],
             names=layout.names,
             units=tuple(units.get(name) for name in layout.names),
@@ -99,9 +102,24 @@ def _between_gaps(run: RawRun, chunk: Chunk, layout: Layout) -> Iterator[Stretch
     if layout.sample_period is not None and not chunk.whole:
         run = replace(run, t=rows * np.float64(layout.sample_period))
     cut_before, cut_after = bool(rows[0] == start > 0), bool(rows[-1] + 1 == stop < chunk.size)
-    for samples in gapless(run, layout.gaps, partial=cut_before or cut_after):
-        first, last = np.searchsorted(rows[samples], (chunk.first, chunk.stop)).tolist()
+    check_cells(run)
+    run = in_order(run)
+    rows = run.rows - 1
+    for samples in pieces(run, layout.gaps, partial=cut_before or cut_after):
+        record, points = uniform(unwrap(run.take(samples), layout.angles), layout.jitter, layout.held)
+        first, last = _own(rows[samples], points, chunk, len(record))
         if first < last:
             begins, ends = not (cut_before and samples[0] == 0), not (cut_after and samples[-1] + 1 == len(rows))
-            record = unwrap(record_of(run, samples), layout.angles)
-            yield Stretch(uniform(record, layout.jitter, layout.held), first, last, begins, ends)
+            yield Stretch(record, first, last, begins, ends)
+
+
+def _own(rows: IntArray, points: IntArray, chunk: Chunk, count: int) -> tuple[int, int]:
+    """Return which of the `count` points of a grid are the chunk's own, by the rows (n,) that came to `points` (n,).
+
+    Points without a row, between those of two chunks, belong to the former one.
+    """
+    first, last = np.searchsorted(rows, (chunk.first, chunk.stop)).tolist()
+    edges = np.append(points, count)[[first, last]]
+    edges[0] = 0 if first == 0 else edges[0]
+    start, stop = np.clip(edges, 0, count).tolist()
+    return (start, stop) if first < last else (start, start)

@@ -185,15 +185,19 @@ def refuse_blank_lines(file: TextFile) -> None:
                 )
 
 
-def read_columns(file: TextFile, labels: Sequence[str], numeric: Sequence[str]) -> dict[str, ChunkedArray]:
+def read_columns(
+    file: TextFile, labels: Sequence[str], numeric: Sequence[str], time: str | None = None
+) -> dict[str, ChunkedArray]:
     """Return the labelled columns as Arrow columns: those in `numeric` of floats, null or NaN where a cell is missing.
 
-    The cells are converted while parsing; only where that fails are they looked at one by one.
+    The cells are converted while parsing; only where that fails are they looked at one by one. The column `time` may
+    hold dates instead, as ISO 8601 writes them (2026-11-22 13:05:01.25).
 
     Args:
         file: or a part of one.
         labels: of the columns that are read.
         numeric: those of them that must hold numbers.
+        time: that of them that may hold dates.
 
     Raises:
         InputError: a row of too few or too many cells, a cell that is not a number; a part of a file without the rows
@@ -203,9 +207,10 @@ def read_columns(file: TextFile, labels: Sequence[str], numeric: Sequence[str]) 
     import pyarrow as pa
 
     types = {label: pa.float64() if label in numeric else pa.string() for label in labels}
-    for decimal in file.decimals:
+    dates = [] if time is None else [types | {time: pa.timestamp("ns", zone)} for zone in (None, "UTC")]
+    for decimal, kinds in itertools.product(file.decimals, (types, *dates)):
         try:
-            return _parse(file, types, decimal)
+            return _parse(file, kinds, decimal)
         except pa.ArrowInvalid:
             continue  # what follows finds the cells at fault, or reads those that only Arrow refuses ("+1")
     cells = _parse(file, dict.fromkeys(types, pa.binary()), ".", threads=False)

@@ -1,128 +1,129 @@
-"""How a record becomes fit for use: its angles unwrapped, its time made uniform."""
+"""How a run becomes a record on a uniform time grid: every sample goes to the grid point that is nearest to it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from odescope.arrays import FloatArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
-from odescope.recordings.checks import check_radians
-from odescope.recordings.gaps import GAP_PERIODS
+from odescope.recordings.clock import EXACT_PERIODS, read_clock, sample_numbers
+from odescope.recordings.gaps import RawRun
+from odescope.recordings.local_spline import fit_smooth
 from odescope.recordings.record import Record, within
 
-EXACT_PERIODS = 1e-6  # deviations below this are the rounding of the clock's last digits
-PLAIN = 0.75 * np.pi  # steps of an angle up to which a jump by 2 pi cannot be taken for one, or one for a jump
-RISE = 1.1  # times the least turn between windows: longer ones only see more of the motion
-LARGEST_JITTER = 0.25  # beyond it a sample is no longer nearest to its own grid point
 
+def uniform(run: RawRun, jitter: float | None = None, held: frozenset[str] = frozenset()) -> tuple[Record, IntArray]:
+    """Return the record of a run on an exactly uniform time grid, and the grid point (n,) of each of its rows.
 
-def unwrap(record: Record, angles: Iterable[str]) -> Record:
-    """Return the record with the 2 pi jumps of the named columns removed; InputError if they jump by 360 instead."""
-    values = record.values.copy()
-    for name in angles:
-        column = record.column(name)
-        check_radians(name, column, record.source)
-        values[:, record.names.index(name)] = _unwrapped(column)
-    return replace(record, values=values)
-
-
-def _unwrapped(angle: FloatArray) -> FloatArray:
-    """Return an angle (N,) without its jumps by 2 pi.
-
-    From sample to sample noise alone may step further than pi, and every such step taken for a jump would shift all
-    that follows by a turn. The mean direction of a window hardly knows noise: it is unwrapped instead, and every sample
-    is put next to it.
-    """
-    plain: FloatArray = np.unwrap(angle)
-    window = 1 if np.abs(np.diff(plain)).max() < PLAIN else _window(angle)
-    if window == 1:
-        return plain
-    mean = np.unwrap(np.angle(_sums(angle, window)))
-    before = window // 2
-    smooth = np.pad(mean, (before, window - 1 - before), mode="edge")
-    near: FloatArray = angle + 2.0 * np.pi * np.rint((smooth - angle) / (2.0 * np.pi))
-    return near
-
-
-def _window(angle: FloatArray) -> int:
-    """Return the window in samples between whose mean directions the angle turns least, at the worst place.
-
-    In short windows it is noise that turns it, in long ones motion: of a record without noise it is one sample.
-    """
-    best, least, window = 1, np.inf, 1
-    while 4 * window <= len(angle):
-        mean = _sums(angle, window)
-        worst = float(np.abs(np.angle(mean[window:] * mean[:-window].conj())).max())
-        if worst > RISE * least:
-            break
-        if worst < least:
-            best, least = window, worst
-        window *= 2
-    return best
-
-
-def _sums(angle: FloatArray, window: int) -> NDArray[np.complex128]:
-    """Return the sums of the directions in every window, as complex numbers (N - window + 1,)."""
-    total = np.concatenate([[0.0], np.cumsum(np.exp(1j * angle))])
-    sums: NDArray[np.complex128] = total[window:] - total[:-window]
-    return sums
-
-
-def uniform(record: Record, jitter: float = 0.05, held: frozenset[str] = frozenset()) -> Record:
-    """Return the record on an exactly uniform time grid of as many samples.
-
-    Jitter is the smallest, over all uniform grids, of the largest deviation of a sample from its grid point, in
-    sample periods. Where it is rounding (below 1e-6, or within half a tick of the clock that wrote the times), the
-    values stay and time becomes the grid. Up to `jitter` the columns are interpolated by cubic splines, except those
-    in `held`: a held value fills the interval after it, and its own grid interval is the one that it fills most of.
+    Where the deviation of the samples from a grid is rounding (below 1e-6 periods, or within half a tick of the clock
+    that wrote the times), values stay as they are. Elsewhere a sample y taken at t goes to the nearest grid point g as
+    y - s(t) + s(g), s a smooth curve through its column: white noise stays white and keeps its variance, as no
+    interpolation leaves it. Several samples at one point are averaged, `Record.counts` says how many; where there is
+    none the value is s(g). A held value fills the interval after it, and its own grid interval is the one that it
+    fills most of.
 
     Args:
-        record: without gaps.
-        jitter: the tolerance, in sample periods.
+        run: in order, its gaps no longer than a smooth curve bridges, its angles unwrapped; each column has samples.
+        jitter: the largest deviation that is accepted, in sample periods; None: any.
         held: names of the columns that keep a value until the next one.
 
     Raises:
-        InputError: the jitter is above the tolerance, or a step is longer than 1.5 periods: a gap.
+        InputError: the least over all uniform grids of the largest deviation of a sample is above `jitter`.
     """
-    t, period = record.t, float(np.median(np.diff(record.t)))
-    if (longest := float(np.diff(t).max())) > GAP_PERIODS * period:
-        raise InputError(f"time jumps by {longest:.6g}{within(record.source)}, the sample period being {period:.6g}")
-    chord = np.linspace(t[0], t[-1], len(t))
-    if np.abs(t - chord).max() <= EXACT_PERIODS * period:
-        return replace(record, t=chord)
-    grid, deviation = _nearest_grid(t, chord)
-    if deviation <= max(EXACT_PERIODS * period, 0.5 * _clock_tick(t)):
-        return replace(record, t=grid)
-    if deviation > jitter * period:
+    numbers = sample_numbers(run.t)
+    grid, deviation = _nearest_grid(run.t, numbers)
+    period = float(grid[-1] - grid[0]) / (len(grid) - 1)
+    if deviation <= EXACT_PERIODS * period or deviation <= 0.5 * _clock_tick(run.t):
+        return on_grid(run, grid[numbers], grid, numbers, held)
+    if jitter is not None and deviation > jitter * period:
         raise InputError(
-            f"the sampling is not uniform{within(record.source)}: it deviates by {deviation / period:.3g} sample "
-            f"periods from any uniform grid, and the tolerance is {jitter:.3g}; resample the recording, or raise "
-            "jitter in [data]"
+            f"the sampling is not uniform{within(run.source)}: it deviates by {deviation / period:.3g} sample "
+            f"periods from any uniform grid, and the limit is {jitter:.3g}; leave jitter out of [data], or raise it"
         )
-    # The chord rather than the nearest grid: it ends where the samples end, so nothing is extrapolated.
-    from scipy.interpolate import CubicSpline
+    stamps = read_clock(run, held)
+    points = np.rint((stamps.t - stamps.origin) / stamps.period).astype(np.int64)
+    first = int(points[0])
+    grid = stamps.origin + stamps.period * np.arange(first, int(points[-1]) + 1, dtype=np.float64)
+    run = replace(run, repairs=replace(run.repairs, jitter=stamps.jitter))
+    return on_grid(run, stamps.t, grid, points - first, held)
 
-    values = record.values.copy()
-    smooth = [k for k, name in enumerate(record.names) if name not in held]
-    values[:, smooth] = CubicSpline(t, values[:, smooth])(chord)
-    return replace(record, t=chord, values=values)
+
+def on_grid(
+    run: RawRun, t: FloatArray, grid: FloatArray, points: IntArray, held: frozenset[str]
+) -> tuple[Record, IntArray]:
+    """Return the record of samples that belong to some points of a grid (see `uniform`), and these points.
+
+    The record begins where the last column has its first sample, and ends where the first one has its last.
+
+    Args:
+        run: the samples, NaN where one is missing.
+        t: (n,) when they were taken.
+        grid: (N,) uniform.
+        points: (n,) the point of each, not falling.
+        held: names of the columns that keep a value until the next one.
+    """
+    measured = ~np.isnan(run.values)
+    weights = np.where(measured, 1.0 if run.counts is None else run.counts, 0.0)
+    if len(points) == len(grid) and measured.all() and np.array_equal(t, grid):
+        return Record(grid, run.values, run.names, run.units, run.source, run.counts, run.repairs), points
+    values, counts = np.empty((len(grid), len(run.names))), np.empty((len(grid), len(run.names)))
+    for k, name in enumerate(run.names):
+        there = np.flatnonzero(measured[:, k])
+        own = t[there], run.values[there, k], weights[there, k]
+        counts[:, k] = np.bincount(points[there], own[2], len(grid))
+        values[:, k] = _held(*own[:2], grid) if name in held else _assigned(*own, grid, points[there])
+    some = counts > 0.0
+    first, stop = int(some.argmax(axis=0).max()), len(grid) - int(some[::-1].argmax(axis=0).max())
+    record = Record(grid, values, run.names, run.units, run.source, counts, run.repairs).part(first, stop)
+    if np.all(counts[first:stop] == 1.0):
+        record = replace(record, counts=None)
+    return record, points - first
 
 
-def _nearest_grid(t: FloatArray, chord: FloatArray) -> tuple[FloatArray, float]:
+def _assigned(t: FloatArray, values: FloatArray, weights: FloatArray, grid: FloatArray, points: IntArray) -> FloatArray:
+    """Return a column (N,) on a grid: at each point the mean of the samples (n,) that belong to it, moved there.
+
+    `weights` (n,) says how many samples each is the mean of.
+    """
+    there = np.bincount(points, weights, len(grid))
+    if there.all() and np.array_equal(t, grid[points]):
+        return np.bincount(points, weights * values, len(grid)) / there if len(t) > len(grid) else values
+    # Time counts in periods from the first point: that of a clock that counts from 1970 is too coarse for a spline.
+    scale = (len(grid) - 1) / (grid[-1] - grid[0])
+    at, where = (t - grid[0]) * scale, (grid - grid[0]) * scale
+    smooth = fit_smooth(at, values, weights)
+    curve = smooth(np.clip(where, at[0] - 1.0, at[-1] + 1.0))
+    moved = values - smooth(at) + curve[points] if not np.array_equal(t, grid[points]) else values
+    total = np.bincount(points, weights * moved, len(grid))
+    return np.where(there > 0.0, total / np.maximum(there, 1.0), curve)
+
+
+def _held(t: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
+    """Return a held column (N,) on a grid: at each point the value that fills most of the interval after it."""
+    middle = grid + 0.5 * (grid[1] - grid[0])
+    before = np.searchsorted(t, middle, side="right") - 1
+    found: FloatArray = values[np.maximum(before, 0)]
+    return found
+
+
+def _nearest_grid(t: FloatArray, numbers: IntArray) -> tuple[FloatArray, float]:
     """Return the uniform grid (N,) whose largest deviation from t is smallest, and that deviation.
 
-    The best line in this sense is parallel to an edge of the convex hull of the points (index, time); a chord
-    through the ends is taken off and the rest is scaled first, because the deviations are tiny beside the times.
+    Sample `numbers` (n,) belong to the points of the grid. The best line in this sense is parallel to an edge of the
+    convex hull of the points (number, time); a chord through the ends is taken off and the rest is scaled first,
+    because the deviations are tiny beside the times. The chord itself is taken where it deviates by rounding alone.
     """
     from scipy.spatial import ConvexHull
 
-    scale = float(np.abs(t - chord).max())
-    index = np.linspace(0.0, 1.0, len(t))
-    points = np.column_stack((index, (t - chord) / scale))
+    chord = np.linspace(t[0], t[-1], int(numbers[-1]) + 1)
+    rest = t - chord[numbers]
+    scale = float(np.abs(rest).max())
+    if scale <= EXACT_PERIODS * (chord[1] - chord[0]):
+        return chord, scale
+    index = np.linspace(0.0, 1.0, len(chord))
+    points = np.column_stack((index[numbers], rest / scale))
     x, y = points[ConvexHull(points).vertices].T
     run, rise = np.roll(x, -1) - x, np.roll(y, -1) - y
     slopes = rise[run != 0] / run[run != 0]

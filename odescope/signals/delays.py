@@ -81,8 +81,7 @@ def _delayed(run: Record, inputs: Sequence[Input], dropped: int) -> Record:
             f"a delay of {dropped * run.sample_period:.3g} s leaves nothing of a record of {run.duration:.3g} s"
             f"{within(run.source)}"
         )
-    kept = slice(dropped, len(run) - dropped)
-    return replace(run, t=run.t[kept], values=values[kept])
+    return replace(run, values=values).part(dropped, len(run) - dropped)
 
 
 def estimate_delays(

@@ -10,12 +10,13 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, NoModelError
 from odescope.recordings.coordinate import Coordinate, Input, state_names
+from odescope.recordings.periods import PERIODS_DIFFER
 from odescope.recordings.record import Record, Records, Stretch, within
 from odescope.signals.differentiators import Derivatives, Differentiator, derivatives_like
+from odescope.signals.filling import measured_derivatives
 from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, differentiate, differentiate_smoothly
 
 OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
-PERIODS_DIFFER = 1e-4  # of a period: beyond that, recordings are not sampled alike
 INPUT_BAND = 0.9  # of half the decimated rate: where inputs end
 SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below the cutoff
 
@@ -93,7 +94,7 @@ def estimate_signals(
     period = _common_period(records)
     found = []
     for c in coordinates:
-        found.append(differentiator.derivatives([run.column(c.name) for run in records], period, c.order))
+        found.append(measured_derivatives(records, c, differentiator))
         _check_signal(c, found[-1], period)
     stride = max(1, int(1.0 / (period * OVERSAMPLING * max(d.cutoff for d in found)))) if decimate else 1
     names = (*state_names(coordinates), *(c.target for c in coordinates), *(i.name for i in inputs))

@@ -43,10 +43,11 @@ def settle_clipping(records: Records, coordinates: Sequence[Coordinate], differe
     rounds = {}
     for c in coordinates:
         recorded = clipped = [run.column(c.name) for run in records]
+        measured = [run.counted(c.name) > 0.0 for run in records]
         taken = []
         for _ in range(ROUNDS):
             found = differentiator.derivatives(clipped, period, c.order)
-            joined = np.concatenate([y - s[0] for y, s in zip(recorded, found.values, strict=True)])
+            joined = np.concatenate([(y - s[0])[n] for y, s, n in zip(recorded, found.values, measured, strict=True)])
             bound = BEND * NORMAL * float(np.median(np.abs(joined - np.median(joined))))
             if bound == 0.0:  # more than half of the samples are on the filtered signal: nothing says what is usual
                 break

@@ -21,6 +21,7 @@ from odescope.library.rules import AnyRule
 from odescope.library.ties import tied
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.recordings.coordinate import Coordinate, Input
+from odescope.recordings.gaps import Gaps
 from odescope.recordings.layout import Layout
 from odescope.regression.proposers import EnergyThreshold
 from odescope.regression.rank import told_apart
@@ -52,8 +53,8 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     time: str | None = None
     sample_period: float | None = None
     recording: str | None = None
-    gaps: Literal["refuse", "split"] = "refuse"
-    jitter: float = 0.05
+    gaps: Gaps = "bridge"
+    jitter: float | None = None
     memory: float = 1000.0
 
     def __post_init__(self) -> None:

@@ -161,12 +161,14 @@ def test_wrapped_angles_gaps_units_and_columns_of_any_name(odescope):
     kept = np.r_[0:1300, 1310:2000]
     log = {name: column[kept] for name, column in log.items()}
     write("pend.csv", log)
-    Path("s.toml").write_text(PENDULUM)
+    Path("s.toml").write_text(PENDULUM.replace("[data]", '[data]\ngaps = "refuse"'))
     message = odescope.refused("identify", "s.toml")
-    for part in ("'Winkel [rad]' has 1 gap (data rows 701-720)", "after data row 1300", "gaps = 'split'"):
+    for part in ("'Winkel [rad]' has 1 gap (data rows 701-720)", "after data row 1300", "gaps = 'bridge'"):
         assert part in message
-    Path("s.toml").write_text(PENDULUM.replace("[data]", '[data]\ngaps = "split"'))
-    assert odescope("identify", "s.toml").code == 0
+    Path("s.toml").write_text(PENDULUM)
+    ended = odescope("identify", "s.toml")
+    assert ended.code == 0
+    assert "30 samples of theta, of 2000, are missing (1.50 %), in 2 gaps" in ended.err
     found = coefficients("s")
     true = {("theta_ddot", "1"): 1.0, (None, "sin(theta)"): 9.81, (None, "theta_dot"): 0.2, (None, "u"): -1.0}
     assert found.keys() == true.keys()
@@ -175,7 +177,10 @@ def test_wrapped_angles_gaps_units_and_columns_of_any_name(odescope):
     assert model["coordinates"] == [{"name": "theta", "order": 2, "angle": True, "cyclic": False, "unit": "rad"}]
     assert model["inputs"] == [{"name": "u", "hold": "linear", "unit": "N"}]
     assert model["provenance"]["columns"] == {"theta": "Winkel [rad]", "u": "F;N"}
-    assert model["provenance"]["recordings"] == 3
+    assert model["provenance"]["recordings"] == 1
+    Path("s.toml").write_text(PENDULUM.replace("[data]", '[data]\ngaps = "split"'))
+    assert odescope("identify", "s.toml").code == 0
+    assert json.loads(Path("s/model.json").read_text())["provenance"]["recordings"] == 3
 
 
 def cells(column, rows, value):
@@ -197,21 +202,23 @@ def replaced(**columns):
 
 BAD_DATA = {
     "not numbers": (cells("x", [4, 7], "abc"), ["column 'x'", "line 6: \"'abc'\"", "line 9", "not numbers"]),
-    "gap in a column": (cells("x", range(100, 111), np.nan), ["column 'x' has 1 gap (data rows 101-111)", "split"]),
-    "gap in time": (less(*range(500, 510)), ["time has 1 gap (after data row 500)", "run.csv"]),
-    "time goes back": (cells("t", [4], 0.01), ["time goes back at data row 5 (0.06, then 0.01)", "recording"]),
-    "time repeats": (cells("t", [4], 0.06), ["time repeats at data row 5"]),
+    "empty column": (replaced(x=lambda g: np.nan * g["x"]), ["0 of 1500 cells of 'x' hold numbers", "run.csv"]),
+    "time goes back": (
+        replaced(t=lambda g: g["t"] % 20.0),
+        ["time goes back at data row 1001 (19.98, then", "recording"],
+    ),
+    "time repeats": (replaced(t=lambda g: np.floor(g["t"])), ["time repeats at data row 2"]),
+    "time stands still": (replaced(t=lambda g: 0 * g["t"] + 5), ["time is 5 in every row in run.csv", "sample_period"]),
     "fewer samples than candidates": (
         less(*range(30, 1500)),
         ["samples cannot decide between 40 candidate terms for x_ddot"],
     ),
-    "one sample": (less(*range(1, 1500)), ["1 of 1 rows", "run.csv"]),
+    "one sample": (less(*range(1, 1500)), ["1 of 1 cells of 'x'", "run.csv"]),
     "no sample": (less(*range(1500)), ["run.csv holds column names but no rows"]),
     "constant coordinate": (replaced(x=lambda g: 0 * g["x"] + 3.7), ["coordinate 'x' is constant"]),
     "constant input": (replaced(u=lambda g: 0 * g["u"]), ["input 'u' is constant"]),
     "infinite": (cells("x", [5], np.inf), ["'x' is not a finite number in data row 6"]),
     "huge": (replaced(x=lambda g: 1e40 * g["x"]), ["'x' has values as large as", "larger unit"]),
-    "uneven sampling": (replaced(t=lambda g: g["t"] ** 1.1), ["the sampling is not uniform", "jitter"]),
     "no such column": (lambda g: {"t": g["t"], "xx": g["x"], "u": g["u"]}, ["no column 'x'", "did you mean 'xx'?"]),
     "no column near": (lambda g: {"t": g["t"], "pos": g["x"], "u": g["u"]}, ["no column 'x'", "there are: t, pos, u"]),
 }

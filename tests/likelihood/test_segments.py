@@ -157,3 +157,54 @@ def test_the_same_averages_are_cut_into_shorter_segments():
     assert set(short.count) <= {5, 6, 7}
     assert short.count.sum() == data.count.sum()
     assert np.count_nonzero(~short.joined) == np.count_nonzero(~data.joined) == 2
+
+
+def thinned(run, missing, doubled=()):
+    """The record with samples that were not measured: their values are wrong, as those of a filling might be."""
+    counts, values = np.ones((len(run), 2)), run.values.copy()
+    counts[missing, 0], counts[doubled, 0] = 0.0, 2.0
+    return Record(run.t, values, run.names, counts=counts)
+
+
+def test_averages_of_fewer_samples_scatter_as_their_weights_say():
+    """Over many records: noise / weight is the scatter about the truth, whatever share of a block was measured."""
+    t, rng = PERIOD * np.arange(4001), np.random.default_rng(5)
+    missing, errors = np.flatnonzero(rng.random(len(t)) < 0.4), []
+    filled = record(t).values[missing, 0]
+    for seed in range(60):
+        run = record(t, 0.05, seed)
+        values = run.values.copy()
+        values[missing, 0] = filled
+        data = cut([thinned(Record(t, values, run.names), missing)], noise=0.05)
+        errors.append((data.measured - record(centres(data)).values[:, :1]) * data.weight)
+    assert data.weight.min() < 0.6 < 0.9 < data.weight.max()
+    scatter = np.std(errors, axis=0)[5:-5] / data.noise[0]
+    assert scatter.mean() == pytest.approx(1.0, abs=0.03)
+    few = data.weight[5:-5] < np.median(data.weight)
+    assert scatter[few].mean() == pytest.approx(scatter[~few].mean(), abs=0.06)
+
+
+def test_counts_of_one_throughout_are_as_no_counts():
+    run = record(PERIOD * np.arange(2001), 0.01)
+    bare, counted = cut([run]), cut([thinned(run, [])])
+    assert counted.weight is None
+    assert np.array_equal(bare.measured, counted.measured)
+
+
+def test_a_mean_of_two_counts_twice():
+    data = cut([thinned(record(PERIOD * np.arange(2001)), [], doubled=range(100, 100 + 2 * 11))])
+    assert data.weight.max() ** 2 == pytest.approx(2.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("length", [6, 25])
+def test_every_segment_holds_measured_averages_enough(length):
+    run = record(PERIOD * np.arange(9001))
+    missing = np.concatenate([np.arange(700, 3000), np.arange(3011, 3300), np.arange(8700, 9001)])
+    data = cut([thinned(run, missing), run]).cut_anew(length)
+    there = data.weight[:, 0] > 0.0
+    held = [there[s : s + n].sum() for s, n in zip(data.start, data.count, strict=True)]
+    assert min(held) >= 4
+    assert data.samples == there.sum()
+    assert np.array_equal(data.start[1:], (data.start + data.count)[:-1])
+    assert data.count.sum() == len(data.measured)
+    assert np.flatnonzero(~data.joined).tolist() == [np.searchsorted(data.start, data.runs[1][0]) - 1, len(held) - 1]

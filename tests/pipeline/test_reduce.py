@@ -80,17 +80,30 @@ def test_clipping_and_delays_reach_every_chunk(tmp_path, log):
     assert [found[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.02)
 
 
-def test_gaps_between_and_within_chunks_are_split(tmp_path, log):
+@pytest.mark.parametrize("gaps", ["split", "bridge"])
+def test_gaps_between_and_within_chunks(tmp_path, log, gaps):
     table = pa.table(log).take(np.delete(np.arange(ROWS), [*range(6000, 6004), 30_000, *range(70_000, 77_000)]))
     parquet.write_table(table, tmp_path / "log.parquet")
     study = study_of(tmp_path / "log.parquet")
     with pytest.raises(InputError, match="gap"):
-        identify(study)
-    found = coefficients(
-        identify(msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, gaps="split")))
-    )
+        identify(msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, gaps="refuse")))
+    found = coefficients(identify(msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, gaps=gaps))))
     assert found.keys() == {"x_ddot", "x", "x_dot", "u"}
     assert [found[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.01)
+
+
+def test_a_log_of_two_periods_that_lacks_rows_and_was_read_with_jitter(tmp_path, log):
+    rng = np.random.default_rng(5)
+    there = rng.random(ROWS) > 0.02
+    read = {**log, "t": log["t"] + 0.1 * 0.02 * rng.standard_normal(ROWS)}
+    fine = np.flatnonzero(there[:90_000])
+    parquet.write_table(pa.table({n: c[fine] for n, c in read.items()}), tmp_path / "fine.parquet")
+    parquet.write_table(pa.table({n: c[90_000::2] for n, c in read.items()}), tmp_path / "coarse.parquet")
+    found = identify(study_of(tmp_path / "fine.parquet", tmp_path / "coarse.parquet"))
+    assert found.signals.samples < 0.7 * ROWS  # only a sample stands in memory
+    assert [run.sample_period for run in found.records] == pytest.approx([0.02] * len(found.records), rel=1e-4)
+    assert coefficients(found).keys() == {"x_ddot", "x", "x_dot", "u"}
+    assert [coefficients(found)[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.01)
 
 
 def test_a_recording_that_is_no_number_somewhere_is_refused_by_name(tmp_path, log):

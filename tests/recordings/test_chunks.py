@@ -3,6 +3,7 @@
 import gzip
 import pickle
 import re
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -166,6 +167,30 @@ def test_chunks_lose_the_rows_that_reading_at_once_loses(tmp_path, missing, jump
         assert part.record.t[-1] in ends if part.ends else part.stop == len(part.record) - overlap
 
 
+@settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    missing=st.sets(st.integers(1, N - 2), max_size=40),
+    jump=st.integers(1, N - 1),
+    rows=st.integers(60, 140),
+    overlap=st.integers(16, 40),
+)
+@example(missing={99, 100, 101, 199}, jump=200, rows=100, overlap=16)
+def test_bridged_chunks_have_the_measured_cells_of_reading_at_once(tmp_path, missing, jump, rows, overlap):
+    t, x = TABLE["t"].copy(), TABLE["x"].copy()
+    t[jump:] += 4 * (t[1] - t[0])
+    x[list(missing)] = np.nan
+    path = write_parquet(tmp_path, {**TABLE, "t": t, "x": x}, 64)
+    (whole,) = read_records([path], LAYOUT)
+    parts = stretches(path, LAYOUT, rows, overlap)
+    assert sum(part.stop - part.first for part in parts) == len(whole) == N + 4
+    at = np.concatenate([part.record.t[part.first : part.stop] for part in parts])
+    counts = np.concatenate([part.record.counted("x")[part.first : part.stop] for part in parts])
+    values = np.concatenate([part.record.column("x")[part.first : part.stop] for part in parts])
+    assert at == pytest.approx(whole.t, abs=1e-9)
+    assert np.array_equal(counts, whole.counted("x"))
+    assert np.array_equal(values[counts > 0], whole.column("x")[counts > 0])
+
+
 def test_a_chunk_that_is_all_gap_holds_nothing(tmp_path):
     x = TABLE["x"].copy()
     x[90:215] = np.nan
@@ -182,13 +207,14 @@ def test_gaps_are_refused_by_their_row_in_the_file(tmp_path, row):
     x = TABLE["x"].copy()
     x[row - 1] = np.nan
     path = write(tmp_path, text_of({**TABLE, "x": x}))
-    refused(path, LAYOUT, rf"'x' has 1 gap \(data row {row}\)", overlap=20)
-    refused(path, LAYOUT, rf"'x' has 1 gap \(data row {row}\)")
+    layout = replace(LAYOUT, gaps="refuse")
+    refused(path, layout, rf"'x' has 1 gap \(data row {row}\)", overlap=20)
+    refused(path, layout, rf"'x' has 1 gap \(data row {row}\)")
 
 
 def test_time_that_goes_back_is_refused_by_its_row_in_the_file(tmp_path):
     t = TABLE["t"].copy()
-    t[250] = 3.0
+    t[250:] -= t[200]
     refused(write_parquet(tmp_path, {**TABLE, "t": t}), LAYOUT, "time goes back at data row 251", overlap=20)
 
 
@@ -227,7 +253,7 @@ def test_a_row_cut_off_from_its_recording_is_not_a_fault(tmp_path):
         assert len(own(stretches(path, layout, 100, 16))) == N
     x = TABLE["x"].copy()
     x[99] = np.nan
-    layout = Layout("t", columns=LAYOUT.columns, recording="lap")
+    layout = Layout("t", columns=LAYOUT.columns, recording="lap", gaps="refuse")
     refused(write_parquet(tmp_path, {**TABLE, "lap": lap, "x": x}), layout, "0 of 1 rows are complete")
 
 

@@ -123,7 +123,7 @@ def test_a_blank_line_without_a_time_column_is_a_lost_sample(tmp_path, end):
 
 def test_spaces_alone_are_a_row_as_they_are_to_arrow(tmp_path):
     path = write(tmp_path, "x\n" + "\n".join(["1", " "] * 40))
-    layout = Layout(sample_period=1.0, columns=(("x", "x"),))
+    layout = Layout(sample_period=1.0, columns=(("x", "x"),), gaps="refuse")
     assert survey(path, layout).rows == 80
     refused(path, layout, r"'x' has 10 gaps \(data rows 2, 4, ", rows=20)
 

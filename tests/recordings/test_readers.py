@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -73,7 +75,7 @@ def test_an_empty_label_is_refused(tmp_path):
 
 def test_rows_of_gaps_count_through_the_whole_file(tmp_path):
     text = ["lap,t,x", *(f"{k // 20},{k},{'NA' if k in (25, 26) else k}" for k in range(40))]
-    layout = Layout("t", columns=(("phi", "x"),), recording="lap")
+    layout = Layout("t", columns=(("phi", "x"),), recording="lap", gaps="refuse")
     refused(tmp_path, text, r"column 'x' has 1 gap \(data rows 26-27\) in run1.csv \(lap 1\)", layout)
 
 
@@ -103,13 +105,20 @@ def test_an_angle_in_degrees_is_refused(tmp_path):
     [
         (["1,inf,3", "2,1,4"], r"'x' is not a finite number in data row 1"),
         (["0,1,3", "1,1,4", "1,2,3"], r'time repeats at data row 3 \(1, then 1\) .*recording = "..."'),
-        (["0,1,3"], "1 of 1 rows are complete"),
-        ([f"{k * k},1,2" for k in range(20)], "time has .* gap"),
-        ([f"{k + k % 2 / 3},{k},2" for k in range(20)], "sampling is not uniform"),
+        (["0,1,3"], "1 of 1 cells of 'x' hold numbers"),
+        ([f"7,{k},2" for k in range(20)], "time is 7 in every row in run1.csv; name the column"),
+        ([f"{k % 50},{k},2" for k in range(100)], "time goes back at data row 51 .*several runs share the file"),
     ],
 )
 def test_runs_that_do_not_serve_are_refused_by_the_name_of_their_file(tmp_path, rows, message):
     refused(tmp_path, ["t,x,force", *rows], message)
+
+
+def test_gaps_and_jitter_are_refused_where_that_is_asked_for(tmp_path):
+    layout = replace(LAYOUT, gaps="refuse")
+    refused(tmp_path, ["t,x,force", *(f"{k * k},1,2" for k in range(20))], "time has .* gap", layout)
+    rows = [f"{k + k % 2 / 3},{k},2" for k in range(20)]
+    refused(tmp_path, ["t,x,force", *rows], "sampling is not uniform", replace(LAYOUT, jitter=0.05))
 
 
 def test_bad_paths(tmp_path):
@@ -192,6 +201,15 @@ def test_categories_and_numbers_label_recordings():
         assert np.array_equal(runs[1].column("x"), X[15:])
 
 
+@pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+def test_dates_are_times(unit):
+    dates = np.datetime64("2026-11-22T13:05:00", unit) + (1000 * T).astype("m8[ms]").astype(f"m8[{unit}]")
+    for data in ({**TABLE, "t": dates}, pd.DataFrame({**TABLE, "t": dates}), pa.table({**TABLE, "t": dates})):
+        (run,) = records_from(data, LAYOUT)
+        assert run.t - run.t[0] == pytest.approx(T, abs=1e-6)
+        assert run.t[0] == pytest.approx(1795352700.0)
+
+
 def test_kinds_of_numbers_become_floats():
     data = {"t": np.arange(20, dtype=">i4"), "x": np.arange(20) % 2 == 0, "force": np.arange(20, dtype=np.float16)}
     (run,) = records_from(data, LAYOUT)
@@ -201,13 +219,13 @@ def test_kinds_of_numbers_become_floats():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"x": np.ma.masked_inside(np.arange(N), 4, 5)}, r"column 'x' has 1 gap \(data rows 5-6\) in the data"),
+        ({"x": np.ma.masked_all(N)}, r"0 of 30 cells of 'x' hold numbers in the data"),
         ({"x": np.arange(N) + 2**60}, "'x' in the data does not fit 64-bit floats"),
         ({"x": TABLE["note"]}, "'x' in the data holds string, expected numbers"),
         ({"x": [[1], [2, 3]]}, "'x' in the data is not a column of numbers"),
         ({"x": np.zeros((N, 2))}, r"'x' in the data is an array of shape \(30, 2\)"),
         ({"x": X[1:]}, "differ in length"),
-        ({"t": np.arange(N).astype("M8[s]")}, r"'t' in the data holds timestamp\[s\]"),
+        ({"x": np.arange(N).astype("M8[s]")}, r"'x' in the data holds timestamp\[s\]"),
     ],
 )
 def test_bad_mappings(change, message):
@@ -223,7 +241,7 @@ def test_bad_mappings(change, message):
         (pd.DataFrame([[1, 2, 3, 4]], columns=["t", "x", "x", "force"]), "cannot be read as a table: Duplicate"),
         (pa.table([T, X, X, U], ["t", "x", "x", "force"]), "has 2 columns named 'x'"),
         (pd.DataFrame(TABLE).head(0), "no rows of data"),
-        (pd.DataFrame({**TABLE, "x": [None, *X[1:]]}), r"column 'x' has 1 gap \(data row 1\)"),
+        (pd.DataFrame({**TABLE, "x": [None] * N}), r"0 of 30 cells of 'x' hold numbers"),
         ({}, "no column 't' in the data; there are none"),
     ],
 )
@@ -243,8 +261,8 @@ def test_bad_tables(data, message):
         ({"sample_period": 0.0}, "sample_period must be a positive number, got 0.0"),
         ({"sample_period": float("nan")}, "sample_period must be a positive number"),
         ({"time": "t", "columns": ()}, "no column to read"),
-        ({"time": "t", "gaps": "fill"}, "'refuse' or 'split', got 'fill'"),
-        ({"time": "t", "jitter": 0.5}, "jitter must be between 0 and 0.25"),
+        ({"time": "t", "gaps": "fill"}, "'bridge', 'split' or 'refuse', got 'fill'"),
+        ({"time": "t", "jitter": -0.5}, "jitter must be a number of sample periods, 0 or more, got -0.5"),
         ({"time": "t", "angles": frozenset({"X"})}, r"names 'X', which is not among its columns; did you mean 'x'\?"),
     ],
 )

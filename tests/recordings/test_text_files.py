@@ -4,6 +4,7 @@ import contextlib
 import gzip
 import re
 import string
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -101,10 +102,24 @@ def test_written_floats_read_back_bit_exact(tmp_path, values):
     assert run.values.tobytes() == values.tobytes()
 
 
+@pytest.mark.parametrize("zone", ["", "Z"])
+@pytest.mark.parametrize("gap", [" ", "T"])
+def test_dates_are_times(tmp_path, zone, gap):
+    stamps = [f"2026-11-22{gap}13:{k // 60:02}:{k % 60:02}.250{zone}" for k in range(100)]
+    text = ["t,x,force", *(f"{stamp},{k},{-k}" for k, stamp in enumerate(stamps))]
+    (run,) = read_records([write(tmp_path, text)], LAYOUT)
+    assert run.t == pytest.approx(1795352400.25 + np.arange(100), abs=1e-6)
+    text[50] = "2026-11-22 25:00:00,1,2"
+    refused(tmp_path, text, r"column 't' in run1\.csv has cells that are not numbers")
+
+
 @pytest.mark.parametrize("cell", ["", "NaN", "NA", "nan", " ", " NaN "])
 def test_missing_cells_are_gaps(tmp_path, cell):
     text = ["t,x,force", *(f"{k},{cell if k == 20 else k * k},{k}" for k in range(40))]
-    refused(tmp_path, text, r"column 'x' has 1 gap \(data row 21\)")
+    refused(tmp_path, text, r"column 'x' has 1 gap \(data row 21\)", replace(LAYOUT, gaps="refuse"))
+    (run,) = read_records([tmp_path / "run1.csv"], LAYOUT)
+    assert np.array_equal(run.counted("x"), np.arange(40) != 20)
+    assert run.column("x")[20] == pytest.approx(400.0)
     runs = read_records([tmp_path / "run1.csv"], Layout("t", columns=LAYOUT.columns, gaps="split"))
     assert [(run.t[0], run.t[-1]) for run in runs] == [(0, 19), (21, 39)]
 

@@ -6,51 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from odescope.errors import InputError
-from odescope.recordings.record import Record
-from odescope.recordings.uniform import uniform, unwrap
+from odescope.recordings.gaps import RawRun
+from odescope.recordings.uniform import uniform
 
 TIME = np.arange(40) * 0.01
 
 
-def record(**columns):
+def raw(**columns):
     t = columns.pop("t", TIME)
-    return Record(t, np.column_stack(list(columns.values())), tuple(columns), source="run1.csv")
-
-
-# angles
-
-
-@settings(deadline=None)
-@given(start=st.floats(-3, 3), steps=st.lists(st.floats(-2.3, 2.3), min_size=1, max_size=60))
-def test_unwrap_removes_all_jumps(start, steps):
-    angle = start + np.cumsum([0, *steps])
-    wrapped = np.angle(np.exp(1j * angle))
-    run = record(t=np.arange(len(angle)), phi=wrapped, x=wrapped)
-    assert np.abs(unwrap(run, ["phi"]).column("phi") - angle).max() < 1e-9 * (1 + np.abs(angle).max())
-    assert np.array_equal(unwrap(run, ["phi"]).column("x"), wrapped)
-
-
-@pytest.mark.parametrize("step", [2.4, 3.0, -3.0])
-def test_unwrap_follows_a_fast_turn(step):
-    angle = step * np.arange(40)
-    run = record(phi=np.angle(np.exp(1j * angle)))
-    assert np.abs(unwrap(run, ["phi"]).column("phi") - angle).max() < 1e-9
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_noise_that_steps_further_than_pi_is_not_taken_for_turns(seed):
-    t = np.arange(40_000) * 1e-3
-    angle = 3.0 * t + 4.0 * np.sin(2.0 * t) + 0.55 * np.random.default_rng(seed).standard_normal(len(t))
-    wrapped = np.angle(np.exp(1j * angle))
-    assert np.abs(np.diff(angle)).max() > np.pi
-    turns = (unwrap(record(t=t, phi=wrapped), ["phi"]).column("phi") - angle) / (2.0 * np.pi)
-    assert np.abs(turns - np.rint(turns[0])).max() < 1e-9
-
-
-def test_an_angle_that_jumps_by_360_is_taken_for_degrees():
-    degrees = np.mod(np.arange(40) * 25.0, 360)
-    with pytest.raises(InputError, match=r"'phi' jumps by about 360 in run1\.csv \(2 times, .*radians .* pi/180"):
-        unwrap(record(phi=degrees), ["phi"])
+    names, values = tuple(columns), np.column_stack(list(columns.values()))
+    return RawRun(t, values, names, (None,) * len(names), "run1.csv", np.arange(1, len(t) + 1), names)
 
 
 # uniform time
@@ -59,7 +24,7 @@ def test_an_angle_that_jumps_by_360_is_taken_for_degrees():
 def test_a_uniform_record_keeps_its_values_and_loses_its_rounding():
     t = 5 + np.arange(1000) * 1e-3
     values = np.random.default_rng(0).normal(size=(1000, 1))
-    run = uniform(Record(t, values, ("x",)))
+    run, _ = uniform(raw(t=t, x=values[:, 0]))
     assert np.array_equal(run.values, values)
     assert np.ptp(np.diff(run.t)) < 3e-15
 
@@ -78,7 +43,7 @@ def test_a_rounded_clock_is_seen_through(period, start, tick, count):
     step = np.diff(t)
     if step.max() > 1.5 * np.median(step):
         return
-    run = uniform(record(t=t, x=np.sin(np.arange(count))), jitter=0.0)
+    run, _ = uniform(raw(t=t, x=np.sin(np.arange(count))), jitter=0.0)
     assert np.array_equal(run.column("x"), np.sin(np.arange(count)))
     assert np.abs(run.t - ideal).max() <= 1.01 * tick + 1e-6
     assert np.ptp(np.diff(run.t)) <= 4 * np.spacing(t[-1])
@@ -86,24 +51,78 @@ def test_a_rounded_clock_is_seen_through(period, start, tick, count):
 
 def test_a_single_precision_clock_is_seen_through():
     t = (0.001 * np.arange(20_000)).astype(np.float32).astype(float)
-    assert np.abs(uniform(record(t=t, x=t), jitter=1e-4).t - 0.001 * np.arange(20_000)).max() < 1e-6
+    assert np.abs(uniform(raw(t=t, x=t), jitter=1e-4)[0].t - 0.001 * np.arange(20_000)).max() < 1e-6
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_jitter_is_resampled(seed):
-    rng = np.random.default_rng(seed)
-    t = 0.01 * (np.arange(500) + rng.uniform(-0.04, 0.04, 500))
+def moving(t):
+    return np.sin(3.0 * t) + 0.5 * np.cos(7.3 * t + 1.0)
+
+
+COUNT, PERIOD, NOISE = 3000, 0.005, 1e-3
+REGULAR = PERIOD * np.arange(COUNT)
+LOST = np.random.default_rng(7).choice(np.arange(1, COUNT - 1), 150, replace=False)
+
+
+def normal(seed):
+    return np.random.default_rng(seed).standard_normal(COUNT)
+
+
+def uneven(seed, size=0.3):
+    return np.random.default_rng(seed).uniform(-size, size, COUNT)
+
+
+LOGS = {  # when samples were taken, their stamps, what was lost
+    "clock jitter": (REGULAR, REGULAR + 0.1 * PERIOD * normal(1), ()),
+    "sampling jitter": (t := REGULAR + PERIOD * uneven(2), t, ()),
+    "irregular steps": (t := np.cumsum(PERIOD * (1.0 + uneven(3))), t, ()),
+    "late stamps": (REGULAR, REGULAR + 0.9 * PERIOD * (np.arange(COUNT) % 70 == 3), ()),
+    "long first step": (t := np.r_[-0.7 * PERIOD, REGULAR[1:]], t, ()),
+    "lost rows": (REGULAR, REGULAR, LOST),
+    "lost rows of a clock with jitter": (REGULAR, REGULAR + 0.1 * PERIOD * normal(4), LOST),
+    "a gap": (REGULAR, REGULAR, range(1000, 1015)),
+}
+
+
+@pytest.mark.parametrize("log", LOGS)
+def test_white_noise_about_the_truth_stays_white_and_keeps_its_variance(log):
+    """Interpolation would colour the noise and take a third of its variance at 30 % jitter."""
+    taken, stamps, lost = LOGS[log]
+    y = moving(taken) + NOISE * normal(11)
+    run, _ = uniform(raw(t=np.delete(stamps, lost), x=np.delete(y, lost)))
+    measured = run.counted("x") > 0
+    assert run.counted("x").sum() == COUNT - len(lost)
+    error = ((run.column("x") - moving(run.t)) * np.sqrt(run.counted("x")))[measured] / NOISE
+    deviation = 1.0 / np.sqrt(len(error))
+    assert abs(error.mean()) < 4.0 * deviation
+    assert abs(error.std() - 1.0) < 4.0 * deviation / np.sqrt(2.0)
+    assert abs(np.corrcoef(error[1:], error[:-1])[0, 1]) < 4.0 * deviation
+    filled = (run.column("x") - moving(run.t))[~measured]
+    assert not filled.size or np.abs(filled).max() < 4.0 * NOISE
+    assert run.sample_period == pytest.approx(PERIOD, rel=2e-5 if "irregular" not in log else 0.02)
+
+
+def test_a_column_at_a_third_of_the_rate_is_filled_between_its_samples():
+    y = np.column_stack([moving(REGULAR), np.where(np.arange(COUNT) % 3 == 0, moving(REGULAR), np.nan)])
+    run, _ = uniform(raw(t=REGULAR, x=y[:, 0], v=y[:, 1]))
+    assert np.array_equal(run.column("x"), moving(run.t))
+    assert np.array_equal(run.counted("v"), np.arange(len(run)) % 3 == 0)
+    assert np.abs(run.column("v") - moving(run.t)).max() < 1e-5
+
+
+def test_a_held_value_fills_the_interval_after_it_and_gaps():
     stairs = np.floor(np.arange(500) / 50)
-    run = uniform(record(t=t, x=np.sin(6 * t), u=stairs), held=frozenset({"u"}))
-    assert np.ptp(np.diff(run.t)) < 1e-14
-    assert np.abs(run.column("x") - np.sin(6 * run.t)).max() < 2e-6  # untouched values would be off by 2e-3
+    t = 0.01 * (np.arange(500) + np.random.default_rng(0).uniform(-0.2, 0.2, 500))
+    run, _ = uniform(raw(t=t, x=np.sin(6 * t), u=stairs), held=frozenset({"u"}))
+    assert np.array_equal(run.column("u"), stairs)
+    kept = np.delete(np.arange(500), np.arange(120, 130))
+    run, _ = uniform(raw(t=0.01 * kept, u=stairs[kept]), held=frozenset({"u"}))
     assert np.array_equal(run.column("u"), stairs)
 
 
-def test_resampling_a_step_overshoots_unless_held():
-    t = 0.01 * (np.arange(60) + 0.03 * np.random.default_rng(0).uniform(-1, 1, 60))
-    run = uniform(record(t=t, u=np.where(t > 0.3, 1.0, 0.0)))
-    assert run.column("u").max() > 1.0003
+def test_the_points_of_rows_are_where_their_samples_went():
+    run, points = uniform(raw(t=np.delete(REGULAR, LOST), x=np.delete(REGULAR, LOST)))
+    assert np.array_equal(np.flatnonzero(run.counted("x")), points)
+    assert np.array_equal(run.column("x")[points], np.delete(REGULAR, LOST))
 
 
 def test_the_jitter_is_the_least_over_all_grids():
@@ -113,14 +132,8 @@ def test_the_jitter_is_the_least_over_all_grids():
     slopes = np.linspace(0.98, 1.02, 4001)
     rest = t - slopes[:, None] * np.arange(30)
     least = np.ptp(rest, axis=1).min() / 2 / np.median(np.diff(t))
-    with pytest.raises(InputError, match=r"tolerance is 0\.05") as caught:
-        uniform(record(t=t, x=t))
+    with pytest.raises(InputError, match=r"limit is 0\.05") as caught:
+        uniform(raw(t=t, x=t), jitter=0.05)
     told = float(re.search(r"deviates by ([\d.]+) sample periods", str(caught.value))[1])
-    assert told == pytest.approx(least, rel=0.01)
-    uniform(record(t=t, x=t), jitter=0.25)
-
-
-def test_uniform_refuses_gaps():
-    t = np.r_[np.arange(20.0), np.arange(22.0, 40.0)]
-    with pytest.raises(InputError, match=r"time jumps by 3 in run1\.csv, the sample period being 1"):
-        uniform(record(t=t, x=t), jitter=0.25)
+    assert told == pytest.approx(least, rel=0.03)  # periods are those of the grid here, medians there
+    uniform(raw(t=t, x=t), jitter=1.01 * told)

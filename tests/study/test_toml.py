@@ -81,7 +81,7 @@ def test_every_part_of_a_study_is_read():
 def test_what_a_study_leaves_out_has_its_default():
     study = parse_study("[coordinates.c]\n[inputs.k]\nhold = 'zero'\ncolumn = 'K (mol)'\n")
     assert study.measured() == (Coordinate("c", 1, angle=False, cyclic=False, unit=None),)
-    assert (study.library.preset, study.random.seed, study.data.gaps) == ("default", 0, "refuse")
+    assert (study.library.preset, study.random.seed, study.data.gaps) == ("default", 0, "bridge")
     timed = msgspec.structs.replace(study, data=Data(time="t"))
     assert timed.layout().columns == (("c", "c"), ("k", "K (mol)"))
     assert timed.layout().held == {"k"}

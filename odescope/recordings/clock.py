@@ -1,0 +1,149 @@
+"""What a recording's time stamps are worth: the period, lost rows, and whether sampling or only the clock jitters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.recordings.gaps import GAP_PERIODS, RawRun
+from odescope.recordings.local_spline import fit_smooth
+
+EXACT_PERIODS = 1e-6  # deviations below this are the rounding of the clock's last digits
+AHEAD = 16  # rows that must come later than expected before some are missing: a late one alone is late
+REGULAR = -0.25  # lag-1 autocorrelation of steps: -1/2 is a regular clock read with jitter, 0 irregular sampling
+DRIFT = 256  # samples over which a clock keeps its rate
+SURE = 3.0  # standard deviations of chi-squared beyond which a clock is seen to drift
+FAR = 4.0  # standard deviations of jitter: what is further away is not the jitter of reading, but a late sample
+NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
+LATE = 0.05  # periods: what is nearer to its regular time is not late, however regular the clock
+ROUNDS = 3  # of fitting a line less what is far from it
+TRUE_STAMPS = 0.5  # slope of residuals on motion: 1 if stamps say when samples were taken, 0 if they only jitter
+
+
+@dataclass(frozen=True, eq=False)
+class Stamps:
+    """The times t (n,) at which samples were taken, and the grid that suits them, `origin` + `period` * number.
+
+    `jitter` is the standard deviation, in periods, of the recorded stamps about them; 0 where they are the stamps.
+    """
+
+    t: FloatArray
+    origin: float
+    period: float
+    jitter: float = 0.0
+
+
+def sample_numbers(t: FloatArray) -> IntArray:
+    """Return the number (n,) of each sample on a regular clock, one missed where samples are lost.
+
+    Rows are missing where all of the next ones come later by a period or more; a row that alone comes late is late.
+    """
+    steps = np.diff(t)
+    longest = GAP_PERIODS * float(np.median(steps))
+    numbers = np.arange(len(t))
+    if steps.max() <= longest:
+        return numbers
+    period = float(np.mean(steps[steps <= longest]))
+    late = (t - t[0]) / period - numbers
+    padded = np.concatenate([late, np.full(AHEAD - 1, np.inf)])
+    least = np.lib.stride_tricks.sliding_window_view(padded, AHEAD).min(axis=1)
+    lost = np.maximum(np.rint(np.diff(least, prepend=0.0)), 0.0).astype(np.int64)
+    found: IntArray = numbers + np.cumsum(lost)
+    return found
+
+
+def read_clock(run: RawRun, rough: frozenset[str]) -> Stamps:
+    """Return when the samples of a run were taken, and the grid that suits them.
+
+    Where the steps have the autocorrelation of a regular clock read with jitter, a line through the stamps, or a smooth
+    curve where the clock drifts, is taken for the times, unless the values say otherwise: irregular sampling may have
+    that autocorrelation too, but then the motion between the regular and the recorded time of a sample shows in
+    its residual about a smooth curve. Samples that come late are judged one by one by their values.
+
+    Args:
+        run: in order, its angles unwrapped.
+        rough: names of the columns that jump and say nothing of time.
+    """
+    t, numbers = run.t - run.t[0], sample_numbers(run.t)
+    origin, period = _line(numbers, t)
+    regular = origin + period * numbers
+    regular = regular + _drift(t - regular, numbers, period)
+    rest = t - regular
+    far = _far(rest, period)
+    if np.abs(rest[~far]).max() > GAP_PERIODS * period:  # no line goes through the stamps: there is no regular clock
+        return Stamps(run.t, float(run.t[0]), float(np.median(np.diff(t))))
+    jitters = _autocorrelation(rest, numbers, far) < REGULAR
+    taken, jitter = t, 0.0
+    if jitters or far.any():
+        moved, own = _told_by_values(t, regular, far, run, rough)
+        if jitters and moved <= TRUE_STAMPS:
+            taken, jitter = regular, float(np.std(rest[~far])) / period
+        taken = np.where(far, np.where(own > 0.0, t, regular), taken)
+    if np.any(np.diff(taken) <= 0.0):
+        taken, jitter = t, 0.0
+    return Stamps(taken + run.t[0], origin + run.t[0], period, jitter)
+
+
+def _line(numbers: IntArray, t: FloatArray) -> tuple[float, float]:
+    """Return origin and slope of the line through stamps, those that are far from it left out."""
+    inside = np.ones(len(t), dtype=np.bool_)
+    for _ in range(ROUNDS):
+        slope, origin = np.polyfit(numbers[inside], t[inside], 1)
+        inside = ~_far(t - origin - slope * numbers, slope)
+    return float(origin), float(slope)
+
+
+def _far(rest: FloatArray, period: float) -> BoolArray:
+    """Tell which samples (n,) are further from their regular times than jitter would have them."""
+    middle = np.median(rest)
+    jitter = NORMAL * float(np.median(np.abs(rest - middle)))
+    far: BoolArray = np.abs(rest - middle) > max(FAR * jitter, LATE * period)
+    return far
+
+
+def _autocorrelation(rest: FloatArray, numbers: IntArray, far: BoolArray) -> float:
+    """Return the lag-1 autocorrelation of the steps of time less their mean, late samples left out."""
+    steps = np.where(far[1:] | far[:-1] | (np.diff(numbers) != 1), 0.0, np.diff(rest))
+    power = float(steps @ steps)
+    return float(steps[1:] @ steps[:-1]) / power if power > 0.0 else 0.0
+
+
+def _drift(rest: FloatArray, numbers: IntArray, period: float) -> FloatArray:
+    """Return how far a clock runs away from its mean rate, smooth over so many samples that jitter averages out."""
+    near = np.flatnonzero(~_far(rest, period))
+    blocks = len(near) // DRIFT
+    if blocks < 2:
+        return np.zeros(len(rest))
+    where, height = np.array([(numbers[b].mean(), rest[b].mean()) for b in np.array_split(near, blocks)]).T
+    spread = np.var(np.diff(rest[near])) / (2.0 * DRIFT)  # of the mean of a block, were there jitter alone
+    if np.sum((height - height.mean()) ** 2) <= (blocks + SURE * np.sqrt(2.0 * blocks)) * spread:
+        return np.zeros(len(rest))
+    drift: FloatArray = np.interp(numbers, where, height)
+    return drift
+
+
+def _told_by_values(
+    t: FloatArray, regular: FloatArray, far: BoolArray, run: RawRun, rough: frozenset[str]
+) -> tuple[float, FloatArray]:
+    """Return what values say of when samples were taken, at t or at `regular` times.
+
+    First the slope of the residuals about smooth curves on the motion between the two: 0 at regular times, 1 at t.
+    Then by how much the misfit of each sample (n,) is less at t.
+    """
+    shown = motions = 0.0
+    gain = np.zeros(len(t))
+    for k in (k for k, name in enumerate(run.names) if name not in rough):
+        there = ~np.isnan(run.values[:, k])
+        near = there & ~far
+        at, y = regular[near], run.values[near, k]
+        smooth = fit_smooth(at, y, np.ones(len(y)))
+        rest = y - smooth(at)
+        motion = smooth.derivative()(at) * (t - regular)[near]
+        noise = max(float(rest @ rest), 1e-300)
+        shown += float(rest @ motion) / noise
+        motions += float(motion @ motion) / noise
+        misfit = [(run.values[there, k] - smooth(time[there])) ** 2 for time in (regular, t)]
+        gain[there] += (misfit[0] - misfit[1]) / noise
+    return (shown / motions if motions > 0.0 else 0.0), gain

@@ -1,0 +1,67 @@
+"""A smooth function through the samples of one column, wherever they lie: a cubic spline of least squares."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+SPACINGS = (2, 3, 4, 6, 8, 12, 16, 24, 32)  # samples between knots that are tried
+TRIED = 20_000  # samples on which the spacing is chosen: what suits them suits the rest
+DEGREE = 3
+RIDGE = 1e-12  # of the diagonal: samples that almost coincide must not stop the factorisation
+FEW = 2 * (DEGREE + 1)  # samples of which no spline can be fitted: a line goes through them
+
+
+def fit_smooth(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSpline:
+    """Return the cubic spline of least squares with a knot every few samples.
+
+    How many is decided by generalised cross-validation, N RSS / (N - p)^2: a smooth column takes few knots and lets
+    hardly any noise into the spline, a rough one takes many. Knots are samples, so there is none in a gap.
+
+    Args:
+        t: (n,) strictly increasing, n at least 2.
+        values: (n,) samples.
+        weights: (n,) over the variance of each.
+    """
+    if len(t) < FEW:
+        return _line(t, values, weights)
+    tried = slice(0, TRIED)
+    fits = [_fitted(t[tried], values[tried], weights[tried], s) for s in SPACINGS if len(t[tried]) >= 2 * s]
+    spacing = SPACINGS[int(np.argmin([score for _, score in fits]))]
+    return _fitted(t, values, weights, spacing)[0]
+
+
+def _line(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSpline:
+    from scipy.interpolate import BSpline
+
+    slope, height = np.polyfit(t - t[0], values, 1, w=np.sqrt(weights))
+    ends = np.array([height, height + slope * (t[-1] - t[0])])
+    return BSpline(np.array([t[0], t[0], t[-1], t[-1]]), ends, 1)
+
+
+def _fitted(t: FloatArray, values: FloatArray, weights: FloatArray, spacing: int) -> tuple[BSpline, float]:
+    """Return the spline with a knot every `spacing` samples, and its cross-validation score."""
+    from scipy.interpolate import BSpline
+    from scipy.linalg import solveh_banded
+
+    inner = t[spacing : len(t) - spacing + 1 : spacing]
+    knots = np.concatenate([np.repeat(t[0], DEGREE + 1), inner, np.repeat(t[-1], DEGREE + 1)])
+    count = len(knots) - DEGREE - 1
+    basis = BSpline.design_matrix(t, knots, DEGREE)
+    rows = basis.data.reshape(len(t), DEGREE + 1)
+    first = basis.indices.reshape(len(t), DEGREE + 1)[:, 0]
+    gram, right = np.zeros((DEGREE + 1, count)), np.zeros(count)
+    for i in range(DEGREE + 1):
+        right += np.bincount(first + i, weights * rows[:, i] * values, count)
+        for k in range(DEGREE + 1 - i):
+            gram[k] += np.bincount(first + i, weights * rows[:, i] * rows[:, i + k], count)
+    gram[0] *= 1.0 + RIDGE
+    spline = BSpline(knots, solveh_banded(gram, right, lower=True), DEGREE)
+    rest = float(np.sum(weights * (values - spline(t)) ** 2))
+    return spline, rest / max(len(t) - count, 1) ** 2

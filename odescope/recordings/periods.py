@@ -1,0 +1,64 @@
+"""Recordings that were sampled at different periods come to one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from odescope.recordings.gaps import RawRun
+from odescope.recordings.record import Record, Records, Stretch
+from odescope.recordings.uniform import on_grid
+
+PERIODS_DIFFER = 1e-4  # of a period: up to here recordings count as sampled alike
+
+
+def common_period(records: Records) -> float:
+    """Return the median of all steps between samples, in the unit of time."""
+    periods = np.array([run.sample_period for run in records])
+    order = np.argsort(periods, kind="stable")
+    steps = np.cumsum([len(records.runs[k]) - 1 for k in order])
+    return float(periods[order[np.searchsorted(steps, 0.5 * steps[-1])]])
+
+
+def at_one_period(records: Records, held: frozenset[str]) -> Records:
+    """Return uniform records on grids of one period, those that are sampled alike as they are.
+
+    Args:
+        records: each on a uniform grid of its own.
+        held: names of the columns that keep a value until the next one.
+    """
+    period = common_period(records)
+    periods = [run.sample_period for run in records]
+    if max(periods) - min(periods) <= PERIODS_DIFFER * min(periods):
+        return records
+    return Records(tuple(_at_period(run, period, held) for run in records))
+
+
+def stretch_at_period(stretch: Stretch, period: float, held: frozenset[str]) -> Stretch:
+    """Return a uniform stretch on a grid of another period, if it is sampled otherwise.
+
+    Args:
+        stretch: on a uniform grid of its own.
+        period: of the new grid, in the unit of time.
+        held: names of the columns that keep a value until the next one.
+    """
+    run = stretch.record
+    moved = _at_period(run, period, held)
+    if moved is run:
+        return stretch
+    edges = np.append(run.t, run.t[-1] + run.sample_period)[[stretch.first, stretch.stop]] - 0.5 * run.sample_period
+    first, stop = np.searchsorted(moved.t, edges).tolist()
+    return replace(stretch, record=moved, first=first, stop=stop if stretch.stop < len(run) else len(moved))
+
+
+def _at_period(run: Record, period: float, held: frozenset[str]) -> Record:
+    """Return a uniform record on a grid of another period: every sample goes to the nearest point."""
+    if abs(run.sample_period - period) <= PERIODS_DIFFER * period:
+        return run
+    points = np.rint((run.t - run.t[0]) / period).astype(np.int64)
+    grid = run.t[0] + period * np.arange(points[-1] + 1)
+    values = run.values if run.counts is None else np.where(run.counts > 0.0, run.values, np.nan)
+    rows = np.arange(1, len(run) + 1)
+    raw = RawRun(run.t, values, run.names, run.units, run.source, rows, run.names, run.counts, run.repairs)
+    return on_grid(raw, run.t, grid, points, held)[0]
