@@ -14,21 +14,12 @@ from odescope.likelihood.refine import Refinement
 from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
 from odescope.model.scores import FormScore
+from odescope.pipeline.filtering import Filtered, Prepared
 from odescope.pipeline.forms import Posed
 from odescope.pipeline.joint_models import Search, adopt, as_adopted, determined
 from odescope.pipeline.reduce import Whole
-from odescope.pipeline.stages import (
-    Chosen,
-    Filtered,
-    Prepared,
-    Work,
-    draw_anew,
-    pose_all,
-    pose_forms,
-    propose,
-    refine_form,
-    search_all,
-)
+from odescope.pipeline.stages import Chosen, draw_anew, pose_all, pose_forms, propose, refine_form, search_all
+from odescope.pipeline.work import Work
 from odescope.regression.problem import Problem
 from odescope.signals.estimate import Signals
 from odescope.study.options import Form, LeftOut

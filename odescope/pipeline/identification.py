@@ -23,10 +23,11 @@ from odescope.model.scores import DelayScore, ModelScores, OffsetScore, Streamed
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.competition import Regressed, Winner, adopted, compete, regress
 from odescope.pipeline.evaluation import domain, free_run, provenance, scores, time_score
+from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.joint_models import Search
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
-from odescope.pipeline.stages import Filtered, Work, estimate, prepare, settled
+from odescope.pipeline.work import Work
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Records
 from odescope.selection.ranking import Candidate

@@ -9,8 +9,8 @@ from logs import oscillator
 from msgspec import structs
 
 from odescope.errors import InputError
+from odescope.pipeline.filtering import kept_in
 from odescope.pipeline.identification import identify
-from odescope.pipeline.stages import kept_in
 from odescope.regression.proposers import BackwardElimination
 from odescope.regression.rows import NoiseWeighted
 from odescope.report.assemble import summary

@@ -1,0 +1,56 @@
+"""What every stage is given, and the search through all supports of a regression problem, as the study wants it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from odescope.events import Monitor, StageBegan
+from odescope.parallel.memory import peak_bytes
+from odescope.parallel.workers import Workers
+from odescope.regression.problem import Problem
+from odescope.regression.proposers import Support
+from odescope.selection.sweep import Sweep, nested_libraries, sweep
+from odescope.study.options import Study
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """What every stage is given: the study, whom to tell, who computes; and the book of what the stages took.
+
+    `seconds` is the time of each stage, `memory` the most that the process had held, in bytes, when it ended.
+    """
+
+    study: Study
+    monitor: Monitor
+    workers: Workers
+    seconds: dict[str, float] = field(default_factory=dict)
+    memory: dict[str, int | None] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Tell that a stage begins, and book what it took; a stage may have several parts.
+
+        Raises:
+            Stopped: the run is to end.
+        """
+        self.monitor.check()
+        self.monitor.tell(StageBegan(name))
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+        self.memory[name] = peak_bytes()
+
+
+def swept(work: Work, problem: Problem) -> Sweep:
+    """Return all the supports that are found for a target."""
+    proposers, check = work.study.regression.proposers, work.monitor.check
+    return sweep(problem.factor, problem.terms, nested(work.study, problem), proposers, check)
+
+
+def nested(study: Study, problem: Problem) -> tuple[Support, ...]:
+    """Return the sets of columns that are searched in."""
+    whole = (tuple(range(len(problem.terms))),)
+    return nested_libraries(problem.terms, problem.own) if study.regression.nested else whole
