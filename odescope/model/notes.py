@@ -125,7 +125,7 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
             yield f"{name} acts {found.delay:.4g} s after it was recorded{error}"
     for name, count in scores.outliers.items():
         if count:
-            yield f"{count} samples of {name} were clipped as outliers"
+            yield f"{count} samples of {name} are outliers, late reads or saturated: they do not count"
 
 
 def _of_time(found: TimeScore) -> Iterator[str]:

@@ -29,7 +29,7 @@ from odescope.selection.ranking import rank
 from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
 from odescope.signals.estimate import Signals, estimate_signals
 from odescope.signals.filling import filled
-from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, settle_clipping
+from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, gate_outliers, settle_clipping
 from odescope.study.options import Form, Mechanisms, Study
 from odescope.study.pieces import versions
 
@@ -125,6 +125,9 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     outliers, clipping = dict[str, int](), None
     with work.stage("signals"):
         records = filled(sample.records, study.measured(), study.signals.differentiator)
+    if study.signals.outliers == "gate":
+        with work.stage("signals"):
+            records, outliers = gate_outliers(records, study.measured(), study.signals.differentiator)
     if study.signals.outliers == "clip":
         with work.stage("signals"):
             records, outliers, clipping = _clipped(study, records)

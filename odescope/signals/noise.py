@@ -6,10 +6,27 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from odescope.arrays import FloatArray
 from odescope.signals.spectral import Spectrum
 
 # The median of chi-squared with one degree of freedom: each bin of a cosine transform of white noise has that spread.
 MEDIAN_CHI_SQUARED = 0.45493642311957174
+
+
+WHOLE = 0.01  # of a step of the sensor, by which a value may differ from a whole number of them
+VALUES_A_STEP = 4.0  # samples a different value, at least, of a sensor whose steps matter
+
+
+def sensor_step(columns: Sequence[FloatArray]) -> float:
+    """Return the step in which a sensor counts, 0 where its values are no whole multiples of one."""
+    values = np.unique(np.concatenate(columns))
+    if len(values) < 3 or VALUES_A_STEP * len(values) > sum(map(len, columns)):
+        return 0.0
+    gaps = np.diff(values)
+    gaps = gaps[gaps > 1e-9 * (values[-1] - values[0])]
+    step = float(np.median(gaps[gaps <= 1.5 * gaps.min()]))
+    steps = (values - values[0]) / step
+    return step if np.abs(steps - np.rint(steps)).max() < WHOLE * max(1.0, 1e-3 * float(steps[-1])) else 0.0
 
 
 def noise_level(spectra: Sequence[Spectrum]) -> float:

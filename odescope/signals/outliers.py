@@ -1,4 +1,8 @@
-"""Outliers: Huber's loss about the filtered signal, by pseudo-observations (Huber and Ronchetti 2009, section 7.8)."""
+"""Samples that are wrong, told by the filtered signal.
+
+Clipping them is Huber's loss, by pseudo-observations (Huber and Ronchetti 2009, section 7.8). Those that are far off
+are taken for not measured at all.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import BoolArray, FloatArray
+from odescope.errors import NoModelError
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, Stretch
 from odescope.signals.differentiators import Differentiator, derivatives_like
+from odescope.signals.filling import filled
 
+FAR = 5.0  # standard deviations beyond which a sample says nothing of the signal
+STEPS = 0.25  # root mean squares of the motion from sample to sample: what is nearer may be a kink of the signal
+MOST = 0.3  # of the samples of a coordinate: where more are far off, none is usual
+PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
 NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
 ROUNDS = 8
@@ -59,6 +69,71 @@ def settle_clipping(records: Records, coordinates: Sequence[Coordinate], differe
                 break
         rounds[c.name] = tuple(taken)
     return Clipping(rounds, period)
+
+
+def gate_outliers(
+    records: Records, coordinates: Sequence[Coordinate], differentiator: Differentiator
+) -> tuple[Records, dict[str, int]]:
+    """Return records in which samples far from the signal count as not measured, and how many each channel had.
+
+    Late reads, stale values and outliers are further from the filtered signal than noise or a kink of the signal can
+    be; samples at the end of a sensor's range say nothing of what is beyond. The signal is filtered robustly first.
+
+    Args:
+        records: uniformly sampled, at one period.
+        coordinates: what was measured.
+        differentiator: filters them.
+
+    Raises:
+        NoModelError: so many samples are far off that none is usual.
+    """
+    clipping = settle_clipping(records, coordinates, differentiator)
+    clipped = clip_outliers(records.stretches, coordinates, differentiator, clipping)
+    counts = [np.ones_like(run.values) if run.counts is None else run.counts.copy() for run in records]
+    found = dict[str, int]()
+    for c in coordinates:
+        column = records.names.index(c.name)
+        measured = [n[:, column] > 0.0 for n in counts]
+        recorded = [run.column(c.name) for run in records]
+        far = _saturated(recorded)
+        if clipping.rounds[c.name]:
+            cutoff, bound = clipping.rounds[c.name][-1]
+            rough = [s.record.column(c.name) for s in clipped]
+            smooth = derivatives_like(differentiator, cutoff, rough, [False] * len(rough), clipping.period, 0)
+            motion = np.concatenate([np.diff(s[0]) for s in smooth])
+            limit = max(FAR * bound / BEND, STEPS * float(np.sqrt(np.mean(motion**2))))
+            far = [f | (np.abs(y - s[0]) > limit) for f, y, s in zip(far, recorded, smooth, strict=True)]
+        far = [f & m for f, m in zip(far, measured, strict=True)]
+        found[c.name] = sum(int(f.sum()) for f in far)
+        if found[c.name] > MOST * sum(int(m.sum()) for m in measured):
+            raise NoModelError(
+                "signals",
+                f"{found[c.name]} of {sum(map(len, recorded))} samples of {c.name} are far from any smooth signal, or"
+                " at the end of the sensor's range: look whether it holds what it should",
+            )
+        for n, f in zip(counts, far, strict=True):
+            n[f, column] = 0.0
+    if not any(found.values()):
+        return records, found
+    gated = Records(tuple(replace(run, counts=n) for run, n in zip(records, counts, strict=True)))
+    return filled(gated, coordinates, differentiator), found
+
+
+def _saturated(columns: Sequence[FloatArray]) -> list[BoolArray]:
+    """Return which samples (N,) of every record stand at an end of the sensor's range, into which it ran moving."""
+    high, low = max(float(y.max()) for y in columns), min(float(y.min()) for y in columns)
+    found = []
+    for y in columns:
+        far, pace = np.zeros(len(y), dtype=np.bool_), np.abs(np.diff(y))
+        usual = float(np.sqrt(np.mean(pace**2)))
+        for end in (high, low):
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], y == end, [False]]).astype(np.int8)))
+            for first, stop in zip(edges[::2], edges[1::2], strict=True):
+                around = np.concatenate([pace[max(first - 2, 0) : first], pace[stop - 1 : stop + 1]])
+                if stop - first >= PLATEAU and len(around) and around.mean() > STEPS * usual:
+                    far[first:stop] = True
+        found.append(far)
+    return found
 
 
 def clip_outliers(

@@ -164,13 +164,14 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 class Filtering(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How signals are filtered and differentiated; `margin` is in periods of the lowest cutoff, at each end.
 
-    `outliers` are kept, or clipped to three standard deviations about the filtered signal, which is Huber's loss.
+    `outliers` are taken for not measured ("gate"), kept, or clipped to three standard deviations about the filtered
+    signal, which is Huber's loss.
     """
 
     differentiator: AnyDifferentiator = Spectral()
     margin: Annotated[float, msgspec.Meta(ge=0.0)] = 0.5
     decimate: bool = True
-    outliers: Literal["keep", "clip"] = "keep"
+    outliers: Literal["gate", "keep", "clip"] = "gate"
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.margin < math.inf:
