@@ -41,11 +41,10 @@ def fit_smooth(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSplin
 def _line(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSpline:
     from scipy.interpolate import BSpline
 
-    if len(t) == 1:
-        return BSpline(np.array([t[0], t[0] + 1.0]), values, 0)
-    slope, height = np.polyfit(t - t[0], values, 1, w=np.sqrt(weights))
-    ends = np.array([height, height + slope * (t[-1] - t[0])])
-    return BSpline(np.array([t[0], t[0], t[-1], t[-1]]), ends, 1)
+    slope, height = np.polyfit(t - t[0], values, 1, w=np.sqrt(weights)) if len(t) > 1 else (0.0, values[0])
+    span = t[-1] - t[0] if len(t) > 1 else 1.0
+    ends = np.array([height, height + slope * span])
+    return BSpline(np.array([t[0], t[0], t[0] + span, t[0] + span]), ends, 1)
 
 
 def _apart(knots: FloatArray, distance: float) -> FloatArray:
