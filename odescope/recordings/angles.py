@@ -15,6 +15,7 @@ from odescope.recordings.gaps import GAP_PERIODS, RawRun
 PLAIN = 0.75 * np.pi  # steps of an angle up to which a jump by 2 pi cannot be taken for one, or one for a jump
 RISE = 1.1  # times the least turn between windows: longer ones only see more of the motion
 AROUND = 4  # samples on either side of a gap, at least, from which the speed of an angle is told
+TOLD = 0.5  # of a gap's length: the speed over less than that, beside it, says nothing of turns within
 
 
 def unwrap(run: RawRun, angles: Iterable[str]) -> RawRun:
@@ -43,7 +44,9 @@ def _bridged(t: FloatArray, angle: FloatArray) -> FloatArray:
     for k in np.flatnonzero(steps > GAP_PERIODS * period):
         around = max(AROUND, int(steps[k] / period))  # as long as the gap itself: noise must not make a turn
         before, after = slice(max(k - around, 0), k + 1), slice(k + 1, k + 2 + around)
-        speeds = [np.ptp(t[s]) and (angle[s][-1] - angle[s][0]) / np.ptp(t[s]) for s in (before, after)]
+        if min(np.ptp(t[before]), np.ptp(t[after])) < TOLD * steps[k]:
+            continue
+        speeds = [(angle[s][-1] - angle[s][0]) / np.ptp(t[s]) for s in (before, after)]
         expected = 0.5 * (speeds[0] + speeds[1]) * steps[k]
         turns[k + 1] = np.rint((expected - (angle[k + 1] - angle[k])) / (2.0 * np.pi))
     unwrapped: FloatArray = angle + 2.0 * np.pi * np.cumsum(turns)

@@ -54,7 +54,7 @@ def pieces(run: RawRun, gaps: Gaps, partial: bool = False) -> tuple[IntArray, ..
 
     A gap is where cells are missing or time jumps by more than 1.5 periods. With "bridge" a run is only cut where a
     gap of a column is longer than 32 of the median steps between the column's own samples; missing cells stay in the
-    pieces, but for those before the first and after the last sample of a column. With "split" it is cut at every gap.
+    pieces. With "split" it is cut at every gap.
     Pieces shorter than 16 samples are dropped, unless the run is all one piece.
 
     Args:
@@ -84,11 +84,13 @@ def pieces(run: RawRun, gaps: Gaps, partial: bool = False) -> tuple[IntArray, ..
         return (timed,)
     found = _bridged(run, measured) if gaps == "bridge" else _split(run, measured[:, 0], longest)
     whole = len(found) == 1 and gaps == "bridge"
-    kept = tuple(samples for samples in found if whole or len(samples) >= SHORTEST_RUN)
+    lengths = [_common_rows(measured[samples]) for samples in found]
+    least = 2 if whole else SHORTEST_RUN
+    kept = tuple(samples for samples, length in zip(found, lengths, strict=True) if length >= least)
     if not kept and not partial:
         raise InputError(
             f"nothing is left{within(run.source)} after splitting at its gaps: the longest of {len(found)} pieces "
-            f"has {max(map(len, found))} samples, and pieces shorter than {SHORTEST_RUN} are dropped"
+            f"has {max(lengths)} samples, and pieces shorter than {SHORTEST_RUN} are dropped"
         )
     return kept
 
@@ -101,30 +103,26 @@ def _split(run: RawRun, complete: BoolArray, longest: float) -> list[IntArray]:
 
 
 def _bridged(run: RawRun, measured: BoolArray) -> list[IntArray]:
-    """Return the pieces between gaps too long to bridge; a piece begins and ends where every column has begun."""
-    piece, within_all = np.zeros(len(run.t), dtype=np.int64), ~np.isnan(run.t)
+    """Return the pieces between gaps too long to bridge; what lies in the gap of one column is lost of the others."""
+    piece, kept = np.zeros(len(run.t), dtype=np.int64), ~np.isnan(run.t)
     for cells in measured.T:
         there = np.flatnonzero(cells)
         steps = np.diff(run.t[there])
-        within_all[: there[0]] = within_all[there[-1] + 1 :] = False
         for k in np.flatnonzero(steps > LONGEST_GAP * np.median(steps)):
-            within_all[there[k] + 1 : there[k + 1]] = False
+            kept[there[k] + 1 : there[k + 1]] = False
             piece[there[k + 1] :] += 1
-    samples = np.flatnonzero(within_all)
-    found = np.split(samples, np.flatnonzero(np.diff(piece[samples])) + 1)
-    # A cut in one column may leave another without a sample at the ends of a piece.
-    trimmed = [_trimmed(samples, measured) for samples in found]
-    return trimmed if len(found) > 1 else [samples]
+    samples = np.flatnonzero(kept)
+    return np.split(samples, np.flatnonzero(np.diff(piece[samples])) + 1)
 
 
-def _trimmed(samples: IntArray, measured: BoolArray) -> IntArray:
-    """Return the samples from where all columns have begun to where the first one ends; none where one has too few."""
-    cells = measured[samples]
-    if not len(samples) or cells.sum(axis=0).min() < 2:
-        return samples[:0]
+def _common_rows(cells: BoolArray) -> int:
+    """Return how many rows of (n, c) cells lie between the first and the last that all columns have; 0 if too few."""
+    if not len(cells) or not cells.any(axis=0).all():
+        return 0
     first = int(cells.argmax(axis=0).max())
-    last = len(samples) - int(cells[::-1].argmax(axis=0).max())
-    return samples[first:last]
+    last = len(cells) - int(cells[::-1].argmax(axis=0).max())
+    few = first >= last or int(cells[first:last].sum(axis=0).min()) < 2
+    return 0 if few else last - first
 
 
 def _refuse_gaps(run: RawRun, jumps: IntArray) -> None:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 SPACINGS = (2, 3, 4, 6, 8, 12, 16, 24, 32)  # samples between knots that are tried
 TRIED = 20_000  # samples on which the spacing is chosen: what suits them suits the rest
 DEGREE = 3
+APART = 0.5  # of their mean distance: knots that are nearer are left out
 RIDGE = 1e-12  # of the diagonal: samples that almost coincide must not stop the factorisation
 FEW = 2 * (DEGREE + 1)  # samples of which no spline can be fitted: a line goes through them
 
@@ -25,7 +26,7 @@ def fit_smooth(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSplin
     hardly any noise into the spline, a rough one takes many. Knots are samples, so there is none in a gap.
 
     Args:
-        t: (n,) strictly increasing, n at least 2.
+        t: (n,) strictly increasing; through one sample goes a constant, through a few a line.
         values: (n,) samples.
         weights: (n,) over the variance of each.
     """
@@ -40,9 +41,21 @@ def fit_smooth(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSplin
 def _line(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSpline:
     from scipy.interpolate import BSpline
 
-    slope, height = np.polyfit(t - t[0], values, 1, w=np.sqrt(weights))
-    ends = np.array([height, height + slope * (t[-1] - t[0])])
-    return BSpline(np.array([t[0], t[0], t[-1], t[-1]]), ends, 1)
+    slope, height = np.polyfit(t - t[0], values, 1, w=np.sqrt(weights)) if len(t) > 1 else (0.0, values[0])
+    span = t[-1] - t[0] if len(t) > 1 else 1.0
+    ends = np.array([height, height + slope * span])
+    return BSpline(np.array([t[0], t[0], t[0] + span, t[0] + span]), ends, 1)
+
+
+def _apart(knots: FloatArray, distance: float) -> FloatArray:
+    """Return knots at least so far apart: between two of a burst of samples the noise would set the slope."""
+    if not len(knots) or np.diff(knots).min(initial=np.inf) >= distance:
+        return knots
+    kept = [float(knots[0])]
+    for knot in knots.tolist():
+        if knot - kept[-1] >= distance:
+            kept.append(knot)
+    return np.array(kept)
 
 
 def _fitted(t: FloatArray, values: FloatArray, weights: FloatArray, spacing: int) -> tuple[BSpline, float]:
@@ -50,7 +63,7 @@ def _fitted(t: FloatArray, values: FloatArray, weights: FloatArray, spacing: int
     from scipy.interpolate import BSpline
     from scipy.linalg import solveh_banded
 
-    inner = t[spacing : len(t) - spacing + 1 : spacing]
+    inner = _apart(t[spacing : len(t) - spacing + 1 : spacing], APART * spacing * (t[-1] - t[0]) / (len(t) - 1))
     knots = np.concatenate([np.repeat(t[0], DEGREE + 1), inner, np.repeat(t[-1], DEGREE + 1)])
     count = len(knots) - DEGREE - 1
     basis = BSpline.design_matrix(t, knots, DEGREE)

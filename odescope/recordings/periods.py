@@ -24,6 +24,8 @@ def common_period(records: Records) -> float:
 def at_one_period(records: Records, held: frozenset[str]) -> Records:
     """Return uniform records on grids of one period, those that are sampled alike as they are.
 
+    Records that last less than one such period are left out.
+
     Args:
         records: each on a uniform grid of its own.
         held: names of the columns that keep a value until the next one.
@@ -32,7 +34,7 @@ def at_one_period(records: Records, held: frozenset[str]) -> Records:
     periods = [run.sample_period for run in records]
     if max(periods) - min(periods) <= PERIODS_DIFFER * min(periods):
         return records
-    return Records(tuple(_at_period(run, period, held) for run in records))
+    return Records(tuple(_at_period(run, period, held) for run in records if run.duration >= period))
 
 
 def stretch_at_period(stretch: Stretch, period: float, held: frozenset[str]) -> Stretch:
@@ -44,6 +46,8 @@ def stretch_at_period(stretch: Stretch, period: float, held: frozenset[str]) -> 
         held: names of the columns that keep a value until the next one.
     """
     run = stretch.record
+    if run.duration < period:
+        return stretch
     moved = _at_period(run, period, held)
     if moved is run:
         return stretch

@@ -97,7 +97,9 @@ def _assigned(t: FloatArray, values: FloatArray, weights: FloatArray, grid: Floa
     curve = smooth(np.clip(where, at[0] - 1.0, at[-1] + 1.0))
     moved = values - smooth(at) + curve[points] if not np.array_equal(t, grid[points]) else values
     total = np.bincount(points, weights * moved, len(grid))
-    return np.where(there > 0.0, total / np.maximum(there, 1.0), curve)
+    # Between samples that are far apart beside others that are close a cubic may go anywhere.
+    between = np.clip(curve, values.min() - np.ptp(values), values.max() + np.ptp(values))
+    return np.where(there > 0.0, total / np.maximum(there, 1.0), between)
 
 
 def _held(t: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:

@@ -159,7 +159,9 @@ def signals_chart(result: Identification) -> Chart:
     panels = []
     for name in (*(c.name for c in signals.coordinates), *(i.name for i in signals.inputs)):
         samples = [run.column(name) for run in result.records]
-        wide = [line_of("recorded", "recorded", raw, samples, WIDE)]
+        there = [run.counted(name) > 0.0 for run in result.records]
+        at, y = ([x[m] for x, m in zip(xs, there, strict=True)] for xs in (raw, samples))
+        wide = [line_of("recorded", "recorded", at, y, WIDE)]
         close = []
         if name in signals.states:
             filtered = [c[signals.row(name)] for c in signals.columns]

@@ -97,15 +97,14 @@ def test_a_gap_is_measured_in_steps_of_its_own_column():
     t = np.arange(1000.0)
     values = np.column_stack([t, np.where(t % 20 == 0, t, np.nan)])
     (run,) = cut_at_gaps(raw(t, values), "bridge")
-    assert (run.t[0], run.t[-1]) == (0, 980)  # both columns are there
-    assert np.isnan(run.values[:, 1]).sum() == 980 - 49
+    assert np.array_equal(run.values, values, equal_nan=True)
     values[100:800, 1] = np.nan
-    assert [(r.t[0], r.t[-1]) for r in cut_at_gaps(raw(t, values), "bridge")] == [(0, 80), (800, 980)]
+    assert [(r.t[0], r.t[-1]) for r in cut_at_gaps(raw(t, values), "bridge")] == [(0, 80), (800, 999)]
 
 
 @settings(deadline=None)
 @given(missing=st.sets(st.tuples(st.integers(0, 199), st.integers(0, 1)), max_size=150))
-def test_bridging_loses_no_cell_but_before_the_first_and_after_the_last_of_a_column(missing):
+def test_bridging_loses_no_cell(missing):
     t = np.arange(200.0)
     values = np.column_stack([t, t])
     for row, column in missing:
@@ -114,8 +113,7 @@ def test_bridging_loses_no_cell_but_before_the_first_and_after_the_last_of_a_col
     if max(np.diff(k).max() for k in there) > 32:
         return
     (run,) = cut_at_gaps(raw(t, values), "bridge")
-    first, last = max(k[0] for k in there), min(k[-1] for k in there)
-    assert np.array_equal(run.values, values[first : last + 1], equal_nan=True)
+    assert np.array_equal(run.values, values, equal_nan=True)
 
 
 def test_a_column_without_numbers_is_named():

@@ -109,6 +109,18 @@ def test_a_column_at_a_third_of_the_rate_is_filled_between_its_samples():
     assert np.abs(run.column("v") - moving(run.t)).max() < 1e-5
 
 
+def test_a_record_holds_what_lies_between_samples_of_every_column():
+    """A column's samples before and after that still say what it is at the ends."""
+    y, start, end = moving(REGULAR), np.arange(COUNT) < 5, np.arange(COUNT) > 2900
+    x = np.where(start, np.nan, y)
+    v = np.where(end | (np.arange(COUNT) % 7 > 0), np.nan, y)
+    run, points = uniform(raw(t=REGULAR, x=x, v=v))
+    assert (run.t[0], run.t[-1]) == (REGULAR[5], REGULAR[2898])
+    assert np.array_equal(REGULAR[(points >= 0) & (points < len(run))], run.t)
+    assert np.abs(run.column("v") - moving(run.t)).max() < 1e-4
+    assert np.array_equal(run.column("x"), moving(run.t))
+
+
 def test_a_held_value_fills_the_interval_after_it_and_gaps():
     stairs = np.floor(np.arange(500) / 50)
     t = 0.01 * (np.arange(500) + np.random.default_rng(0).uniform(-0.2, 0.2, 500))
