@@ -15,10 +15,10 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.add_and_drop import HOPELESS, Moves
-from odescope.likelihood.block_cholesky import state_covariances
 from odescope.likelihood.evidence import Evidence, in_blocks, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, without_held_out
+from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
 from odescope.likelihood.path import ModelPath
 from odescope.likelihood.search import Outcome
 from odescope.likelihood.search_space import Move, SearchSpace
@@ -27,11 +27,6 @@ from odescope.likelihood.segments import Segments
 PIECES = (5, 2, 1)  # averages a segment: what a model lacks may change within a fraction of the shortest period
 WORTH_FINER = 0.01  # fall of the marginal cost a sample that shorter segments must bring: they take longer
 LARGEST_TABLE = 4e8  # bytes of the segments' Gauss-Newton matrices
-EM_ITERATIONS = 30
-EM_CONVERGED = 0.02  # fall of the marginal cost, in units of chi-squared
-EM_FITS = 4  # Levenberg-Marquardt steps between two estimates of the noise
-EM_STRIDE = 3.0  # change of a standard deviation in one step, at most, as a factor
-LEAST_NOISE = 1e-4  # of the first guess: standard deviations do not shrink below
 ALTERNATIONS = 5  # of search and noise
 STEPS = 40
 PATH_SHARE = 0.3  # of the budget, for the way back
@@ -74,81 +69,6 @@ class Noisy:
         return rms
 
 
-def with_noise(space: SearchSpace, measurement: FloatArray, process: FloatArray) -> SearchSpace:
-    """Return the space that weighs by these standard deviations; its `spread` is then that of a defect.
-
-    Args:
-        space: data and candidates.
-        measurement: (c,) of an average.
-        process: (n,) of a defect.
-    """
-    return space.on(replace(space.segments, noise=measurement, spread=process))
-
-
-def estimate_noise(space: SearchSpace, found: Fit) -> tuple[SearchSpace, Fit, float]:
-    """Estimate both noises by expectation-maximisation around a structure; return space, fit and marginal cost."""
-    floor = LEAST_NOISE * space.segments.spread, LEAST_NOISE * space.segments.noise
-    process, measurement, marginal = _expected_squares(space, found)
-    for _ in range(EM_ITERATIONS):
-        segments = space.segments
-        moved = with_noise(
-            space,
-            np.maximum(segments.noise * np.clip(measurement / segments.noise, 1.0 / EM_STRIDE, EM_STRIDE), floor[1]),
-            np.maximum(segments.spread * np.clip(process / segments.spread, 1.0 / EM_STRIDE, EM_STRIDE), floor[0]),
-        )
-        again = moved.again(found, found.x0, moved.segments.spread, EM_FITS)
-        if again is None:
-            break
-        process, measurement, cost = _expected_squares(moved, again)
-        if not cost < marginal:
-            break
-        fall, space, found, marginal = marginal - cost, moved, again, cost
-        if fall < EM_CONVERGED:
-            break
-    return space, found, marginal
-
-
-def _expected_squares(space: SearchSpace, found: Fit) -> tuple[FloatArray, FloatArray, float]:
-    """Return root mean squares of defects (n,) and residuals (c,), as the posterior of the states expects them.
-
-    And the marginal cost: -2 log of the likelihood, by Laplace's approximation over the states, less a constant.
-    """
-    segments, evaluator = space.segments, space.evaluator
-    n, none = found.x0.shape[1], np.zeros(0, dtype=np.int64)
-    program, theta = space.program(found.present), found.theta[found.present]
-    integrated = evaluator.integrate(program, theta, none, found.x0)
-    expansion = evaluator.expand(program, theta, none, found.x0, segments.spread, 0.0, integrated)
-    if expansion is None:
-        return segments.spread, segments.noise, np.inf
-    own, following = state_covariances(expansion.factor, expansion.carry, segments.joined)
-    joints = np.flatnonzero(segments.joined)
-    defects = integrated.last[joints] - found.x0[joints + 1]
-    across = integrated.jacobian[joints][:, :, :n]
-    spread = (
-        np.einsum("jik,jkl,jil->ji", across, own[joints], across)
-        + np.einsum("jii->ji", own[joints + 1])
-        - 2.0 * np.einsum("jik,jik->ji", across, following[joints])
-    )
-    # MacKay's form of the step: the same fixed point as the mean of squares plus variances, reached in a few steps.
-    known = np.maximum(len(joints) - spread.sum(axis=0) / segments.spread**2, 1e-3 * len(joints))
-    process = np.sqrt((defects**2).sum(axis=0) / known) if len(joints) else segments.spread
-    samples = segments.samples // len(segments.noise)
-    measurement = np.empty(len(segments.noise))
-    for c in range(len(measurement)):
-        alone = np.full(len(measurement), np.inf)
-        alone[c] = 1.0
-        only = space.on(replace(segments, noise=alone)).evaluator.integrate(program, theta, none, found.x0)
-        taken = float(np.einsum("jik,jki->", only.hessian, own)) / segments.noise[c] ** 2
-        measurement[c] = np.sqrt(only.cost.sum() / max(samples - taken, 1e-3 * samples))
-    marginal = (
-        expansion.cost
-        + expansion.log_det
-        + 2.0 * samples * float(np.log(segments.noise).sum())
-        + 2.0 * len(joints) * float(np.log(segments.spread).sum())
-    )
-    return process, measurement, float(marginal)
-
-
 def robust_evidence(space: SearchSpace, found: Fit) -> Evidence | None:
     """Return evidence that does not take coloured defects for information, None where there is no expansion.
 
@@ -175,7 +95,7 @@ def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
     found = strict.again(outcome.fit, segments.initial, strict.segments.spread)
     if found is None:
         return np.inf
-    return _expected_squares(strict, found)[2] + space.price(found)
+    return marginal_cost(strict, found) + space.price(found)
 
 
 def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[FloatArray]) -> SearchSpace:

@@ -26,9 +26,9 @@ from small_systems import SPRING, System, drive, in_bare_gauge
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, held_out, without_held_out
+from odescope.likelihood.noise_levels import estimate_noise
 from odescope.likelihood.process_noise import (
     cost_without_process_noise,
-    estimate_noise,
     robust_evidence,
     search_with_process_noise,
 )
