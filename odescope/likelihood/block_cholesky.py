@@ -215,18 +215,35 @@ def state_covariances(factor, carry, joined):
     """
     segments, n = factor.shape[0], factor.shape[1]
     own, following = np.zeros((segments, n, n)), np.zeros((segments, n, n))
+    inverse, passed = np.zeros((n, n)), np.zeros((n, n))  # of factor[j], lower triangular; own[j + 1] times carry[j]
+    middle = np.zeros((n, n))
     for j in range(segments - 1, -1, -1):
-        inverse = np.zeros((n, n))  # of factor[j], lower triangular
         for c in range(n):
             for i in range(c, n):
                 total = 1.0 if i == c else 0.0
                 for m in range(c, i):
                     total -= factor[j, i, m] * inverse[m, c]
                 inverse[i, c] = total / factor[j, i, i]
-        middle = np.eye(n)
+        for i in range(n):
+            for k in range(n):
+                middle[i, k] = 1.0 if i == k else 0.0
         if j + 1 < segments and joined[j]:
-            passed = own[j + 1] @ carry[j]
-            following[j] = -passed @ inverse
-            middle += carry[j].T @ passed
-        own[j] = inverse.T @ middle @ inverse
+            _product(own[j + 1], carry[j], passed)
+            _product(passed, inverse, following[j])
+            following[j] *= -1.0
+            _product(carry[j].T, passed, middle)
+            for i in range(n):
+                middle[i, i] += 1.0
+        _product(middle, inverse, passed)
+        _product(inverse.T, passed, own[j])
     return own, following
+
+
+@kernel(inline=True)
+def _product(left, right, result):
+    for i in range(left.shape[0]):
+        for k in range(right.shape[1]):
+            total = 0.0
+            for m in range(left.shape[1]):
+                total += left[i, m] * right[m, k]
+            result[i, k] = total

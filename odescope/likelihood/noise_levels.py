@@ -10,20 +10,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
-from odescope.arrays import FloatArray, IntArray
+from odescope.arrays import FloatArray
 from odescope.likelihood.block_cholesky import eliminate, state_covariances, substitute
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.kernel import Sums
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
+from odescope.parallel.kernels import kernel
 
 LEAST_NOISE = 1e-4  # of the first guess: standard deviations do not shrink below
 CONVERGED = 0.02  # fall of the marginal cost, in units of chi-squared, that is not worth another step
 ROUNDS = 10  # of noise and coefficients
 FITS = 4  # Levenberg-Marquardt steps between two estimates of the noise
-STEPS = 40  # of the noise around one fit
-STRIDE = 3.0  # change of a standard deviation in one step, at most, as a factor
+LONGEST = 10.0  # change of a variance in one step, at most, as a factor
+LEAST_BEND = 1e-6  # of the gradient: second derivatives do not vanish
 LARGEST_DAMPING = 1e6
 
 NONE = np.zeros(0, dtype=np.int64)
@@ -49,8 +51,8 @@ class NoisePoint:
 class LinearRecord:
     """Segments around a fit: every channel by itself, for averages of unit noise.
 
-    Shapes: cost (c,); gradient (c, J, n); hessian (c, J, n, n); samples (c,) how many averages; last, jacobian as in
-    `Sums`; x0 (J, n); joined (J,); ties those of the segments that are joined to the next.
+    Shapes: x0 (J, n); cost (c,); gradient (c, J, n); hessian (c, J, n, n); last (J, n) and jacobian (J, n, n) as in
+    `Sums`; samples (c,) how many averages.
     """
 
     segments: Segments
@@ -61,7 +63,6 @@ class LinearRecord:
     last: FloatArray
     jacobian: FloatArray
     samples: FloatArray
-    ties: IntArray
 
     @staticmethod
     def of(space: SearchSpace, found: Fit) -> LinearRecord | None:
@@ -84,47 +85,30 @@ class LinearRecord:
             end.last,
             end.jacobian,
             np.array([_count(segments, c) for c in range(channels)]),
-            np.flatnonzero(segments.joined),
         )
 
     def at(self, logs: FloatArray) -> NoisePoint | None:
         """Return the marginal cost at this noise (c + n,), None where the states' block is singular."""
-        channels, n, ties, joined = len(self.cost), self.x0.shape[1], self.ties, self.segments.joined
+        channels, n, joined = len(self.cost), self.x0.shape[1], self.segments.joined
         precision, spread = np.exp(-2.0 * logs), np.exp(logs[channels:])
-        data, process = precision[:channels], precision[channels:]
-        gradient = np.tensordot(data, self.gradient, 1)
-        hessian = np.tensordot(data, self.hessian, 1)
+        gradient = np.einsum("c,cji->ji", precision[:channels], self.gradient)
+        hessian = np.einsum("c,cjik->jik", precision[:channels], self.hessian)
         sums = Sums(self.cost, gradient, hessian, self.last, self.jacobian)
         found = eliminate(sums, self.x0, joined, spread, 0.0)
         if not found.positive:
             return None
         change = substitute(found.factor, found.border, found.carry, joined, np.zeros(0))
         own, following = state_covariances(found.factor, found.carry, joined)
-        bent = np.einsum("cjik,jk->cji", self.hessian, change)
-        across = self.jacobian[ties]
-        defects = self.last[ties] - self.x0[ties + 1] + np.einsum("jik,jk->ji", across, change[ties]) - change[ties + 1]
-        seen = self.cost + np.einsum("cji,ji->c", 2.0 * self.gradient + bent, change)
-        squares = precision * np.concatenate([seen, (defects**2).sum(axis=0)])
-        apart = np.einsum("jik,jkl,jil->i", across, own[ties], across, optimize=True)
-        apart += np.einsum("jii->i", own[ties + 1]) - 2.0 * np.einsum("jik,jik->i", across, following[ties])
-        known = precision * np.concatenate([np.einsum("cjik,jki->c", self.hessian, own, optimize=True), apart])
-        # What each noise leaves of the gradient with respect to the states, through the inverse of their block.
-        edges = np.zeros((len(change), n + len(logs), n + len(logs)))
-        edges[:, :n, :n] = hessian
-        edges[:, :n, n : n + channels] = np.einsum("c,cji->jic", data, self.gradient + bent)
-        edges[ties, :n, n + channels :] = np.einsum("i,jik,ji->jki", process, across, defects)
-        edges[np.ix_(ties + 1, np.arange(n), n + channels + np.arange(n))] -= (process * defects)[:, :, None] * np.eye(n)
-        wide = np.zeros((len(change), n, n + len(logs)))
-        wide[:, :, :n] = self.jacobian
-        through = eliminate(
-            Sums(self.cost, np.zeros(edges.shape[:2]), edges, self.last, wide), self.x0, joined, spread, 0.0
-        )
-        counted = np.concatenate([self.samples, np.full(n, len(ties))])
+        squares, known, through = _noise_sums(
+            precision, self.cost, self.gradient, self.hessian, self.jacobian, self.last - np.roll(self.x0, -1, axis=0), joined,
+            change, found.factor, found.carry, own, following,
+        )  # fmt: skip
+        counted = np.concatenate([self.samples, np.full(n, joined.sum())])
         return NoisePoint(
             logs,
             float(squares.sum() + found.log_det + 2.0 * counted @ logs),
             2.0 * (counted - squares - known),
-            4.0 * (np.diag(squares) + through.information),
+            4.0 * (np.diag(squares) - through),
             change,
         )
 
@@ -136,28 +120,108 @@ class LinearRecord:
             least: (c + n,) logarithms of the standard deviations that are the smallest possible.
         """
         here, damping = begun, 1e-3
-        for _ in range(STEPS):
-            trial = self.at(np.maximum(here.logs + _step(here, least, damping), least))
-            fall = -np.inf if trial is None else here.marginal - trial.marginal
-            if trial is not None and fall > 0.0:
+        while damping < LARGEST_DAMPING:
+            step, gain = _step(here, least, damping)
+            if gain < 0.1 * CONVERGED:
+                break
+            trial = self.at(here.logs + step)
+            if trial is not None and trial.marginal < here.marginal:
                 here, damping = trial, damping / 10.0
             else:
                 damping *= 10.0
-            if 0.0 <= fall < CONVERGED / 10.0 or damping > LARGEST_DAMPING:
-                break
         return here
 
 
-def _step(here: NoisePoint, least: FloatArray, damping: float) -> FloatArray:
-    """Return the step of the logarithms (c + n,); those at their least stay there if they would fall further."""
-    scale = np.sqrt(np.diag(here.information))
-    able = (scale > 0.0) & ((here.logs > least) | (here.gradient < 0.0))
-    step, scale = np.zeros(len(here.logs)), scale[able]
-    if able.any():
-        information = here.information[np.ix_(able, able)] / scale / scale[:, None]
-        solved = np.linalg.solve(information + damping * np.eye(len(scale)), -here.gradient[able] / scale)
-        step[able] = np.clip(solved / scale, -np.log(STRIDE), np.log(STRIDE))
-    return step
+@kernel("contract")
+def _noise_sums(precision, cost, gradient, hessian, jacobian, defect, joined, change, factor, carry, own, following):
+    """Return what every noise weighs: sums of squares (k,), of variances (k,), and what states can make good (k, k).
+
+    One function, because each block is used while it is in cache. All three are in units of the noise, at the most likely
+    states; the last is the product of what each noise leaves of the gradient, through the inverse of the states' block.
+
+    Args:
+        precision: (k,) 1 / variance of the averages of c channels, then of the defects of n states.
+        cost: (c,) of averages of unit noise.
+        gradient: (c, J, n) of these.
+        hessian: (c, J, n, n) of these.
+        jacobian: (J, n, n) of the ends of segments.
+        defect: (J, n) between an end and the next begin.
+        joined: (J,) whether that counts.
+        change: (J, n) to the most likely states.
+        factor: (J, n, n) of `eliminate`.
+        carry: (J, n, n) of `eliminate`.
+        own: (J, n, n) of `state_covariances`.
+        following: (J, n, n) of `state_covariances`.
+    """
+    channels, segments, n = gradient.shape
+    noises = channels + n
+    squares, known, through = np.zeros(noises), np.zeros(noises), np.zeros((noises, noises))
+    pull, before, left = np.zeros((n, noises)), np.zeros((n, noises)), np.zeros(n)
+    squares[:channels] = precision[:channels] * cost
+    for j in range(segments):
+        pull[:] = 0.0
+        if j > 0 and joined[j - 1]:
+            for i in range(n):
+                pull[i, channels + i] = -precision[channels + i] * left[i]
+        for c in range(channels):
+            for i in range(n):
+                bent = 0.0
+                for k in range(n):
+                    bent += hessian[c, j, i, k] * change[j, k]
+                    known[c] += precision[c] * hessian[c, j, i, k] * own[j, k, i]
+                squares[c] += precision[c] * (2.0 * gradient[c, j, i] + bent) * change[j, i]
+                pull[i, c] = precision[c] * (gradient[c, j, i] + bent)
+        if joined[j]:
+            for i in range(n):
+                w = precision[channels + i]
+                left[i] = defect[j, i] - change[j + 1, i]
+                spread = own[j + 1, i, i]
+                for k in range(n):
+                    left[i] += jacobian[j, i, k] * change[j, k]
+                    spread -= 2.0 * jacobian[j, i, k] * following[j, i, k]
+                    for m in range(n):
+                        spread += jacobian[j, i, k] * own[j, k, m] * jacobian[j, i, m]
+                squares[channels + i] += w * left[i] * left[i]
+                known[channels + i] += w * spread
+                for k in range(n):
+                    pull[k, channels + i] += w * left[i] * jacobian[j, i, k]
+        if j > 0 and joined[j - 1]:
+            for i in range(n):
+                for m in range(n):
+                    for c in range(noises):
+                        pull[i, c] -= carry[j - 1, i, m] * before[m, c]
+        for i in range(n):
+            for m in range(i):
+                for c in range(noises):
+                    pull[i, c] -= factor[j, i, m] * pull[m, c]
+            for c in range(noises):
+                pull[i, c] /= factor[j, i, i]
+        before[:] = pull
+        for i in range(n):
+            for c in range(noises):
+                for b in range(noises):
+                    through[c, b] += pull[i, c] * pull[i, b]
+    return squares, known, through
+
+
+def _step(here: NoisePoint, least: FloatArray, damping: float) -> tuple[FloatArray, float]:
+    """Return a step of the logarithms (c + n,), and the fall of the marginal cost that the expansion makes of it.
+
+    Scoring in the variances, because of two noises that the record hardly parts it knows the sum; within a box, because a
+    noise that is far too large has next to no information. What all but vanishes stays: nothing more is gained from it.
+    """
+    low = np.maximum(np.exp(2.0 * (least - here.logs)), 1.0 / LONGEST) - 1.0
+    able = (np.abs(here.gradient) > CONVERGED) & ((low < 0.0) | (here.gradient < 0.0))
+    change = np.zeros(len(low))
+    if not able.any():
+        return change, 0.0
+    gradient, information = 0.5 * here.gradient[able], 0.25 * here.information[np.ix_(able, able)]
+    root = np.linalg.cholesky(information + np.diag(damping * np.diag(information) + LEAST_BEND * np.abs(gradient)))
+    box = np.minimum(low[able], -LEAST_BEND), LONGEST - 1.0
+    change[able] = lsq_linear(root.T, -np.linalg.solve(root, gradient), box, method="bvls").x
+    change = np.maximum(change, low)
+    gain = -change[able] @ (gradient + 0.5 * information @ change[able])
+    return 0.5 * np.log1p(change), float(gain)
 
 
 def _count(segments: Segments, channel: int) -> int:
@@ -186,9 +250,7 @@ def marginal_cost(space: SearchSpace, found: Fit) -> float:
     return np.inf if point is None else point.marginal
 
 
-def estimate_noise(
-    space: SearchSpace, found: Fit, floor: FloatArray | None = None
-) -> tuple[SearchSpace, Fit, float]:
+def estimate_noise(space: SearchSpace, found: Fit, floor: FloatArray | None = None) -> tuple[SearchSpace, Fit, float]:
     """Estimate both noises around a structure; return space, fit and marginal cost.
 
     Args:
