@@ -17,7 +17,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from odescope import Candidates, Data, Driven, Measured, Study, identify
-from odescope.events import Event, Monitor, Progress, StageBegan
+from odescope.events import Event, Monitor, Progress
 
 PERIOD, NOISE, FORCE = 0.02, 1e-3, 6.0
 X_DDOT = {"x": -40.0, "x_dot": -0.8, "z": 15.0, "x**3": -20.0, "u": 30.0}

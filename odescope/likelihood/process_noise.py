@@ -9,17 +9,19 @@ blocks of the record. docs/method.md, Process noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.add_and_drop import HOPELESS, Moves
-from odescope.likelihood.evidence import Evidence, in_blocks, weigh
+from odescope.likelihood.block_cholesky import eliminate
+from odescope.likelihood.evidence import Evidence, in_blocks, project, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, without_held_out
 from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
 from odescope.likelihood.path import ModelPath
+from odescope.likelihood.program import Program
 from odescope.likelihood.search import Outcome
 from odescope.likelihood.search_space import Move, SearchSpace
 from odescope.likelihood.segments import Segments
@@ -75,17 +77,44 @@ def robust_evidence(space: SearchSpace, found: Fit) -> Evidence | None:
     By Fisher's identity the gradient of the marginal likelihood is that of the complete one at the smoothed states: a
     sum over segments. Sums over square-root-many blocks of segments are nearly independent, whatever the colour.
     """
-    segments, free = space.segments, space.free(found)
-    n = found.x0.shape[1]
-    integrated = space.evaluator.integrate(space.whole, found.theta, free, found.x0)
-    expansion = space.evaluator.expand(space.whole, found.theta, free, found.x0, segments.spread, 0.0, integrated)
-    if expansion is None or not expansion.finite:
+    free = space.free(found)
+    order = np.concatenate([found.free, np.setdiff1d(free, found.free)])  # what two absent ones share is not asked for
+    expanded = _expanded(space, space.whole, found.theta, order, found.x0, len(found.free))
+    if expanded is None:
+        return None
+    information, blocks = expanded
+    places = np.argsort(order)
+    return weigh(space, found, information[np.ix_(places, places)], blocks[:, places])
+
+
+def robust_wald(space: SearchSpace, found: Fit) -> FloatArray | None:
+    """Return the Wald statistics (p,) of `robust_evidence`, without looking at what is absent."""
+    free = np.searchsorted(found.present, found.free)
+    program, theta = space.program(found.present), found.theta[found.present]
+    expanded = _expanded(space, program, theta, free, found.x0, len(free))
+    if expanded is None:
+        return None
+    rest = project(*expanded, np.ones(len(free), dtype=np.bool_))
+    wald: FloatArray = (found.theta[found.free] * rest.scale) ** 2 / np.maximum(rest.variances, 1e-300)
+    return wald
+
+
+def _expanded(
+    space: SearchSpace, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray, columns: int
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the first columns and the diagonal of the information (f, f), and the gradients (b, f) of blocks."""
+    segments, n = space.segments, x0.shape[1]
+    integrated = space.evaluator.integrate(program, theta, free, x0)
+    if not np.isfinite(integrated.cost.sum()) or not np.isfinite(integrated.last).all():
+        return None
+    found = eliminate(integrated, x0, segments.joined, segments.spread, 0.0, columns)
+    if not found.positive or not np.isfinite(found.information).all():
         return None
     gradient = integrated.gradient[:, n:].copy()
     joints = np.flatnonzero(segments.joined)
-    weighted = (integrated.last[joints] - found.x0[joints + 1]) / segments.spread**2
+    weighted = (integrated.last[joints] - x0[joints + 1]) / segments.spread**2
     gradient[joints] += np.einsum("ji,jip->jp", weighted, integrated.jacobian[joints][:, :, n:])
-    return weigh(space, found, expansion.information, in_blocks(gradient))
+    return found.information, in_blocks(gradient)
 
 
 def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
@@ -184,29 +213,21 @@ def _search(seen: SearchSpace, start: Fit) -> tuple[SearchSpace, Fit, float, tup
     return seen, here, marginal + seen.price(here), tuple(trail)
 
 
+@dataclass(frozen=True, eq=False)
 class _BlockSpread:
     """Statistics checked against the spread between blocks of the record; they decide alone, and once."""
 
-    trials, binding = STEPS, True
-
-    def __init__(self, space: SearchSpace) -> None:
-        self._searcher = space
-        self._last: tuple[Fit, Evidence | None] | None = None
-
-    def evidence(self, here: Fit) -> Evidence | None:
-        """Return the evidence at a fit, computed once."""
-        if self._last is None or self._last[0] is not here:
-            self._last = here, robust_evidence(self._searcher, here)
-        return self._last[1]
+    space: SearchSpace
+    trials: int = STEPS
+    binding: bool = True
 
     def wald(self, here: Fit) -> FloatArray | None:
         """Return the Wald statistics of the parameters."""
-        evidence = self.evidence(here)
-        return None if evidence is None else evidence.wald
+        return robust_wald(self.space, here)
 
     def scores(self, here: Fit) -> FloatArray | None:
         """Return the score statistics of the absent mechanisms."""
-        evidence = self.evidence(here)
+        evidence = robust_evidence(self.space, here)
         return None if evidence is None else evidence.scores
 
 
