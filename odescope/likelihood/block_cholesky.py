@@ -5,41 +5,17 @@ They form a block-tridiagonal system with the parameters as border: all three ar
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray
-from odescope.likelihood.kernel import Sums
 from odescope.parallel.kernels import kernel
 
 
-class Eliminated(NamedTuple):
-    """What elimination leaves.
-
-    Shapes: cost of the defects; information (p, p) about the parameters and gradient (p,); factor, carry (J, n, n) and
-    border (J, n, p + 1) for back-substitution; log_det of the states' block; whether that is positive definite.
-    """
-
-    cost: float
-    information: FloatArray
-    gradient: FloatArray
-    factor: FloatArray
-    border: FloatArray
-    carry: FloatArray
-    log_det: float
-    positive: bool
-
-
-def eliminate(
-    sums: Sums,
-    x0: FloatArray,
-    joined: BoolArray,
-    defect_std: FloatArray,
-    damping: float,
-    columns: int | None = None,
-) -> Eliminated:
+@kernel()
+def eliminate(sums, x0, joined, defect_std, damping):
     """Eliminate the initial states: block-tridiagonal Cholesky with the parameters as border.
+
+    One function, because forward elimination uses each block while it is in cache. Returns the defects' cost, the
+    reduced matrix (p, p) and gradient (p,), what back-substitution needs, log det of the states' block, and success.
 
     Args:
         sums: of the kernel.
@@ -47,75 +23,62 @@ def eliminate(
         joined: (J,) whether the end of a segment is tied to the start of the next.
         defect_std: (n,) the defect between them is weighted by 1 / defect_std^2 a state.
         damping: added to 1 it multiplies the diagonal (Levenberg-Marquardt).
-        columns: of the information: the first so many, and its diagonal; what is not asked for is zero.
-    """
-    p = sums.gradient.shape[1] - x0.shape[1]
-    weight = np.where(np.isfinite(defect_std), 1.0 / defect_std**2, 0.0)
-    found = Eliminated(*_eliminate(sums, x0, joined, weight, damping, p if columns is None else columns))
-    half = found.information
-    return found._replace(information=half + np.tril(half, -1).T)
-
-
-@kernel("contract")
-def _eliminate(sums, x0, joined, weight, damping, columns):
-    """Return what `eliminate` does, of the information the lower half: each block is used while it is in cache.
-
-    Args:
-        sums: of the kernel.
-        x0: (J, n) initial states.
-        joined: (J,) as for `eliminate`.
-        weight: (n,) of the squares of defects.
-        damping: as for `eliminate`.
-        columns: number of them.
     """
     segments, n = x0.shape
     width = sums.gradient.shape[1]
     p = width - n
-    last, jacobian, hessian, gradient = sums.last, sums.jacobian, sums.hessian, sums.gradient
-    factor = np.zeros((segments, n, n))
-    carry = np.zeros((segments, n, n))
-    border = np.empty((segments, n, p + 1))
-    reduced, reduced_g, raised = np.zeros((p, p)), np.zeros(p), np.zeros(p)
-    block = np.empty((n, n))
-    cost, log_det = 0.0, 0.0
-    for j in range(segments):
-        before, after = j > 0 and joined[j - 1], j + 1 < segments and joined[j]
-        edge = border[j]
+    last, jacobian = sums.last, sums.jacobian
+    diagonal = sums.hessian.copy()
+    rhs = sums.gradient.copy()
+    lower = np.zeros((segments, n, n))  # couples segment j + 1 (rows) to j (columns)
+    cost = 0.0
+    for j in range(segments - 1):
+        if not joined[j]:
+            continue
         for i in range(n):
-            for k in range(n):
-                block[i, k] = hessian[j, i, k]
+            w = 1.0 / (defect_std[i] * defect_std[i])
+            d = last[j, i] - x0[j + 1, i]
+            cost += w * d * d
+            for c in range(width):
+                jc = jacobian[j, i, c]
+                rhs[j, c] += w * d * jc
+                for b in range(width):
+                    diagonal[j, c, b] += w * jc * jacobian[j, i, b]
+            diagonal[j + 1, i, i] += w
+            rhs[j + 1, i] -= w * d
+            for c in range(n):
+                lower[j, i, c] -= w * jacobian[j, i, c]
             for c in range(p):
-                edge[i, c] = hessian[j, i, n + c]
-            edge[i, p] = gradient[j, i]
-        if before:
-            for i in range(n):
-                w, ends = weight[i], jacobian[j - 1, i]
-                block[i, i] += w
-                for c in range(p):
-                    edge[i, c] -= w * ends[n + c]
-                edge[i, p] -= w * (last[j - 1, i] - x0[j, i])
-        if after:
-            for r in range(n):
-                w, ends = weight[r], jacobian[j, r]
-                d = last[j, r] - x0[j + 1, r]
-                cost += w * d * d
-                for i in range(n):
-                    f = w * ends[i]
-                    for k in range(n):
-                        block[i, k] += f * ends[k]
-                    for c in range(p):
-                        edge[i, c] += f * ends[n + c]
-                    edge[i, p] += f * d
+                diagonal[j + 1, i, n + c] -= w * jacobian[j, i, n + c]
+                diagonal[j + 1, n + c, i] -= w * jacobian[j, i, n + c]
+    reduced, reduced_g = np.zeros((p, p)), np.zeros(p)
+    for j in range(segments):
+        for c in range(p):
+            reduced_g[c] += rhs[j, n + c]
+            for b in range(p):
+                reduced[c, b] += diagonal[j, n + c, n + b]
         for i in range(n):
-            block[i, i] *= 1.0 + damping
-        if before:
+            diagonal[j, i, i] *= 1.0 + damping
+    for c in range(p):
+        reduced[c, c] *= 1.0 + damping
+    # Forward: factor each block, solve for its border and right-hand side, pass the rest on.
+    factor = np.zeros((segments, n, n))
+    border = np.zeros((segments, n, p + 1))
+    carry = np.zeros((segments, n, n))
+    log_det = 0.0
+    for j in range(segments):
+        block = diagonal[j, :n, :n].copy()
+        edge = np.empty((n, p + 1))
+        edge[:, :p] = diagonal[j, :n, n:]
+        edge[:, p] = rhs[j, :n]
+        if j > 0 and joined[j - 1]:
             for i in range(n):
                 for m in range(n):
-                    cm, passed = carry[j - 1, i, m], border[j - 1, m]
+                    cm = carry[j - 1, i, m]
                     for k in range(n):
                         block[i, k] -= cm * carry[j - 1, k, m]
-                    for c in range(p + 1):
-                        edge[i, c] -= cm * passed[c]
+                    for k in range(p + 1):
+                        edge[i, k] -= cm * border[j - 1, m, k]
         for i in range(n):
             for k in range(i + 1):
                 total = block[i, k]
@@ -128,45 +91,25 @@ def _eliminate(sums, x0, joined, weight, damping, columns):
                     log_det += 2.0 * np.log(factor[j, i, i])
                 else:
                     factor[j, i, k] = total / factor[j, k, k]
-        for i in range(n):
-            for m in range(i):
-                f, above = factor[j, i, m], edge[m]
-                for c in range(p + 1):
-                    edge[i, c] -= f * above[c]
-            over = 1.0 / factor[j, i, i]
-            for c in range(p + 1):
-                edge[i, c] *= over
-        if after:
+        for c in range(p + 1):
+            for i in range(n):
+                total = edge[i, c]
+                for m in range(i):
+                    total -= factor[j, i, m] * border[j, m, c]
+                border[j, i, c] = total / factor[j, i, i]
+        if j + 1 < segments and joined[j]:
             for r in range(n):
-                w = weight[r]
                 for i in range(n):
-                    total = -w * jacobian[j, r, i]
+                    total = lower[j, r, i]
                     for m in range(i):
                         total -= factor[j, i, m] * carry[j, r, m]
                     carry[j, r, i] = total / factor[j, i, i]
         for c in range(p):
-            raised[c] += hessian[j, n + c, n + c]
-            reduced_g[c] += gradient[j, n + c]
-            row, own = reduced[c], hessian[j, n + c]
-            for b in range(min(c, columns)):
-                row[b] += own[n + b]
             for i in range(n):
-                above = edge[i]
-                f = above[c]
-                row[c] -= f * f
-                reduced_g[c] -= f * above[p]
-                for b in range(min(c, columns)):
-                    row[b] -= f * above[b]
-            if after:
-                for r in range(n):
-                    ends = jacobian[j, r]
-                    f = weight[r] * ends[n + c]
-                    raised[c] += f * ends[n + c]
-                    reduced_g[c] += f * (last[j, r] - x0[j + 1, r])
-                    for b in range(min(c, columns)):
-                        row[b] += f * ends[n + b]
-    for c in range(p):
-        reduced[c, c] += (1.0 + damping) * raised[c]
+                bc = border[j, i, c]
+                reduced_g[c] -= bc * border[j, i, p]
+                for b in range(p):
+                    reduced[c, b] -= bc * border[j, i, b]
     return cost, reduced, reduced_g, factor, border, carry, log_det, True
 
 

@@ -94,19 +94,20 @@ class LinearRecord:
         gradient = np.einsum("c,cji->ji", precision[:channels], self.gradient)
         hessian = np.einsum("c,cjik->jik", precision[:channels], self.hessian)
         sums = Sums(self.cost, gradient, hessian, self.last, self.jacobian)
-        found = eliminate(sums, self.x0, joined, spread, 0.0)
-        if not found.positive:
+        *_, factor, border, carry, log_det, positive = eliminate(sums, self.x0, joined, spread, 0.0)
+        if not positive:
             return None
-        change = substitute(found.factor, found.border, found.carry, joined, np.zeros(0))
-        own, following = state_covariances(found.factor, found.carry, joined)
+        change = substitute(factor, border, carry, joined, np.zeros(0))
+        own, following = state_covariances(factor, carry, joined)
+        defect = self.last - np.roll(self.x0, -1, axis=0)
         squares, known, through = _noise_sums(
-            precision, self.cost, self.gradient, self.hessian, self.jacobian, self.last - np.roll(self.x0, -1, axis=0), joined,
-            change, found.factor, found.carry, own, following,
+            precision, self.cost, self.gradient, self.hessian, self.jacobian, defect, joined,
+            change, factor, carry, own, following,
         )  # fmt: skip
         counted = np.concatenate([self.samples, np.full(n, joined.sum())])
         return NoisePoint(
             logs,
-            float(squares.sum() + found.log_det + 2.0 * counted @ logs),
+            float(squares.sum() + log_det + 2.0 * counted @ logs),
             2.0 * (counted - squares - known),
             4.0 * (np.diag(squares) - through),
             change,

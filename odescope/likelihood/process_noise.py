@@ -15,7 +15,6 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.add_and_drop import HOPELESS, Moves
-from odescope.likelihood.block_cholesky import eliminate
 from odescope.likelihood.evidence import Evidence, in_blocks, project, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, without_held_out
@@ -77,21 +76,15 @@ def robust_evidence(space: SearchSpace, found: Fit) -> Evidence | None:
     By Fisher's identity the gradient of the marginal likelihood is that of the complete one at the smoothed states: a
     sum over segments. Sums over square-root-many blocks of segments are nearly independent, whatever the colour.
     """
-    free = space.free(found)
-    order = np.concatenate([found.free, np.setdiff1d(free, found.free)])  # what two absent ones share is not asked for
-    expanded = _expanded(space, space.whole, found.theta, order, found.x0, len(found.free))
-    if expanded is None:
-        return None
-    information, blocks = expanded
-    places = np.argsort(order)
-    return weigh(space, found, information[np.ix_(places, places)], blocks[:, places])
+    expanded = _expanded(space, space.whole, found.theta, space.free(found), found.x0)
+    return None if expanded is None else weigh(space, found, *expanded)
 
 
 def robust_wald(space: SearchSpace, found: Fit) -> FloatArray | None:
     """Return the Wald statistics (p,) of `robust_evidence`, without looking at what is absent."""
     free = np.searchsorted(found.present, found.free)
     program, theta = space.program(found.present), found.theta[found.present]
-    expanded = _expanded(space, program, theta, free, found.x0, len(free))
+    expanded = _expanded(space, program, theta, free, found.x0)
     if expanded is None:
         return None
     rest = project(*expanded, np.ones(len(free), dtype=np.bool_))
@@ -100,21 +93,19 @@ def robust_wald(space: SearchSpace, found: Fit) -> FloatArray | None:
 
 
 def _expanded(
-    space: SearchSpace, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray, columns: int
+    space: SearchSpace, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return the first columns and the diagonal of the information (f, f), and the gradients (b, f) of blocks."""
+    """Return the information (f, f), initial states eliminated, and the gradients (b, f) of blocks."""
     segments, n = space.segments, x0.shape[1]
     integrated = space.evaluator.integrate(program, theta, free, x0)
-    if not np.isfinite(integrated.cost.sum()) or not np.isfinite(integrated.last).all():
-        return None
-    found = eliminate(integrated, x0, segments.joined, segments.spread, 0.0, columns)
-    if not found.positive or not np.isfinite(found.information).all():
+    expansion = space.evaluator.expand(program, theta, free, x0, segments.spread, 0.0, integrated)
+    if expansion is None or not expansion.finite:
         return None
     gradient = integrated.gradient[:, n:].copy()
     joints = np.flatnonzero(segments.joined)
     weighted = (integrated.last[joints] - x0[joints + 1]) / segments.spread**2
     gradient[joints] += np.einsum("ji,jip->jp", weighted, integrated.jacobian[joints][:, :, n:])
-    return found.information, in_blocks(gradient)
+    return expansion.information, in_blocks(gradient)
 
 
 def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
