@@ -1,8 +1,8 @@
 """The two noises of a record, of averages and of defects, by scoring on their marginal likelihood.
 
-Around a fit the segments are a linear Gaussian system in their initial states, so its likelihood, integrated over these,
-costs no integration: only factorisations of the states' block. The noise is brought to its maximum there, and coefficients
-and states are fitted anew. docs/method.md, Process noise.
+Around a fit the segments are a linear Gaussian system in their initial states: its likelihood, integrated over these,
+asks for factorisations of the states' block and for no integration of the equations. The noise is brought to its
+maximum there, then coefficients and states are fitted anew. docs/method.md, Process noise.
 """
 
 from __future__ import annotations
@@ -13,12 +13,11 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from odescope.arrays import FloatArray
-from odescope.likelihood.block_cholesky import eliminate, state_covariances, substitute
+from odescope.likelihood.block_cholesky import eliminate, noise_sums, state_covariances, substitute
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.kernel import Sums
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
-from odescope.parallel.kernels import kernel
 
 LEAST_NOISE = 1e-4  # of the first guess: standard deviations do not shrink below
 CONVERGED = 0.02  # fall of the marginal cost, in units of chi-squared, that is not worth another step
@@ -100,10 +99,20 @@ class LinearRecord:
         change = substitute(factor, border, carry, joined, np.zeros(0))
         own, following = state_covariances(factor, carry, joined)
         defect = self.last - np.roll(self.x0, -1, axis=0)
-        squares, known, through = _noise_sums(
-            precision, self.cost, self.gradient, self.hessian, self.jacobian, defect, joined,
-            change, factor, carry, own, following,
-        )  # fmt: skip
+        squares, known, through = noise_sums(
+            precision,
+            self.cost,
+            self.gradient,
+            self.hessian,
+            self.jacobian,
+            defect,
+            joined,
+            change,
+            factor,
+            carry,
+            own,
+            following,
+        )
         counted = np.concatenate([self.samples, np.full(n, joined.sum())])
         return NoisePoint(
             logs,
@@ -133,83 +142,11 @@ class LinearRecord:
         return here
 
 
-@kernel("contract")
-def _noise_sums(precision, cost, gradient, hessian, jacobian, defect, joined, change, factor, carry, own, following):
-    """Return what every noise weighs: sums of squares (k,), of variances (k,), and what states can make good (k, k).
-
-    One function, because each block is used while it is in cache. All three are in units of the noise, at the most likely
-    states; the last is the product of what each noise leaves of the gradient, through the inverse of the states' block.
-
-    Args:
-        precision: (k,) 1 / variance of the averages of c channels, then of the defects of n states.
-        cost: (c,) of averages of unit noise.
-        gradient: (c, J, n) of these.
-        hessian: (c, J, n, n) of these.
-        jacobian: (J, n, n) of the ends of segments.
-        defect: (J, n) between an end and the next begin.
-        joined: (J,) whether that counts.
-        change: (J, n) to the most likely states.
-        factor: (J, n, n) of `eliminate`.
-        carry: (J, n, n) of `eliminate`.
-        own: (J, n, n) of `state_covariances`.
-        following: (J, n, n) of `state_covariances`.
-    """
-    channels, segments, n = gradient.shape
-    noises = channels + n
-    squares, known, through = np.zeros(noises), np.zeros(noises), np.zeros((noises, noises))
-    pull, before, left = np.zeros((n, noises)), np.zeros((n, noises)), np.zeros(n)
-    squares[:channels] = precision[:channels] * cost
-    for j in range(segments):
-        pull[:] = 0.0
-        if j > 0 and joined[j - 1]:
-            for i in range(n):
-                pull[i, channels + i] = -precision[channels + i] * left[i]
-        for c in range(channels):
-            for i in range(n):
-                bent = 0.0
-                for k in range(n):
-                    bent += hessian[c, j, i, k] * change[j, k]
-                    known[c] += precision[c] * hessian[c, j, i, k] * own[j, k, i]
-                squares[c] += precision[c] * (2.0 * gradient[c, j, i] + bent) * change[j, i]
-                pull[i, c] = precision[c] * (gradient[c, j, i] + bent)
-        if joined[j]:
-            for i in range(n):
-                w = precision[channels + i]
-                left[i] = defect[j, i] - change[j + 1, i]
-                spread = own[j + 1, i, i]
-                for k in range(n):
-                    left[i] += jacobian[j, i, k] * change[j, k]
-                    spread -= 2.0 * jacobian[j, i, k] * following[j, i, k]
-                    for m in range(n):
-                        spread += jacobian[j, i, k] * own[j, k, m] * jacobian[j, i, m]
-                squares[channels + i] += w * left[i] * left[i]
-                known[channels + i] += w * spread
-                for k in range(n):
-                    pull[k, channels + i] += w * left[i] * jacobian[j, i, k]
-        if j > 0 and joined[j - 1]:
-            for i in range(n):
-                for m in range(n):
-                    for c in range(noises):
-                        pull[i, c] -= carry[j - 1, i, m] * before[m, c]
-        for i in range(n):
-            for m in range(i):
-                for c in range(noises):
-                    pull[i, c] -= factor[j, i, m] * pull[m, c]
-            for c in range(noises):
-                pull[i, c] /= factor[j, i, i]
-        before[:] = pull
-        for i in range(n):
-            for c in range(noises):
-                for b in range(noises):
-                    through[c, b] += pull[i, c] * pull[i, b]
-    return squares, known, through
-
-
 def _step(here: NoisePoint, least: FloatArray, damping: float) -> tuple[FloatArray, float]:
     """Return a step of the logarithms (c + n,), and the fall of the marginal cost that the expansion makes of it.
 
-    Scoring in the variances, because of two noises that the record hardly parts it knows the sum; within a box, because a
-    noise that is far too large has next to no information. What all but vanishes stays: nothing more is gained from it.
+    Scoring in the variances, because of two noises that the record hardly parts it knows the sum; within a box, because
+    a noise that is far too large has next to no information. What all but vanishes stays: nothing is gained from it.
     """
     low = np.maximum(np.exp(2.0 * (least - here.logs)), 1.0 / LONGEST) - 1.0
     able = (np.abs(here.gradient) > CONVERGED) & ((low < 0.0) | (here.gradient < 0.0))

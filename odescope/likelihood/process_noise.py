@@ -17,7 +17,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.add_and_drop import HOPELESS, Moves
 from odescope.likelihood.evidence import Evidence, in_blocks, project, weigh
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.held_out import free_run_error, without_held_out
+from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
 from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
 from odescope.likelihood.path import ModelPath
 from odescope.likelihood.program import Program
@@ -30,6 +30,7 @@ WORTH_FINER = 0.01  # fall of the marginal cost a sample that shorter segments m
 LARGEST_TABLE = 4e8  # bytes of the segments' Gauss-Newton matrices
 ALTERNATIONS = 5  # of search and noise
 STEPS = 40
+ADDING = 0.8  # of the budget, after which mechanisms are only dropped
 PATH_SHARE = 0.3  # of the budget, for the way back
 
 
@@ -118,7 +119,9 @@ def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
     return marginal_cost(strict, found) + space.price(found)
 
 
-def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[FloatArray]) -> SearchSpace:
+def in_pieces(
+    cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[FloatArray], floor: FloatArray | None = None
+) -> SearchSpace:
     """Return the space on segments so short that shorter ones would describe a first start hardly better.
 
     Noise that acts within a segment would be taken for measurement noise, and bias the coefficients as errors in
@@ -128,20 +131,23 @@ def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequen
         cut: cuts the data into segments of so many averages.
         space: candidates.
         starts: as for the search; the first that can be followed is judged.
+        floor: (c,) least standard deviations of an average.
     """
     best, least = None, np.inf
     for length in PIECES:
-        segments = cut(length)
-        width = segments.spread.size + len(space.mechanisms)
-        if best is not None and 8.0 * len(segments.start) * width**2 > LARGEST_TABLE:
+        whole = cut(length)
+        pieces = space.on(thinned(whole))
+        width = whole.spread.size + len(space.mechanisms)
+        if best is not None and 8.0 * len(whole.start) * width**2 > LARGEST_TABLE:
             break
-        pieces = space.on(segments)
-        fits = (pieces.begin(theta, segments.spread) for theta in starts)
-        found = next((f for f in fits if f is not None), None)
-        cost = np.inf if found is None else estimate_noise(pieces, found)[2]
-        if best is not None and not cost < least - WORTH_FINER * segments.samples:
+        fits = (pieces.begin(theta, whole.spread) for theta in starts)
+        found, cost = next((f for f in fits if f is not None), None), np.inf
+        if found is not None:
+            _, found, cost = estimate_noise(pieces, found, floor)
+            starts = [found.theta, *starts]
+        if best is not None and not cost < least - WORTH_FINER * pieces.segments.samples:
             break
-        best, least = pieces, cost
+        best, least = space.on(whole), cost
         if space.budget.over:
             break
     assert best is not None
@@ -149,28 +155,33 @@ def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequen
 
 
 def search_with_process_noise(
-    space: SearchSpace, starts: Sequence[FloatArray], terms: int | None = None
+    space: SearchSpace, starts: Sequence[FloatArray], terms: int | None = None, floor: FloatArray | None = None
 ) -> Noisy | None:
     """Return the best model with process noise that searches end at, or None where none can start.
 
     Some of the data are held out from the searches; along the way back from the best of their ends, term by term, free
-    runs of that say where to stop. What is chosen is then fitted to all.
+    runs of that say where to stop. What is chosen is then fitted to all. Of a long record searches see stretches; where
+    the best of them ends is searched from once more in the whole of what is not held out.
 
     Args:
         space: data cut into short segments (`in_pieces`), and candidates.
         starts: (mechanisms,) coefficients to begin with.
         terms: number of mechanisms to stop at, where that is given.
+        floor: (c,) least standard deviations of an average.
     """
-    seen = space.on(without_held_out(space.segments))
+    open_ = without_held_out(space.segments)
+    seen = space.on(thinned(open_))
     ends = []
     for here in _able(seen, starts):
-        ends.append(_search(seen, here))
+        ends.append(_search(seen, here, floor))
         seen = ends[-1][0]  # the next start begins with the noise that this one found
         if space.budget.over:
             break
     if not ends:
         return None
     seen, longest, _, trail = min(ends, key=lambda end: end[2])
+    if len(open_.start) > len(seen.segments.start):
+        seen, longest, trail = _searched_on(space.on(open_), seen, longest, trail, floor)
     way = ModelPath.back(seen.within(seen.budget.part(PATH_SHARE)), longest, seen.segments.spread)
     way = way.chosen_at(terms) if terms is not None else way.at_knee
     here = way.choice.fit
@@ -178,11 +189,26 @@ def search_with_process_noise(
     found = begun.again(here, begun.segments.initial, begun.segments.spread)
     if found is None:
         return None
-    fitted, found, marginal = estimate_noise(begun, found)
+    fitted, found, marginal = estimate_noise(begun, found, floor)
     evidence = robust_evidence(fitted, found)
     if evidence is None:
         return None
     return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail, way)
+
+
+def _searched_on(
+    whole: SearchSpace, seen: SearchSpace, longest: Fit, trail: tuple[Move, ...], floor: FloatArray | None
+) -> tuple[SearchSpace, Fit, tuple[Move, ...]]:
+    """Return where a search on part of the record ends on the whole, as fitted to that part: space, fit, trail."""
+    more = with_noise(whole, seen.segments.noise, seen.segments.spread)
+    begun = None if whole.budget.over else more.again(longest, more.segments.initial, more.segments.spread)
+    if begun is None:
+        return seen, longest, trail
+    _, found, _, moves = _search(more, begun, floor)
+    if np.array_equal(found.present, longest.present):
+        return seen, longest, trail
+    again = seen.again(found, seen.segments.initial, seen.segments.spread)
+    return (seen, longest, trail) if again is None else (seen, again, trail + moves)
 
 
 def _able(seen: SearchSpace, starts: Sequence[FloatArray]) -> list[Fit]:
@@ -192,11 +218,13 @@ def _able(seen: SearchSpace, starts: Sequence[FloatArray]) -> list[Fit]:
     return [f for f in fits if f.cost <= HOPELESS * fits[0].cost]
 
 
-def _search(seen: SearchSpace, start: Fit) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]]:
+def _search(
+    seen: SearchSpace, start: Fit, floor: FloatArray | None
+) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]]:
     """Return the end of one search: the space with its noise, the fit, its penalised cost, the trail."""
     here, trail = start, list[Move]()
     for _ in range(ALTERNATIONS):
-        seen, here, marginal = estimate_noise(seen, here)
+        seen, here, marginal = estimate_noise(seen, here, floor)
         before = here.present
         here = _settle(seen, here, trail)
         if np.array_equal(before, here.present) or seen.budget.over:
@@ -223,12 +251,13 @@ class _BlockSpread:
 
 
 def _settle(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
-    """Drop and add by the robust evidence until nothing moves."""
+    """Drop and add by the robust evidence until nothing moves; the last of the budget is for drops alone."""
     moves = Moves(space, _BlockSpread(space), 1.0, 1.0, trail)
     for _ in range(STEPS):
         if space.budget.over:
             break
-        moved = moves.drop(here) or moves.add(here)
+        late = space.budget.spent > ADDING * space.budget.limit
+        moved = moves.drop(here) or (None if late else moves.add(here))
         if moved is None:
             break
         here = moved
