@@ -83,9 +83,9 @@ likelihood."""
 FLOOR_HEAD = ("work", "rate", "floor", "its rate", "share")
 PROCESS = """`./run python bench/process_noise.py` simulates white forces that nobody measures, on 3 000 samples of
 two masses with 60 candidates, and with `--single --samples 90000` on one with 19. Seconds of the search with process
-noise by expectation-maximisation, as it was, and by scoring; the cores were shared, so the ratios are rough. In processor
-time that of the two masses is 4; they take 259 integrations in place of 1 638. Of 20 seeds all have the right terms, and
-93.8 % of 160 coefficients are within 1.96 errors of the truth.
+noise by expectation-maximisation, as it was, and by scoring; the cores were shared, so the ratios are rough. In
+processor time that of the two masses is 4; they take 259 integrations in place of 1 638. Of 20 seeds all have the
+right terms, and 93.8 % of 160 coefficients are within 1.96 errors of the truth.
 
 | record | before | now | ratio |
 |--- |---: |---: |---: |
