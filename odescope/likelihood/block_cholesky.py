@@ -1,6 +1,6 @@
-"""The initial states of the segments: eliminated, solved for, and their covariances.
+"""The initial states of the segments: eliminated, solved for, their covariances, and what these say of the noise.
 
-They form a block-tridiagonal system with the parameters as border: all three are linear in the number of segments.
+They form a block-tridiagonal system with the parameters as border: all four are linear in the number of segments.
 """
 
 from __future__ import annotations
@@ -158,18 +158,107 @@ def state_covariances(factor, carry, joined):
     """
     segments, n = factor.shape[0], factor.shape[1]
     own, following = np.zeros((segments, n, n)), np.zeros((segments, n, n))
+    inverse, passed = np.zeros((n, n)), np.zeros((n, n))  # of factor[j], lower triangular; own[j + 1] times carry[j]
+    middle = np.zeros((n, n))
     for j in range(segments - 1, -1, -1):
-        inverse = np.zeros((n, n))  # of factor[j], lower triangular
         for c in range(n):
             for i in range(c, n):
                 total = 1.0 if i == c else 0.0
                 for m in range(c, i):
                     total -= factor[j, i, m] * inverse[m, c]
                 inverse[i, c] = total / factor[j, i, i]
-        middle = np.eye(n)
+        for i in range(n):
+            for k in range(n):
+                middle[i, k] = 1.0 if i == k else 0.0
         if j + 1 < segments and joined[j]:
-            passed = own[j + 1] @ carry[j]
-            following[j] = -passed @ inverse
-            middle += carry[j].T @ passed
-        own[j] = inverse.T @ middle @ inverse
+            _product(own[j + 1], carry[j], passed)
+            _product(passed, inverse, following[j])
+            following[j] *= -1.0
+            _product(carry[j].T, passed, middle)
+            for i in range(n):
+                middle[i, i] += 1.0
+        _product(middle, inverse, passed)
+        _product(inverse.T, passed, own[j])
     return own, following
+
+
+@kernel("contract")
+def noise_sums(precision, cost, gradient, hessian, jacobian, defect, joined, change, factor, carry, own, following):
+    """Return what every noise weighs: sums of squares (k,), of variances (k,), and what states can make good (k, k).
+
+    One function, because each block is used while it is in cache. All are in units of the noise, at the most likely
+    states; the last multiplies what each noise leaves of the gradient through the inverse of the states' block.
+
+    Args:
+        precision: (k,) 1 / variance of the averages of c channels, then of the defects of n states.
+        cost: (c,) of averages of unit noise.
+        gradient: (c, J, n) of these.
+        hessian: (c, J, n, n) of these.
+        jacobian: (J, n, n) of the ends of segments.
+        defect: (J, n) between an end and the next begin.
+        joined: (J,) whether that counts.
+        change: (J, n) to the most likely states.
+        factor: (J, n, n) of `eliminate`.
+        carry: (J, n, n) of `eliminate`.
+        own: (J, n, n) of `state_covariances`.
+        following: (J, n, n) of `state_covariances`.
+    """
+    channels, segments, n = gradient.shape
+    noises = channels + n
+    squares, known, through = np.zeros(noises), np.zeros(noises), np.zeros((noises, noises))
+    pull, before, left = np.zeros((n, noises)), np.zeros((n, noises)), np.zeros(n)
+    squares[:channels] = precision[:channels] * cost
+    for j in range(segments):
+        pull[:] = 0.0
+        if j > 0 and joined[j - 1]:
+            for i in range(n):
+                pull[i, channels + i] = -precision[channels + i] * left[i]
+        for c in range(channels):
+            for i in range(n):
+                bent = 0.0
+                for k in range(n):
+                    bent += hessian[c, j, i, k] * change[j, k]
+                    known[c] += precision[c] * hessian[c, j, i, k] * own[j, k, i]
+                squares[c] += precision[c] * (2.0 * gradient[c, j, i] + bent) * change[j, i]
+                pull[i, c] = precision[c] * (gradient[c, j, i] + bent)
+        if joined[j]:
+            for i in range(n):
+                w = precision[channels + i]
+                left[i] = defect[j, i] - change[j + 1, i]
+                spread = own[j + 1, i, i]
+                for k in range(n):
+                    left[i] += jacobian[j, i, k] * change[j, k]
+                    spread -= 2.0 * jacobian[j, i, k] * following[j, i, k]
+                    for m in range(n):
+                        spread += jacobian[j, i, k] * own[j, k, m] * jacobian[j, i, m]
+                squares[channels + i] += w * left[i] * left[i]
+                known[channels + i] += w * spread
+                for k in range(n):
+                    pull[k, channels + i] += w * left[i] * jacobian[j, i, k]
+        if j > 0 and joined[j - 1]:
+            for i in range(n):
+                for m in range(n):
+                    for c in range(noises):
+                        pull[i, c] -= carry[j - 1, i, m] * before[m, c]
+        for i in range(n):
+            for m in range(i):
+                for c in range(noises):
+                    pull[i, c] -= factor[j, i, m] * pull[m, c]
+            for c in range(noises):
+                pull[i, c] /= factor[j, i, i]
+        before[:] = pull
+        for i in range(n):
+            for c in range(noises):
+                for b in range(noises):
+                    through[c, b] += pull[i, c] * pull[i, b]
+    return squares, known, through
+
+
+@kernel(inline=True)
+def _product(left, right, result):
+    for i in range(left.shape[0]):
+        for k in range(right.shape[1]):
+            total = 0.0
+            for m in range(left.shape[1]):
+                total += left[i, m] * right[m, k]
+            result[i, k] = total

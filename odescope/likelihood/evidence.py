@@ -41,6 +41,15 @@ class Projection:
         told: BoolArray = self.left > TOLD_APART
         return told
 
+    @property
+    def variances(self) -> FloatArray:
+        """Variances of the estimates (p,): those of the information, or those that the blocks show if these are larger.
+
+        A single block shows none.
+        """
+        own: FloatArray = np.diag(self.inverse)
+        return own if len(self.influence) < 2 else np.maximum(own, between(self.influence))
+
     @np.errstate(over="ignore")  # of candidates that cannot be told apart, which have none
     def scores(self, spread: FloatArray) -> FloatArray:
         """Return the score statistics (a,), each chi-squared with one degree of freedom.
@@ -107,11 +116,10 @@ def weigh(space: SearchSpace, found: Fit, information: FloatArray, blocks: Float
     free = space.free(found)
     here = np.isin(free, found.free)
     rest = project(information, blocks, here)
-    own, spread = np.diag(rest.inverse), np.maximum(rest.left, 1e-300)
+    spread = np.maximum(rest.left, 1e-300)
     if len(blocks) > 1:
-        own = np.maximum(own, between(rest.influence))
         spread = np.maximum(spread, between(rest.slopes))
-    variances = own / rest.scale[here] ** 2
+    variances = rest.variances / rest.scale[here] ** 2
     scores, limits = np.zeros(len(space.mechanisms)), np.zeros(len(space.mechanisms))
     scores[free[~here]] = rest.scores(spread)
     reach = np.sqrt(space.penalty[free[~here]] * spread) / np.maximum(rest.left, 1e-300) / rest.scale[~here]

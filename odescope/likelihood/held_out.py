@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import BoolArray, FloatArray
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 
 FIFTH = 5  # one record in so many is held out; of fewer records, that part of each
 FEW = 3  # stretches of which no spread can be told
+SEARCHED = 12_000  # averages of a long record that a search works on: they tell structures apart, the rest adds digits
+STRETCHES = 10  # of a long record that it sees a part of
 WINDOWS = 4  # free runs a stretch that is held out
 
 
@@ -28,8 +30,23 @@ def without_held_out(segments: Segments) -> Segments:
     keep = np.ones(len(begin), dtype=np.bool_)
     for low, high in held_out(segments):
         keep &= (end <= low) | (begin >= high)
+    return _kept(segments, keep)
+
+
+def thinned(segments: Segments) -> Segments:
+    """Return stretches spread evenly over a record that is more than twice as long as a search needs."""
+    total = int(segments.count.sum())
+    if total <= 2 * SEARCHED:
+        return segments
+    stretch = total / STRETCHES
+    keep = np.mod(np.cumsum(segments.count) - segments.count, stretch) < SEARCHED / STRETCHES
+    return _kept(segments, keep)
+
+
+def _kept(segments: Segments, keep: BoolArray) -> Segments:
+    """Return some of the segments, joined where neighbours are kept."""
     joined = segments.joined & np.append(keep[1:], False)
-    return replace(segments, start=begin[keep], count=segments.count[keep], joined=joined[keep])
+    return replace(segments, start=segments.start[keep], count=segments.count[keep], joined=joined[keep])
 
 
 def free_run_errors(space: SearchSpace, theta: FloatArray) -> FloatArray:

@@ -20,6 +20,8 @@ from odescope.likelihood.search_space import SearchSpace
 
 FAITHFUL = 0.005  # standard deviations of what was measured: a free run as near to the record needs no more terms
 TELLING = 0.1  # standard deviations: where even the best free run is further from the record, runs tell little of terms
+QUICK = 2  # steps of a fit without a mechanism, which are enough
+FORETOLD = 1.1  # if they raise the cost by no more than so many times its Wald statistic, as in a linear model
 TENTH = 0.1  # of the least error: where free runs tell little, no more than that is given away for fewer terms
 
 
@@ -78,7 +80,10 @@ class ModelPath:
             weak = int(np.flatnonzero(here.wald == min(wald))[0])
             k, theta = int(here.free[weak]), here.theta.copy()
             theta[k] = 0.0
-            shorter = seen.fit(theta, here.present[here.present != k], here.x0, defect_std, here.strength)
+            rest = here.present[here.present != k]
+            shorter = seen.fit(theta, rest, here.x0, defect_std, here.strength, QUICK)
+            if shorter is not None and shorter.cost - here.cost > FORETOLD * float(here.wald[weak]):
+                shorter = seen.again(shorter, shorter.x0, defect_std)
             if shorter is None:
                 break
             steps.append(_step(seen, shorter, seen.mechanisms[k], float(here.wald[weak])))

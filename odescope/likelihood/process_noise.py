@@ -9,17 +9,18 @@ blocks of the record. docs/method.md, Process noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.add_and_drop import HOPELESS, Moves
-from odescope.likelihood.block_cholesky import state_covariances
-from odescope.likelihood.evidence import Evidence, in_blocks, weigh
+from odescope.likelihood.evidence import Evidence, in_blocks, project, weigh
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.held_out import free_run_error, without_held_out
+from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
+from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
 from odescope.likelihood.path import ModelPath
+from odescope.likelihood.program import Program
 from odescope.likelihood.search import Outcome
 from odescope.likelihood.search_space import Move, SearchSpace
 from odescope.likelihood.segments import Segments
@@ -27,13 +28,9 @@ from odescope.likelihood.segments import Segments
 PIECES = (5, 2, 1)  # averages a segment: what a model lacks may change within a fraction of the shortest period
 WORTH_FINER = 0.01  # fall of the marginal cost a sample that shorter segments must bring: they take longer
 LARGEST_TABLE = 4e8  # bytes of the segments' Gauss-Newton matrices
-EM_ITERATIONS = 30
-EM_CONVERGED = 0.02  # fall of the marginal cost, in units of chi-squared
-EM_FITS = 4  # Levenberg-Marquardt steps between two estimates of the noise
-EM_STRIDE = 3.0  # change of a standard deviation in one step, at most, as a factor
-LEAST_NOISE = 1e-4  # of the first guess: standard deviations do not shrink below
 ALTERNATIONS = 5  # of search and noise
 STEPS = 40
+ADDING = 0.8  # of the budget, after which mechanisms are only dropped
 PATH_SHARE = 0.3  # of the budget, for the way back
 
 
@@ -74,98 +71,42 @@ class Noisy:
         return rms
 
 
-def with_noise(space: SearchSpace, measurement: FloatArray, process: FloatArray) -> SearchSpace:
-    """Return the space that weighs by these standard deviations; its `spread` is then that of a defect.
-
-    Args:
-        space: data and candidates.
-        measurement: (c,) of an average.
-        process: (n,) of a defect.
-    """
-    return space.on(replace(space.segments, noise=measurement, spread=process))
-
-
-def estimate_noise(space: SearchSpace, found: Fit) -> tuple[SearchSpace, Fit, float]:
-    """Estimate both noises by expectation-maximisation around a structure; return space, fit and marginal cost."""
-    floor = LEAST_NOISE * space.segments.spread, LEAST_NOISE * space.segments.noise
-    process, measurement, marginal = _expected_squares(space, found)
-    for _ in range(EM_ITERATIONS):
-        segments = space.segments
-        moved = with_noise(
-            space,
-            np.maximum(segments.noise * np.clip(measurement / segments.noise, 1.0 / EM_STRIDE, EM_STRIDE), floor[1]),
-            np.maximum(segments.spread * np.clip(process / segments.spread, 1.0 / EM_STRIDE, EM_STRIDE), floor[0]),
-        )
-        again = moved.again(found, found.x0, moved.segments.spread, EM_FITS)
-        if again is None:
-            break
-        process, measurement, cost = _expected_squares(moved, again)
-        if not cost < marginal:
-            break
-        fall, space, found, marginal = marginal - cost, moved, again, cost
-        if fall < EM_CONVERGED:
-            break
-    return space, found, marginal
-
-
-def _expected_squares(space: SearchSpace, found: Fit) -> tuple[FloatArray, FloatArray, float]:
-    """Return root mean squares of defects (n,) and residuals (c,), as the posterior of the states expects them.
-
-    And the marginal cost: -2 log of the likelihood, by Laplace's approximation over the states, less a constant.
-    """
-    segments, evaluator = space.segments, space.evaluator
-    n, none = found.x0.shape[1], np.zeros(0, dtype=np.int64)
-    program, theta = space.program(found.present), found.theta[found.present]
-    integrated = evaluator.integrate(program, theta, none, found.x0)
-    expansion = evaluator.expand(program, theta, none, found.x0, segments.spread, 0.0, integrated)
-    if expansion is None:
-        return segments.spread, segments.noise, np.inf
-    own, following = state_covariances(expansion.factor, expansion.carry, segments.joined)
-    joints = np.flatnonzero(segments.joined)
-    defects = integrated.last[joints] - found.x0[joints + 1]
-    across = integrated.jacobian[joints][:, :, :n]
-    spread = (
-        np.einsum("jik,jkl,jil->ji", across, own[joints], across)
-        + np.einsum("jii->ji", own[joints + 1])
-        - 2.0 * np.einsum("jik,jik->ji", across, following[joints])
-    )
-    # MacKay's form of the step: the same fixed point as the mean of squares plus variances, reached in a few steps.
-    known = np.maximum(len(joints) - spread.sum(axis=0) / segments.spread**2, 1e-3 * len(joints))
-    process = np.sqrt((defects**2).sum(axis=0) / known) if len(joints) else segments.spread
-    samples = segments.samples // len(segments.noise)
-    measurement = np.empty(len(segments.noise))
-    for c in range(len(measurement)):
-        alone = np.full(len(measurement), np.inf)
-        alone[c] = 1.0
-        only = space.on(replace(segments, noise=alone)).evaluator.integrate(program, theta, none, found.x0)
-        taken = float(np.einsum("jik,jki->", only.hessian, own)) / segments.noise[c] ** 2
-        measurement[c] = np.sqrt(only.cost.sum() / max(samples - taken, 1e-3 * samples))
-    marginal = (
-        expansion.cost
-        + expansion.log_det
-        + 2.0 * samples * float(np.log(segments.noise).sum())
-        + 2.0 * len(joints) * float(np.log(segments.spread).sum())
-    )
-    return process, measurement, float(marginal)
-
-
 def robust_evidence(space: SearchSpace, found: Fit) -> Evidence | None:
     """Return evidence that does not take coloured defects for information, None where there is no expansion.
 
     By Fisher's identity the gradient of the marginal likelihood is that of the complete one at the smoothed states: a
     sum over segments. Sums over square-root-many blocks of segments are nearly independent, whatever the colour.
     """
-    segments, free = space.segments, space.free(found)
-    n = found.x0.shape[1]
-    integrated = space.evaluator.integrate(space.whole, found.theta, free, found.x0)
-    expansion = space.evaluator.expand(space.whole, found.theta, free, found.x0, segments.spread, 0.0, integrated)
+    expanded = _expanded(space, space.whole, found.theta, space.free(found), found.x0)
+    return None if expanded is None else weigh(space, found, *expanded)
+
+
+def robust_wald(space: SearchSpace, found: Fit) -> FloatArray | None:
+    """Return the Wald statistics (p,) of `robust_evidence`, without looking at what is absent."""
+    free = np.searchsorted(found.present, found.free)
+    program, theta = space.program(found.present), found.theta[found.present]
+    expanded = _expanded(space, program, theta, free, found.x0)
+    if expanded is None:
+        return None
+    rest = project(*expanded, np.ones(len(free), dtype=np.bool_))
+    wald: FloatArray = (found.theta[found.free] * rest.scale) ** 2 / np.maximum(rest.variances, 1e-300)
+    return wald
+
+
+def _expanded(
+    space: SearchSpace, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the information (f, f), initial states eliminated, and the gradients (b, f) of blocks."""
+    segments, n = space.segments, x0.shape[1]
+    integrated = space.evaluator.integrate(program, theta, free, x0)
+    expansion = space.evaluator.expand(program, theta, free, x0, segments.spread, 0.0, integrated)
     if expansion is None or not expansion.finite:
         return None
     gradient = integrated.gradient[:, n:].copy()
     joints = np.flatnonzero(segments.joined)
-    weighted = (integrated.last[joints] - found.x0[joints + 1]) / segments.spread**2
+    weighted = (integrated.last[joints] - x0[joints + 1]) / segments.spread**2
     gradient[joints] += np.einsum("ji,jip->jp", weighted, integrated.jacobian[joints][:, :, n:])
-    return weigh(space, found, expansion.information, in_blocks(gradient))
+    return expansion.information, in_blocks(gradient)
 
 
 def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
@@ -175,10 +116,12 @@ def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
     found = strict.again(outcome.fit, segments.initial, strict.segments.spread)
     if found is None:
         return np.inf
-    return _expected_squares(strict, found)[2] + space.price(found)
+    return marginal_cost(strict, found) + space.price(found)
 
 
-def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[FloatArray]) -> SearchSpace:
+def in_pieces(
+    cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[FloatArray], floor: FloatArray | None = None
+) -> SearchSpace:
     """Return the space on segments so short that shorter ones would describe a first start hardly better.
 
     Noise that acts within a segment would be taken for measurement noise, and bias the coefficients as errors in
@@ -188,20 +131,23 @@ def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequen
         cut: cuts the data into segments of so many averages.
         space: candidates.
         starts: as for the search; the first that can be followed is judged.
+        floor: (c,) least standard deviations of an average.
     """
     best, least = None, np.inf
     for length in PIECES:
-        segments = cut(length)
-        width = segments.spread.size + len(space.mechanisms)
-        if best is not None and 8.0 * len(segments.start) * width**2 > LARGEST_TABLE:
+        whole = cut(length)
+        pieces = space.on(thinned(whole))
+        width = whole.spread.size + len(space.mechanisms)
+        if best is not None and 8.0 * len(whole.start) * width**2 > LARGEST_TABLE:
             break
-        pieces = space.on(segments)
-        fits = (pieces.begin(theta, segments.spread) for theta in starts)
-        found = next((f for f in fits if f is not None), None)
-        cost = np.inf if found is None else estimate_noise(pieces, found)[2]
-        if best is not None and not cost < least - WORTH_FINER * segments.samples:
+        fits = (pieces.begin(theta, whole.spread) for theta in starts)
+        found, cost = next((f for f in fits if f is not None), None), np.inf
+        if found is not None:
+            _, found, cost = estimate_noise(pieces, found, floor)
+            starts = [found.theta, *starts]
+        if best is not None and not cost < least - WORTH_FINER * pieces.segments.samples:
             break
-        best, least = pieces, cost
+        best, least = space.on(whole), cost
         if space.budget.over:
             break
     assert best is not None
@@ -209,28 +155,33 @@ def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequen
 
 
 def search_with_process_noise(
-    space: SearchSpace, starts: Sequence[FloatArray], terms: int | None = None
+    space: SearchSpace, starts: Sequence[FloatArray], terms: int | None = None, floor: FloatArray | None = None
 ) -> Noisy | None:
     """Return the best model with process noise that searches end at, or None where none can start.
 
     Some of the data are held out from the searches; along the way back from the best of their ends, term by term, free
-    runs of that say where to stop. What is chosen is then fitted to all.
+    runs of that say where to stop. What is chosen is then fitted to all. Of a long record searches see stretches; where
+    the best of them ends is searched from once more in the whole of what is not held out.
 
     Args:
         space: data cut into short segments (`in_pieces`), and candidates.
         starts: (mechanisms,) coefficients to begin with.
         terms: number of mechanisms to stop at, where that is given.
+        floor: (c,) least standard deviations of an average.
     """
-    seen = space.on(without_held_out(space.segments))
+    open_ = without_held_out(space.segments)
+    seen = space.on(thinned(open_))
     ends = []
     for here in _able(seen, starts):
-        ends.append(_search(seen, here))
+        ends.append(_search(seen, here, floor))
         seen = ends[-1][0]  # the next start begins with the noise that this one found
         if space.budget.over:
             break
     if not ends:
         return None
     seen, longest, _, trail = min(ends, key=lambda end: end[2])
+    if len(open_.start) > len(seen.segments.start):
+        seen, longest, trail = _searched_on(space.on(open_), seen, longest, trail, floor)
     way = ModelPath.back(seen.within(seen.budget.part(PATH_SHARE)), longest, seen.segments.spread)
     way = way.chosen_at(terms) if terms is not None else way.at_knee
     here = way.choice.fit
@@ -238,11 +189,26 @@ def search_with_process_noise(
     found = begun.again(here, begun.segments.initial, begun.segments.spread)
     if found is None:
         return None
-    fitted, found, marginal = estimate_noise(begun, found)
+    fitted, found, marginal = estimate_noise(begun, found, floor)
     evidence = robust_evidence(fitted, found)
     if evidence is None:
         return None
     return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail, way)
+
+
+def _searched_on(
+    whole: SearchSpace, seen: SearchSpace, longest: Fit, trail: tuple[Move, ...], floor: FloatArray | None
+) -> tuple[SearchSpace, Fit, tuple[Move, ...]]:
+    """Return where a search on part of the record ends on the whole, as fitted to that part: space, fit, trail."""
+    more = with_noise(whole, seen.segments.noise, seen.segments.spread)
+    begun = None if whole.budget.over else more.again(longest, more.segments.initial, more.segments.spread)
+    if begun is None:
+        return seen, longest, trail
+    _, found, _, moves = _search(more, begun, floor)
+    if np.array_equal(found.present, longest.present):
+        return seen, longest, trail
+    again = seen.again(found, seen.segments.initial, seen.segments.spread)
+    return (seen, longest, trail) if again is None else (seen, again, trail + moves)
 
 
 def _able(seen: SearchSpace, starts: Sequence[FloatArray]) -> list[Fit]:
@@ -252,11 +218,13 @@ def _able(seen: SearchSpace, starts: Sequence[FloatArray]) -> list[Fit]:
     return [f for f in fits if f.cost <= HOPELESS * fits[0].cost]
 
 
-def _search(seen: SearchSpace, start: Fit) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]]:
+def _search(
+    seen: SearchSpace, start: Fit, floor: FloatArray | None
+) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]]:
     """Return the end of one search: the space with its noise, the fit, its penalised cost, the trail."""
     here, trail = start, list[Move]()
     for _ in range(ALTERNATIONS):
-        seen, here, marginal = estimate_noise(seen, here)
+        seen, here, marginal = estimate_noise(seen, here, floor)
         before = here.present
         here = _settle(seen, here, trail)
         if np.array_equal(before, here.present) or seen.budget.over:
@@ -264,39 +232,32 @@ def _search(seen: SearchSpace, start: Fit) -> tuple[SearchSpace, Fit, float, tup
     return seen, here, marginal + seen.price(here), tuple(trail)
 
 
+@dataclass(frozen=True, eq=False)
 class _BlockSpread:
     """Statistics checked against the spread between blocks of the record; they decide alone, and once."""
 
-    trials, binding = STEPS, True
-
-    def __init__(self, space: SearchSpace) -> None:
-        self._searcher = space
-        self._last: tuple[Fit, Evidence | None] | None = None
-
-    def evidence(self, here: Fit) -> Evidence | None:
-        """Return the evidence at a fit, computed once."""
-        if self._last is None or self._last[0] is not here:
-            self._last = here, robust_evidence(self._searcher, here)
-        return self._last[1]
+    space: SearchSpace
+    trials: int = STEPS
+    binding: bool = True
 
     def wald(self, here: Fit) -> FloatArray | None:
         """Return the Wald statistics of the parameters."""
-        evidence = self.evidence(here)
-        return None if evidence is None else evidence.wald
+        return robust_wald(self.space, here)
 
     def scores(self, here: Fit) -> FloatArray | None:
         """Return the score statistics of the absent mechanisms."""
-        evidence = self.evidence(here)
+        evidence = robust_evidence(self.space, here)
         return None if evidence is None else evidence.scores
 
 
 def _settle(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
-    """Drop and add by the robust evidence until nothing moves."""
+    """Drop and add by the robust evidence until nothing moves; the last of the budget is for drops alone."""
     moves = Moves(space, _BlockSpread(space), 1.0, 1.0, trail)
     for _ in range(STEPS):
         if space.budget.over:
             break
-        moved = moves.drop(here) or moves.add(here)
+        late = space.budget.spent > ADDING * space.budget.limit
+        moved = moves.drop(here) or (None if late else moves.add(here))
         if moved is None:
             break
         here = moved

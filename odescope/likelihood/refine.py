@@ -45,7 +45,7 @@ CHANCE = 2.0  # standard deviations of a residual variance that are no reason to
 FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
 STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that does not ask for shorter steps
 STEP_SHARE = 0.01  # of the cost, and
-STEP_MOVE = 0.2  # standard errors of any coefficient: changes of a refit that do not ask for shorter steps still
+STEP_MOVE = 0.5  # standard errors of any coefficient: changes of a refit that do not ask for shorter steps still
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,9 @@ from odescope import Study, from_json, identify, to_json
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.findings import likelihood_scores, missing_physics
 from odescope.likelihood.held_out import free_run_error
+from odescope.likelihood.noise_levels import estimate_noise
 from odescope.likelihood.path import ModelPath
-from odescope.likelihood.process_noise import Noisy, estimate_noise, robust_evidence
+from odescope.likelihood.process_noise import Noisy, robust_evidence
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate

@@ -1,6 +1,7 @@
 """Process noise, against dense Gaussians in numpy and over seeds of systems simulated here."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,11 +31,8 @@ from odescope.likelihood.block_cholesky import eliminate, state_covariances
 from odescope.likelihood.evidence import weigh
 from odescope.likelihood.fit import fit
 from odescope.likelihood.kernel import Sums
-from odescope.likelihood.process_noise import (
-    estimate_noise,
-    robust_evidence,
-    with_noise,
-)
+from odescope.likelihood.noise_levels import LinearRecord, estimate_noise, marginal_cost, with_noise
+from odescope.likelihood.process_noise import robust_evidence
 from odescope.recordings.coordinate import Coordinate
 
 # Two masses on springs, coupled, both positions measured; exact solutions come from a matrix exponential.
@@ -174,13 +172,13 @@ def dense_cost(maps, sigma, q):
     return total
 
 
-def expected(it, system, theta, sigma, q):
-    """Return what the module makes of the states at a model and noise that are given."""
+def linear_record(it, system, theta, sigma, q):
+    """Return the record around a model that is given, its states fitted, and the logarithms of the noise."""
     moved = with_noise(it, np.array(sigma, dtype=float), np.array(q, dtype=float))
     everything = np.arange(len(theta))
     settled = fit(moved.evaluator, system.program, theta, everything, moved.segments.initial, moved.segments.spread)
     assert settled is not None
-    return module._expected_squares(moved, settled)
+    return LinearRecord.of(moved, replace(settled, present=everything)), np.log([*sigma, *q])
 
 
 def test_marginal_costs_differ_as_those_of_a_dense_gaussian_do():
@@ -193,14 +191,51 @@ def test_marginal_costs_differ_as_those_of_a_dense_gaussian_do():
         for sigma in ([0.02, 0.03], [0.05, 0.01])
         for q in ([0.02, 0.03, 0.1, 0.15], [0.001, 0.1, 0.5, 0.01])
     ]
-    ours = np.array([expected(it, MASSES, *s)[2] for s in settings])
+    ours = []
+    for setting in settings:
+        record, logs = linear_record(it, MASSES, *setting)
+        ours.append(record.at(logs).marginal)
+    ours = np.array(ours)
     dense = np.array([dense_cost(linear_maps(it, MASSES, theta), sigma, q) for theta, sigma, q in settings])
     assert np.ptp(dense) > 500.0
     # RK4 at half a step against the exponential is what is left: parts in a million of costs of up to thousands.
     np.testing.assert_allclose(ours - ours[0], dense - dense[0], rtol=1e-5, atol=2e-3)
 
 
-def test_the_step_of_the_noise_stands_still_at_the_maximum_of_the_dense_likelihood_and_nowhere_else():
+def test_gradient_and_information_of_the_noise_are_those_of_the_dense_likelihood():
+    sigma, q = np.array([0.01, 0.02]), np.array([0.04, 0.06, 0.3, 0.4])
+    it = masses(1, sigma, q, (60, 45))
+    maps = linear_maps(it, MASSES, MASSES.theta)
+
+    def cost(logs):
+        return dense_cost(maps, *np.split(np.exp(logs), [2]))
+
+    for factors in (np.ones(6), np.array([0.7, 1.4, 1.3, 0.8, 0.6, 1.5])):
+        record, logs = linear_record(it, MASSES, MASSES.theta, sigma * factors[:2], q * factors[2:])
+        point = record.at(logs)
+        steps = 1e-3 * np.eye(6)
+        slopes = [(cost(logs + s) - cost(logs - s)) / 2e-3 for s in steps]
+        np.testing.assert_allclose(point.gradient, slopes, rtol=1e-3, atol=1e-2)
+        # Of the second derivative in a direction the average leaves out the traces, which it replaces by squares.
+        assert np.all(np.linalg.eigvalsh(point.information) > 0.0)
+
+
+def test_information_of_the_noise_is_right_on_average():
+    sigma, q = np.array([0.01, 0.02]), np.array([0.04, 0.06, 0.3, 0.4])
+    gradients, information = [], 0.0
+    for seed in range(150):
+        it = masses(1000 + seed, sigma, q, (60,))
+        record, logs = linear_record(it, MASSES, MASSES.theta, sigma, q)
+        point = record.at(logs)
+        gradients.append(point.gradient)
+        information = information + point.information / 150
+    # The gradient is that of -2 log of the likelihood, so its covariance is twice the expected second derivative.
+    scale = np.sqrt(np.diag(information))
+    expected = information / scale / scale[:, None]
+    np.testing.assert_allclose(np.cov(np.array(gradients).T) / 2.0 / scale / scale[:, None], expected, atol=0.4)
+
+
+def test_the_likeliest_noise_is_that_of_the_dense_likelihood():
     sigma, q = np.array([0.01, 0.02]), np.array([0.04, 0.06, 0.3, 0.4])
     it = masses(1, sigma, q, (60, 45))
     maps = linear_maps(it, MASSES, MASSES.theta)
@@ -208,18 +243,14 @@ def test_the_step_of_the_noise_stands_still_at_the_maximum_of_the_dense_likeliho
         lambda z: dense_cost(maps, *np.split(np.exp(z), [2])), np.log([*sigma, *q]), method="BFGS",
         options={"gtol": 1e-3},
     )  # fmt: skip
-    at = np.split(np.exp(best.x), [2])
-    process, measurement, _ = expected(it, MASSES, MASSES.theta, *at)
-    np.testing.assert_allclose(measurement, at[0], rtol=1e-3)
-    np.testing.assert_allclose(process, at[1], rtol=1e-3)
-    # A step from beside it goes towards it, in every coordinate.
-    for k in range(6):
-        for factor in (0.7, 1.4):
-            beside = np.exp(best.x)
-            beside[k] *= factor
-            process, measurement, _ = expected(it, MASSES, MASSES.theta, *np.split(beside, [2]))
-            moved = np.array([*measurement, *process])[k] / beside[k]
-            assert (moved > 1.0) == (factor < 1.0)
+    for factor in (0.1, 10.0):
+        record, logs = linear_record(it, MASSES, MASSES.theta, factor * sigma, factor * q)
+        found = record.most_likely(record.at(logs), np.full(6, -np.inf))
+        np.testing.assert_allclose(found.logs, best.x, atol=0.02)
+    floor = np.where(np.arange(6) == 0, best.x[0] + 0.5, -np.inf)
+    found = record.most_likely(record.at(np.maximum(logs, floor)), floor)
+    assert found.logs[0] == floor[0]
+    assert np.all(np.abs(record.at(found.logs).gradient[1:]) < 1.0)
 
 
 def own_maximum(it):
@@ -227,7 +258,7 @@ def own_maximum(it):
 
     def cost(z):
         moved = with_noise(it, it.segments.noise * np.exp(z[0]), it.segments.spread * np.exp(z[1:]))
-        return module._expected_squares(moved, fitted(moved))[2]
+        return marginal_cost(moved, fitted(moved))
 
     found = minimize(cost, np.zeros(3), method="Nelder-Mead", options={"xatol": 3e-3, "fatol": 1e-2})
     return found.fun, it.segments.noise * np.exp(found.x[0]), it.segments.spread * np.exp(found.x[1:])
@@ -241,13 +272,13 @@ def test_noise_estimated_from_above_is_the_maximum_of_the_marginal_likelihood():
     assert marginal == pytest.approx(cost, abs=0.5)
     np.testing.assert_allclose(ended.segments.noise, sigma, rtol=0.02)
     np.testing.assert_allclose(ended.segments.spread, q, rtol=0.05)
-    assert marginal == module._expected_squares(ended, found)[2]
+    assert marginal == marginal_cost(ended, found)
 
 
 def test_noise_estimated_from_below_is_the_maximum_of_the_marginal_likelihood():
     it = spring(0, q=[0.01, 0.08])
     begun = with_noise(it, 3.0 * it.segments.noise, [0.3, 3.0] * it.segments.spread)
-    truth = module._expected_squares(it, fitted(it))[2]
+    truth = marginal_cost(it, fitted(it))
     # The maximum is below the truth's cost.
     assert estimate_noise(begun, fitted(begun))[2] < truth + 1.0
 

@@ -25,11 +25,12 @@ from small_systems import SPRING, System, drive, in_bare_gauge
 
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.held_out import free_run_error, held_out, without_held_out
+from odescope.likelihood.held_out import SEARCHED, free_run_error, held_out, thinned, without_held_out
+from odescope.likelihood.noise_levels import estimate_noise
 from odescope.likelihood.process_noise import (
     cost_without_process_noise,
-    estimate_noise,
     robust_evidence,
+    robust_wald,
     search_with_process_noise,
 )
 from odescope.likelihood.refine import FINEST, _evidence, _halve
@@ -272,3 +273,53 @@ def test_programs_of_present_slots_alone_and_of_all_slots_cost_the_same():
     short = it.evaluator.expand(it.program(found.present), found.theta[found.present], NONE, found.x0, gap)
     whole = it.whole
     assert short.cost == pytest.approx(it.evaluator.expand(whole, found.theta, NONE, found.x0, gap).cost, rel=1e-12)
+
+
+def test_statistics_of_what_is_there_do_not_depend_on_what_is_absent():
+    it = spring(1)
+    found = fitted(it)
+    np.testing.assert_allclose(robust_wald(it, found), robust_evidence(it, found).wald, rtol=1e-9)
+
+
+def test_measurement_noise_does_not_fall_below_its_floor():
+    it = spring(2, sigma=0.003)
+    free, _, least = estimate_noise(it, fitted(it))
+    assert free.segments.noise[0] < 0.004
+    bound, _, cost = estimate_noise(it, fitted(it), np.array([0.006]))
+    assert bound.segments.noise[0] == pytest.approx(0.006)
+    assert cost > least + 10.0
+
+
+@pytest.mark.parametrize("lengths", [(70_000,), (30_000, 9_000, 21_000)])
+def test_a_search_sees_stretches_of_a_long_record_from_all_over_it(lengths):
+    total = sum(lengths)
+    nothing = np.zeros((total, 2))
+    segments = cut(nothing, nothing[:, :1], np.zeros((total, 3, 1)), 1.0, [1.0, 1.0], lengths)
+    part = thinned(segments)
+    assert 0.99 * SEARCHED < part.count.sum() < 1.01 * SEARCHED
+    assert np.diff(np.append(part.start, total), prepend=0).max() < total / 10
+    ends = part.start + part.count
+    assert np.array_equal(
+        part.joined[:-1],
+        np.isin(ends[:-1], segments.start[1:])
+        & (ends[:-1] == part.start[1:])
+        & ~np.isin(ends[:-1], np.cumsum(lengths)),
+    )
+    assert not part.joined[-1]
+    short = cut(nothing[:20_000], nothing[:20_000, :1], np.zeros((20_000, 3, 1)), 1.0, [1.0, 1.0], (20_000,))
+    assert thinned(short) is short
+
+
+def test_a_long_record_is_searched_in_stretches_and_fitted_whole():
+    count = 30_000
+    it = spring(3, count)
+    theta = LINEAR.copy()
+    theta[5] = 0.05
+    found = search_with_process_noise(it, [theta])
+    assert found.fit.present.tolist() == PRESENT.tolist()
+    assert len(found.fit.x0) == len(it.segments.start)
+    bare = in_bare_gauge(found.space, found.fit, found.evidence.covariance)
+    assert np.all(np.abs(bare.theta - LINEAR)[TERMS] < 4.0 * bare.errors[TERMS])
+    # As sure as the whole record makes them, not a part of it.
+    short = spring(3, 12_000)
+    assert np.all(bare.errors[TERMS] < 0.8 * in_bare_gauge(short, fitted(short)).errors[TERMS])

@@ -1,0 +1,224 @@
+"""The two noises of a record, of averages and of defects, by scoring on their marginal likelihood.
+
+Around a fit the segments are a linear Gaussian system in their initial states: its likelihood, integrated over these,
+asks for factorisations of the states' block and for no integration of the equations. The noise is brought to its
+maximum there, then coefficients and states are fitted anew. docs/method.md, Process noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from odescope.arrays import FloatArray
+from odescope.likelihood.block_cholesky import eliminate, noise_sums, state_covariances, substitute
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.kernel import Sums
+from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.segments import Segments
+
+LEAST_NOISE = 1e-4  # of the first guess: standard deviations do not shrink below
+CONVERGED = 0.02  # fall of the marginal cost, in units of chi-squared, that is not worth another step
+ROUNDS = 10  # of noise and coefficients
+FITS = 4  # Levenberg-Marquardt steps between two estimates of the noise
+LONGEST = 10.0  # change of a variance in one step, at most, as a factor
+LEAST_BEND = 1e-6  # of the gradient: second derivatives do not vanish
+LARGEST_DAMPING = 1e6
+
+NONE = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class NoisePoint:
+    """The marginal cost at some noise, and its expansion in the logarithms of the standard deviations.
+
+    `marginal` is -2 log of the likelihood, integrated over the initial states, less a constant. Shapes, for c channels
+    and n states: logs (c + n,) of the noise of averages, then of defects; gradient (c + n,); information (c + n, c + n)
+    the average of the observed and the expected one; change (J, n) of the initial states to the most likely ones.
+    """
+
+    logs: FloatArray
+    marginal: float
+    gradient: FloatArray
+    information: FloatArray
+    change: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class LinearRecord:
+    """Segments around a fit: every channel by itself, for averages of unit noise.
+
+    Shapes: x0 (J, n); cost (c,); gradient (c, J, n); hessian (c, J, n, n); last (J, n) and jacobian (J, n, n) as in
+    `Sums`; samples (c,) how many averages.
+    """
+
+    segments: Segments
+    x0: FloatArray
+    cost: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+    last: FloatArray
+    jacobian: FloatArray
+    samples: FloatArray
+
+    @staticmethod
+    def of(space: SearchSpace, found: Fit) -> LinearRecord | None:
+        """Return the record around a fit, None where that cannot be integrated."""
+        segments, channels = space.segments, len(space.segments.noise)
+        program, theta, parts = space.program(found.present), found.theta[found.present], list[Sums]()
+        for c in range(channels):
+            alone = np.where(np.arange(channels) == c, 1.0, np.inf)
+            only = space.on(replace(segments, noise=alone))
+            parts.append(only.evaluator.integrate(program, theta, NONE, found.x0))
+        end = parts[0]
+        if not np.isfinite(end.last).all() or not all(np.isfinite(p.cost.sum()) for p in parts):
+            return None
+        return LinearRecord(
+            segments,
+            found.x0,
+            np.array([p.cost.sum() for p in parts]),
+            np.array([p.gradient for p in parts]),
+            np.array([p.hessian for p in parts]),
+            end.last,
+            end.jacobian,
+            np.array([_count(segments, c) for c in range(channels)]),
+        )
+
+    def at(self, logs: FloatArray) -> NoisePoint | None:
+        """Return the marginal cost at this noise (c + n,), None where the states' block is singular."""
+        channels, n, joined = len(self.cost), self.x0.shape[1], self.segments.joined
+        precision, spread = np.exp(-2.0 * logs), np.exp(logs[channels:])
+        gradient = np.einsum("c,cji->ji", precision[:channels], self.gradient)
+        hessian = np.einsum("c,cjik->jik", precision[:channels], self.hessian)
+        sums = Sums(self.cost, gradient, hessian, self.last, self.jacobian)
+        *_, factor, border, carry, log_det, positive = eliminate(sums, self.x0, joined, spread, 0.0)
+        if not positive:
+            return None
+        change = substitute(factor, border, carry, joined, np.zeros(0))
+        own, following = state_covariances(factor, carry, joined)
+        defect = self.last - np.roll(self.x0, -1, axis=0)
+        squares, known, through = noise_sums(
+            precision,
+            self.cost,
+            self.gradient,
+            self.hessian,
+            self.jacobian,
+            defect,
+            joined,
+            change,
+            factor,
+            carry,
+            own,
+            following,
+        )
+        counted = np.concatenate([self.samples, np.full(n, joined.sum())])
+        return NoisePoint(
+            logs,
+            float(squares.sum() + log_det + 2.0 * counted @ logs),
+            2.0 * (counted - squares - known),
+            4.0 * (np.diag(squares) - through),
+            change,
+        )
+
+    def most_likely(self, begun: NoisePoint, least: FloatArray) -> NoisePoint:
+        """Return the least marginal cost around this fit.
+
+        Args:
+            begun: where to begin.
+            least: (c + n,) logarithms of the standard deviations that are the smallest possible.
+        """
+        here, damping = begun, 1e-3
+        while damping < LARGEST_DAMPING:
+            step, gain = _step(here, least, damping)
+            if gain < 0.1 * CONVERGED:
+                break
+            trial = self.at(here.logs + step)
+            if trial is not None and trial.marginal < here.marginal:
+                here, damping = trial, damping / 10.0
+            else:
+                damping *= 10.0
+        return here
+
+
+def _step(here: NoisePoint, least: FloatArray, damping: float) -> tuple[FloatArray, float]:
+    """Return a step of the logarithms (c + n,), and the fall of the marginal cost that the expansion makes of it.
+
+    Scoring in the variances, because of two noises that the record hardly parts it knows the sum; within a box, because
+    a noise that is far too large has next to no information. What all but vanishes stays: nothing is gained from it.
+    """
+    low = np.maximum(np.exp(2.0 * (least - here.logs)), 1.0 / LONGEST) - 1.0
+    able = (np.abs(here.gradient) > CONVERGED) & ((low < 0.0) | (here.gradient < 0.0))
+    change = np.zeros(len(low))
+    if not able.any():
+        return change, 0.0
+    gradient, information = 0.5 * here.gradient[able], 0.25 * here.information[np.ix_(able, able)]
+    root = np.linalg.cholesky(information + np.diag(damping * np.diag(information) + LEAST_BEND * np.abs(gradient)))
+    box = np.minimum(low[able], -LEAST_BEND), LONGEST - 1.0
+    change[able] = lsq_linear(root.T, -np.linalg.solve(root, gradient), box, method="bvls").x
+    change = np.maximum(change, low)
+    gain = -change[able] @ (gradient + 0.5 * information @ change[able])
+    return 0.5 * np.log1p(change), float(gain)
+
+
+def _count(segments: Segments, channel: int) -> int:
+    """Return how many averages of a channel the segments see."""
+    if segments.weight is None:
+        return int(segments.count.sum())
+    there = np.concatenate([[0], np.cumsum(segments.weight[:, channel] > 0.0)])
+    return int((there[segments.start + segments.count] - there[segments.start]).sum())
+
+
+def with_noise(space: SearchSpace, measurement: FloatArray, process: FloatArray) -> SearchSpace:
+    """Return the space that weighs by these standard deviations; its `spread` is then that of a defect.
+
+    Args:
+        space: data and candidates.
+        measurement: (c,) of an average.
+        process: (n,) of a defect.
+    """
+    return space.on(replace(space.segments, noise=measurement, spread=process))
+
+
+def marginal_cost(space: SearchSpace, found: Fit) -> float:
+    """Return -2 log of the likelihood of a fit, integrated over its initial states, less a constant."""
+    record = LinearRecord.of(space, found)
+    point = None if record is None else record.at(_logs(space))
+    return np.inf if point is None else point.marginal
+
+
+def estimate_noise(space: SearchSpace, found: Fit, floor: FloatArray | None = None) -> tuple[SearchSpace, Fit, float]:
+    """Estimate both noises around a structure; return space, fit and marginal cost.
+
+    Args:
+        space: data and candidates, with a first guess of the noise.
+        found: the structure, fitted with that.
+        floor: (c,) least standard deviations of an average; a small part of the first guess by default.
+    """
+    channels = len(space.segments.noise)
+    least = _logs(space) + np.log(LEAST_NOISE)
+    if floor is not None:
+        least[:channels] = np.log(floor)
+    best = space, found, np.inf
+    for _ in range(ROUNDS):
+        record = LinearRecord.of(space, found)
+        here = None if record is None else record.at(np.maximum(_logs(space), least))
+        if record is None or here is None or not here.marginal < best[2]:
+            break
+        fall, best = best[2] - here.marginal, (space, found, here.marginal)
+        there = record.most_likely(here, least)
+        if min(fall, here.marginal - there.marginal) < CONVERGED:
+            break
+        space = with_noise(space, np.exp(there.logs[:channels]), np.exp(there.logs[channels:]))
+        again = space.again(found, found.x0 + there.change, space.segments.spread, FITS)
+        if again is None:
+            break
+        found = again
+    return best
+
+
+def _logs(space: SearchSpace) -> FloatArray:
+    """Return the logarithms (c + n,) of both noises."""
+    logs: FloatArray = np.log(np.concatenate([space.segments.noise, space.segments.spread]))
+    return logs
