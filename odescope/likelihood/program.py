@@ -17,7 +17,7 @@ from odescope.library.product import Product
 from odescope.library.tape import Tape, write_tape
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
 
-REACH = -3.0, 8.0  # powers of e that a constant may be smaller or larger than without its mechanism
+LARGEST = 8.0  # power of e that a constant may be larger than without its mechanism
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +58,8 @@ class Frame:
         return (*self.states, *self.inputs)
 
     def value(self, constant: str, coefficient: float) -> float:
-        """Return the value of a constant, which is positive: its own times e to the coefficient of its mechanism."""
-        return self.constants[constant] * float(np.exp(np.clip(coefficient, *REACH)))
+        """Return the value of a constant: its own times e to the coefficient of its mechanism, but no less."""
+        return self.constants[constant] * float(np.exp(np.clip(coefficient, 0.0, LARGEST)))
 
     def own(self, mechanism: Mechanism) -> bool:
         """Whether a mechanism is a relation's own target, bare and alone."""

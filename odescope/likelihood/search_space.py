@@ -165,7 +165,7 @@ class SearchSpace:
             strength: (mechanisms,) which coefficients are to be held first; by default those of large contributions.
             iterations: steps at most.
         """
-        present = self._alive(present)
+        present = self._alive(present, theta)
         held = held_of(self.mechanisms, present, self._size(theta) if strength is None else strength)
         program, found = self.program(present), None
         for _ in range(GAUGES):
@@ -186,10 +186,19 @@ class SearchSpace:
             theta = self._rescaled(whole, held)
         return found
 
-    def _alive(self, present: IntArray) -> IntArray:
-        """Return the present mechanisms less those of sensors, inputs and constants that no present term names."""
+    def _alive(self, present: IntArray, theta: FloatArray) -> IntArray:
+        """Return the present mechanisms less those of sensors, inputs and constants that say nothing any more.
+
+        No present term names them, or a constant is where it would be without its mechanism.
+        """
         names = frozenset[str]().union(*(self.mechanisms[k].names for k in present))
-        return np.array([k for k in present if self.mechanisms[k].parts or self.mechanisms[k].place in names], np.int64)
+        alive = []
+        for k in present.tolist():
+            mechanism = self.mechanisms[k]
+            at_bound = mechanism.kind == "constant" and theta[k] < 0.0
+            if mechanism.parts or (mechanism.place in names and not at_bound):
+                alive.append(k)
+        return np.array(alive, dtype=np.int64)
 
     def _rescaled(self, theta: FloatArray, held: IntArray) -> FloatArray:
         """Return coefficients (mechanisms,) of the same relations, with the held ones at 1."""

@@ -21,7 +21,7 @@ from odescope.model.relation import FoundParameter
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.signals.estimate import Signals
 
-SHARP = 0.02  # width of dry friction, in root mean squares of the velocity, that is as good as a jump
+SHARP = 0.001  # width of dry friction, in root mean squares of the velocity, that is as good as a jump
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def with_settings(
 def _width(argument: Combination, signals: Signals) -> float:
     """Return the width, two digits of it, that is next to nothing for this argument."""
     values = evaluate(write_tape(signals.names, [argument]), signals.joined())[0]
-    return float(f"{SHARP * max(float(np.sqrt(np.mean(values**2))), 1e-300):.2g}")
+    return float(f"{max(SHARP * float(np.sqrt(np.mean(values**2))), 1e-300):.2g}")
 
 
 def _signs(term: Term) -> list[Combination]:

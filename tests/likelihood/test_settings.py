@@ -17,7 +17,7 @@ from odescope.recordings.coordinate import Coordinate
 
 # phi_ddot = -8 sin(phi) - 0.2 phi_dot - 1.5 tanh(phi_dot/w) + 2 u, u late and phi read with an offset.
 COORDINATES = (Coordinate("phi", 2, angle=True),)
-FRAME = Frame.of(COORDINATES, ["u"], {"w": 0.3})
+FRAME = Frame.of(COORDINATES, ["u"], {"w": 0.15})
 TERMS = (("phi_ddot", "1", 1.0), (None, "sin(phi)", 8.0), (None, "phi_dot", 0.2), (None, "tanh(phi_dot/w)", 1.5))
 SETTINGS = (("offset", "phi"), ("delay", "u"), ("constant", "w"))
 
@@ -48,7 +48,7 @@ def held_segments(hold, count=60, seed=3):
 @pytest.mark.parametrize("hold", ["linear", "zero"])
 def test_derivatives_with_respect_to_offset_delay_and_constant_are_those_of_difference_quotients(hold):
     evaluator, program = Evaluator(held_segments(hold), substeps=4), Program.of(mechanisms(), FRAME)
-    theta = np.array([*COEFFICIENTS, 0.13, 0.37 * SPRING_STEP, -0.4])
+    theta = np.array([*COEFFICIENTS, 0.13, 0.37 * SPRING_STEP, 0.4])
     starts = np.array([[0.3, 0.5], [-1.0, 2.0], [2.0, -1.0]])
     free = np.arange(1, len(theta))
     found = evaluator.integrate(program, theta, free, starts)
@@ -86,7 +86,7 @@ def recorded(noise, seed):
     data = held_segments("linear", 1500, seed)
     smooth = np.convolve(data.driven.samples[:, 0], np.hanning(25), "same")[:, None]
     driven = replace(data.driven, samples=smooth)
-    truth = np.array([*COEFFICIENTS, 0.13, 0.37 * SPRING_STEP, -0.4])
+    truth = np.array([*COEFFICIENTS, 0.13, 0.37 * SPRING_STEP, 0.4])
     whole = replace(
         data, driven=driven, inputs=driven.nodes([0.0]), start=np.zeros(1, np.int64), count=np.array([1500]),
         joined=np.zeros(1, bool), noise=np.array([noise]),
@@ -116,7 +116,7 @@ def test_settings_are_found_with_errors_that_hold():
         loose = space.fit(start, np.arange(8), data.initial, data.spread)
         found = space.again(loose, loose.x0, 1e-3 * data.spread)
         assert found.converged
-        truth = np.array([*COEFFICIENTS, 0.13, 0.37 * SPRING_STEP, -0.4])
+        truth = np.array([*COEFFICIENTS, 0.13, 0.37 * SPRING_STEP, 0.4])
         scale = found.theta[0]
         error = found.theta[5:] - truth[5:]
         held = np.isin(found.held, [5, 6, 7])
@@ -131,7 +131,7 @@ def test_settings_are_found_with_errors_that_hold():
 def test_what_nothing_in_the_model_depends_on_leaves_with_the_last_term_that_did():
     data = recorded(0.01, 0)
     space = SearchSpace(Evaluator(data), mechanisms(), FRAME)
-    theta = np.array([*COEFFICIENTS, 0.13, 0.01, -0.4])
+    theta = np.array([*COEFFICIENTS, 0.13, 0.01, 0.4])
     found = space.fit(theta, np.arange(8), data.initial, data.spread)
     theta = found.theta.copy()
     theta[3] = 0.0  # the friction whose width w is
