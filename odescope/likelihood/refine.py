@@ -25,7 +25,7 @@ from odescope.likelihood.process_noise import (
     search_with_process_noise,
 )
 from odescope.likelihood.program import Frame
-from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, search
+from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, search, settle_again
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT, SHORT, Segments, cut_segments
 from odescope.likelihood.settings import FoundSettings, with_settings
@@ -130,7 +130,7 @@ def refine(
     def padded(theta: FloatArray) -> FloatArray:
         return np.append(theta, np.zeros(len(everything) - len(mechanisms)))
 
-    starts, plain = [padded(s) for s in starts], None if plain is None else padded(plain)
+    starts, (plain, rival) = [padded(s) for s in starts], (None if s is None else padded(s) for s in (plain, rival))
     deadline = None if options.seconds is None else time.time() + options.seconds
     budget = Budget(options.budget, monitor, deadline)
     space = _fine_enough(SearchSpace(Evaluator(cut(SEGMENT), 1, budget), everything, frame), starts)
@@ -312,9 +312,11 @@ def _fine_enough(space: SearchSpace, starts: Sequence[FloatArray]) -> SearchSpac
 
 
 def _finer(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace, Outcome]:
-    """Halve the steps until that no longer matters at the end of a search."""
-    space, found = _halve(space, outcome.fit, space.segments.spread * outcome.width)
-    return space, replace(outcome, fit=found)
+    """Halve the steps until that no longer matters at the end of a search; what coarse steps asked for may go then."""
+    finer, found = _halve(space, outcome.fit, space.segments.spread * outcome.width)
+    if finer.evaluator.substeps == space.evaluator.substeps:
+        return finer, replace(outcome, fit=found)
+    return finer, settle_again(finer, outcome, found)
 
 
 def _halve(space: SearchSpace, found: Fit, defect_std: FloatArray) -> tuple[SearchSpace, Fit]:

@@ -6,7 +6,7 @@ docs/method.md, Structure by likelihood.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import msgspec
@@ -142,6 +142,26 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
     found = best[0]
     prices = space.penalty[found.free], space.price(found)
     return Outcome(*best, *prices, tuple(trail), not budget.over, budget.late, budget.spent)
+
+
+def settle_again(space: SearchSpace, outcome: Outcome, found: Fit) -> Outcome:
+    """Return the end of a search with what is added and dropped where it ended, in a space with finer steps.
+
+    Args:
+        space: with the finer steps.
+        outcome: of the search.
+        found: its model, fitted in that space.
+    """
+    trail = list(outcome.trail)
+    fit = _settle(space, found, outcome.width, trail)
+    return replace(
+        outcome,
+        fit=fit,
+        scale=_scale(space, fit, outcome.width),
+        penalties=space.penalty[fit.free],
+        price=space.price(fit),
+        trail=tuple(trail),
+    )
 
 
 def _torn(space: SearchSpace, found: Fit) -> bool:

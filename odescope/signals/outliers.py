@@ -20,6 +20,7 @@ from odescope.signals.filling import filled
 
 FAR = 5.0  # standard deviations beyond which a sample says nothing of the signal
 STEPS = 0.25  # root mean squares of the motion from sample to sample: what is nearer may be a kink of the signal
+SIGNAL_LEFT = 0.5  # correlation of neighbours in what a filter leaves, beyond which that is no noise
 MOST = 0.3  # of the samples of a coordinate: where more are far off, none is usual
 PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
@@ -102,7 +103,9 @@ def gate_outliers(
             smooth = derivatives_like(differentiator, cutoff, rough, [False] * len(rough), clipping.period, 0)
             motion = np.concatenate([np.diff(s[0]) for s in smooth])
             limit = max(FAR * bound / BEND, STEPS * float(np.sqrt(np.mean(motion**2))))
-            far = [f | (np.abs(y - s[0]) > limit) for f, y, s in zip(far, recorded, smooth, strict=True)]
+            rest = [y - s[0] for y, s in zip(recorded, smooth, strict=True)]
+            if _left_signal([np.clip(r, -bound, bound) for r in rest]) < SIGNAL_LEFT:
+                far = [f | (np.abs(r) > limit) for f, r in zip(far, rest, strict=True)]
         far = [f & m for f, m in zip(far, measured, strict=True)]
         found[c.name] = sum(int(f.sum()) for f in far)
         if found[c.name] > MOST * sum(int(m.sum()) for m in measured):
@@ -117,6 +120,12 @@ def gate_outliers(
         return records, found
     gated = Records(tuple(replace(run, counts=n) for run, n in zip(records, counts, strict=True)))
     return filled(gated, coordinates, differentiator), found
+
+
+def _left_signal(rest: Sequence[FloatArray]) -> float:
+    """Return the correlation of neighbours in what a filter leaves: that of white noise is about nothing."""
+    power = sum(float(r @ r) for r in rest)
+    return sum(float(r[1:] @ r[:-1]) for r in rest) / power if power > 0.0 else 0.0
 
 
 def _saturated(columns: Sequence[FloatArray]) -> list[BoolArray]:

@@ -211,7 +211,7 @@ BAD_DATA = {
     "time stands still": (replaced(t=lambda g: 0 * g["t"] + 5), ["time is 5 in every row in run.csv", "sample_period"]),
     "fewer samples than candidates": (
         less(*range(30, 1500)),
-        ["samples cannot decide between 40 candidate terms for x_ddot"],
+        ["samples cannot decide between 42 candidate terms for x_ddot"],
     ),
     "one sample": (less(*range(1, 1500)), ["1 of 1 cells of 'x'", "run.csv"]),
     "no sample": (less(*range(1500)), ["run.csv holds column names but no rows"]),
