@@ -199,7 +199,7 @@ def estimate_noise(space: SearchSpace, found: Fit, floor: FloatArray | None = No
     channels = len(space.segments.noise)
     least = _logs(space) + np.log(LEAST_NOISE)
     if floor is not None:
-        least[:channels] = np.log(floor)
+        least[:channels] = np.maximum(least[:channels], np.log(np.maximum(floor, 1e-300)))
     best = space, found, np.inf
     for _ in range(ROUNDS):
         record = LinearRecord.of(space, found)

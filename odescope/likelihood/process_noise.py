@@ -191,9 +191,27 @@ def search_with_process_noise(
         return None
     fitted, found, marginal = estimate_noise(begun, found, floor)
     evidence = robust_evidence(fitted, found)
+    lean = None if evidence is None else _without_idle(fitted, found, evidence)
+    if lean is not None:
+        fitted, found, marginal = estimate_noise(fitted, lean, floor)
+        evidence = robust_evidence(fitted, found)
     if evidence is None:
         return None
     return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail, way)
+
+
+def _without_idle(space: SearchSpace, found: Fit, evidence: Evidence) -> Fit | None:
+    """Return the fit without the offsets, delays and constants that are not worth their penalty, None if all are."""
+    idle = [
+        k
+        for k, wald in zip(found.free.tolist(), evidence.wald, strict=True)
+        if not space.mechanisms[k].parts and wald < space.penalty[k]
+    ]
+    if not idle:
+        return None
+    theta = found.theta.copy()
+    theta[idle] = 0.0
+    return space.fit(theta, np.setdiff1d(found.present, idle), found.x0, space.segments.spread, found.strength)
 
 
 def _searched_on(

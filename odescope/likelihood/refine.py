@@ -15,7 +15,7 @@ from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.held_out import free_run_error, without_held_out
+from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
 from odescope.likelihood.path import ModelPath
 from odescope.likelihood.process_noise import (
     PATH_SHARE,
@@ -25,7 +25,7 @@ from odescope.likelihood.process_noise import (
     search_with_process_noise,
 )
 from odescope.likelihood.program import Frame
-from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, search, settle_again
+from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, in_whole, search, settle_again
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT, SHORT, Segments, cut_segments
 from odescope.likelihood.settings import FoundSettings, with_settings
@@ -34,6 +34,7 @@ from odescope.parallel.workers import Threads, Workers
 from odescope.recordings.record import Records
 from odescope.signals.differentiators import Differentiator
 from odescope.signals.estimate import Signals
+from odescope.signals.noise import sensor_step
 
 THREADS = Threads()
 
@@ -134,18 +135,29 @@ def refine(
     deadline = None if options.seconds is None else time.time() + options.seconds
     budget = Budget(options.budget, monitor, deadline)
     space = _fine_enough(SearchSpace(Evaluator(cut(SEGMENT), 1, budget), everything, frame), starts)
-    outcomes = _searches(space, starts, plain, monitor, workers)
+    seen = space.on(thinned(space.segments))
+    outcomes = _searches(seen, starts, plain, monitor, workers)
     if rival is not None:
-        outcomes += _searches(space, [rival], None, monitor, workers)
+        outcomes += _searches(seen, [rival], None, monitor, workers)
     more = None if any(o.clear for o in outcomes) else further()
     if more is not None:
         more = padded(more)
-        outcomes += _searches(space, [more], None, monitor, workers)
+        outcomes += _searches(seen, [more], None, monitor, workers)
         starts = [more, *starts]
+    budget.spent += sum(o.spent for o in outcomes)
+    if seen.segments is not space.segments:
+        best = sorted(outcomes, key=lambda o: o.rank)[:1]
+        outcomes = [whole for o in best if (whole := in_whole(space, o)) is not None]
     if not outcomes:
         return None
-    budget.spent += sum(o.spent for o in outcomes)
-    return _judged(cut, space, starts, outcomes, options.terms)
+    return _judged(cut, space, starts, outcomes, options.terms, _floor(records, signals, space.segments.block))
+
+
+def _floor(records: Records, signals: Signals, block: int) -> FloatArray:
+    """Return the least standard deviations (c,) of an average, which the steps of sensors make."""
+    steps = [sensor_step([run.column(c.name) for run in records]) for c in signals.coordinates]
+    floor: FloatArray = np.array(steps) / np.sqrt(12.0 * block)
+    return floor
 
 
 def _judged(
@@ -154,6 +166,7 @@ def _judged(
     begun: Sequence[FloatArray],
     outcomes: Sequence[Outcome],
     terms: int | None,
+    floor: FloatArray,
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
     best = min(outcomes, key=lambda o: o.rank)
@@ -163,7 +176,7 @@ def _judged(
     chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:
         space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
-        process, adopted = _with_process_noise(cut, space, best, begun, terms)
+        process, adopted = _with_process_noise(cut, space, best, begun, terms, floor)
     evidence: Evidence | None
     path: ModelPath | None
     if process is not None and adopted:
@@ -259,11 +272,12 @@ def _with_process_noise(
     best: Outcome,
     begun: Sequence[FloatArray],
     terms: int | None,
+    floor: FloatArray,
 ) -> tuple[Noisy | None, bool]:
     """Return the model with process noise, None where no start can be followed, and whether the record needs it."""
-    starts = [*begun, best.fit.theta]
-    pieces = in_pieces(cut, space, starts)
-    process = search_with_process_noise(pieces, starts, terms)
+    starts = [best.fit.theta, *begun]  # what a search has found is nearest, should the budget end the others
+    pieces = in_pieces(cut, space, starts, floor)
+    process = search_with_process_noise(pieces, starts, terms, floor)
     if process is None:
         return None, False
     if _joined(best) and cost_without_process_noise(pieces, best) < process.penalised:

@@ -144,6 +144,24 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
     return Outcome(*best, *prices, tuple(trail), not budget.over, budget.late, budget.spent)
 
 
+def in_whole(space: SearchSpace, outcome: Outcome) -> Outcome | None:
+    """Return the end of a search that saw stretches of a record as it is in the whole, None where it is lost there.
+
+    Args:
+        space: with the whole record.
+        outcome: of the search.
+    """
+    found, spread = outcome.fit, space.segments.spread
+    here = space.fit(found.theta, found.present, space.segments.initial, spread * np.inf, found.strength)
+    for width in WIDTHS[1:]:
+        if here is None or width < outcome.width:
+            break
+        here = space.again(here, here.x0, spread * width)
+    if here is None or np.isinf(outcome.width):
+        return None if here is None else replace(outcome, fit=here)
+    return settle_again(space, outcome, here)
+
+
 def settle_again(space: SearchSpace, outcome: Outcome, found: Fit) -> Outcome:
     """Return the end of a search with what is added and dropped where it ended, in a space with finer steps.
 
