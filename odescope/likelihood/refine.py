@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
+import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
@@ -16,6 +18,7 @@ from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, without_held_out
+from odescope.likelihood.holds import choose_holds, holds_of
 from odescope.likelihood.path import ModelPath
 from odescope.likelihood.process_noise import (
     PATH_SHARE,
@@ -31,12 +34,14 @@ from odescope.likelihood.segments import SEGMENT, SHORT, Segments, cut_segments
 from odescope.likelihood.settings import FoundSettings, with_settings
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
+from odescope.recordings.coordinate import Hold
 from odescope.recordings.record import Records
 from odescope.signals.differentiators import Differentiator
 from odescope.signals.estimate import Signals
 
 THREADS = Threads()
 
+HOLDINGS = 2  # searches anew, at most, under other holds of inputs
 FINEST = 8  # steps of RK4 a block average, at most
 JOINED_SHARE = 0.6  # of the budget, at most, for the searches without process noise
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
@@ -56,7 +61,7 @@ class Refinement:
     the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and `space`
     are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence` what the record says of
     every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget ended a search, `late`
-    if the clock did; `spent` is in units of the budget.
+    if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`.
     """
 
     relations: tuple[Relation, ...]
@@ -74,6 +79,7 @@ class Refinement:
     finished: bool
     late: bool
     spent: float
+    hold_gains: Mapping[str, float]
 
     @property
     def follows(self) -> bool:
@@ -99,6 +105,7 @@ def refine(
     monitor: Monitor = Monitor(),  # noqa: B008
     workers: Workers = THREADS,
     late: Collection[str] = (),
+    held: Collection[str] = (),
 ) -> Refinement | None:
     """Return the best end of the searches from several starts, or None where no start can be followed.
 
@@ -116,13 +123,16 @@ def refine(
         monitor: told what goes on, and asked whether to stop.
         workers: where it is searched from the starts.
         late: names of the inputs whose delays are open.
+        held: names of the inputs whose holds are open.
 
     Raises:
         Stopped: the run is to end.
     """
 
-    def cut(length: int) -> Segments:
-        return cut_segments(records, signals, differentiator, length)
+    def cut(holds: Sequence[Hold], length: int) -> Segments:
+        driven = zip(signals.inputs, holds, strict=True)
+        seen = replace(signals, inputs=tuple(msgspec.structs.replace(i, hold=hold) for i, hold in driven))
+        return cut_segments(records, seen, differentiator, length)
 
     everything, constants = with_settings(mechanisms, signals, late)
     frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs], constants)
@@ -133,8 +143,11 @@ def refine(
     starts, plain = [padded(s) for s in starts], None if plain is None else padded(plain)
     deadline = None if options.seconds is None else time.time() + options.seconds
     budget = Budget(options.budget, monitor, deadline)
-    space = _fine_enough(SearchSpace(Evaluator(cut(SEGMENT), 1, budget), everything, frame), starts)
+    first = cut([i.hold for i in signals.inputs], SEGMENT)
+    space = _fine_enough(SearchSpace(Evaluator(first, 1, budget), everything, frame), starts)
+    space = _first_held(cut, space, starts, held)
     outcomes = _searches(space, starts, plain, monitor, workers)
+    space, outcomes, gains = _held(cut, space, starts, outcomes, held, monitor, workers)
     if rival is not None:
         outcomes += _searches(space, [rival], None, monitor, workers)
     more = None if any(o.clear for o in outcomes) else further()
@@ -142,10 +155,11 @@ def refine(
         more = padded(more)
         outcomes += _searches(space, [more], None, monitor, workers)
         starts = [more, *starts]
+        space, outcomes, gains = _held(cut, space, starts, outcomes, held, monitor, workers)
     if not outcomes:
         return None
     budget.spent += sum(o.spent for o in outcomes)
-    return _judged(cut, space, starts, outcomes, options.terms)
+    return _judged(partial(cut, holds_of(space)), space, starts, outcomes, gains, options.terms)
 
 
 def _judged(
@@ -153,6 +167,7 @@ def _judged(
     space: SearchSpace,
     begun: Sequence[FloatArray],
     outcomes: Sequence[Outcome],
+    hold_gains: Mapping[str, float],
     terms: int | None,
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
@@ -191,7 +206,54 @@ def _judged(
         finished=best.finished and not space.budget.over,
         late=best.late or space.budget.late,
         spent=space.budget.spent,
+        hold_gains=hold_gains,
     )
+
+
+def _first_held(
+    cut: Callable[[Sequence[Hold], int], Segments],
+    space: SearchSpace,
+    begun: Sequence[FloatArray],
+    names: Collection[str],
+) -> SearchSpace:
+    """Return the space under the holds that suit that start best that fits best in loose segments."""
+    loose = np.full_like(space.segments.spread, np.inf)
+    fits = [f for theta in begun if (f := space.begin(theta, loose)) is not None] if names else []
+    if not fits:
+        return space
+    holds = choose_holds(space, min(fits, key=lambda f: f.cost), names).holds
+    return space if holds == holds_of(space) else _fine_enough(space.on(cut(holds, SEGMENT)), begun)
+
+
+def _held(
+    cut: Callable[[Sequence[Hold], int], Segments],
+    space: SearchSpace,
+    begun: Sequence[FloatArray],
+    outcomes: Sequence[Outcome],
+    names: Collection[str],
+    monitor: Monitor,
+    workers: Workers,
+) -> tuple[SearchSpace, list[Outcome], dict[str, float]]:
+    """Return the space under the holds of inputs that suit the record best, the ends of searches there, and the gains.
+
+    A wrong hold looks like noise of the process, and asks for terms that stand for it: the search begins anew.
+    """
+    outcomes, gains = list(outcomes), dict[str, float]()
+    for _ in range(HOLDINGS if names else 0):
+        best = min(outcomes, key=lambda o: o.rank, default=None)
+        if best is None:
+            break
+        choice = choose_holds(space, best.fit, names)
+        if choice.holds == holds_of(space):
+            return space, outcomes, {name: gains.get(name, gain) for name, gain in choice.gains.items()}
+        starts = [choice.fit.theta, *begun]
+        other = _fine_enough(space.on(cut(choice.holds, SEGMENT)), starts)
+        ends = _searches(other, starts, None, monitor, workers)
+        if not ends:
+            break
+        space.budget.spent += sum(o.spent for o in outcomes)
+        space, outcomes, gains = other, ends, choice.gains
+    return space, outcomes, gains
 
 
 def _searches(

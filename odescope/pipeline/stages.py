@@ -23,6 +23,7 @@ from odescope.parallel.memory import peak_bytes
 from odescope.parallel.workers import Workers
 from odescope.pipeline.fingerprint import fingerprint
 from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
+from odescope.pipeline.inputs import first_holds
 from odescope.pipeline.joint_models import Search, proposals
 from odescope.pipeline.reduce import Plan, Whole, reduce_all
 from odescope.pipeline.sample import Sample, open_recordings
@@ -164,8 +165,8 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     if study.signals.outliers == "clip":
         with work.stage("signals"):
             records, outliers, clipping = _clipped(study, records)
-    inputs, delays = tuple(study.driven()), dict[str, Delay]()
     wanted = [name for name, i in study.inputs.items() if i.delay == "estimate"]
+    inputs, delays = first_holds(records, study), dict[str, Delay]()
     if wanted:
         with work.stage("delays"):
             # Delays are found with relations, whatever form the model is to have.
@@ -233,7 +234,7 @@ def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals
 
 def _delays(work: Work, records: Records, libraries: Sequence[Library], wanted: Sequence[str]) -> dict[str, Delay]:
     """Return the delays for which the criterion, summed over the targets, is least."""
-    study, inputs = work.study, work.study.driven()
+    study, inputs = work.study, first_holds(records, work.study)
     period = 1.0 / max(c.cutoff for c in _signals(study, records, inputs).channels)
     lead = (LARGEST + 1.0) * period + max(abs(i.delay) for i in inputs)
 
@@ -401,4 +402,5 @@ def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | No
             work.monitor,
             work.workers,
             [name for name, i in work.study.inputs.items() if i.delay in ("auto", "estimate")],
+            [name for name, i in work.study.inputs.items() if i.hold == "auto"],
         )

@@ -98,7 +98,7 @@ def test_the_parabola_is_the_least_squares_one(block, hold, late):
         for i in range(3)
     ]
     nearest = np.polynomial.Polynomial(np.linalg.solve(gram, right))
-    nodes = _parabola(block, hold, late) @ samples
+    nodes = _parabola(block, hold == "zero", late) @ samples
     np.testing.assert_allclose(nodes, nearest(np.array([0.0, 0.5, 1.0]) * block), rtol=1e-6, atol=1e-8)
     middle = 0.5 * (s[:-1] + s[1:])
     mean = sum(value(m) * d for m, d in zip(middle, np.diff(s), strict=True)) / block
@@ -109,13 +109,13 @@ def test_the_parabola_reproduces_lines_exactly_and_parabolas_to_the_error_of_lin
     for block in (1, 3, 10):
         s = np.arange(-1.0, block + 1)
         at = np.array([0.0, 0.5, 1.0]) * block
-        np.testing.assert_allclose(_parabola(block, "linear", 0.0) @ (2 - 3 * s), 2 - 3 * at, atol=1e-12 * block)
+        np.testing.assert_allclose(_parabola(block, False, 0.0) @ (2 - 3 * s), 2 - 3 * at, atol=1e-12 * block)
         # Between samples linear interpolation of s^2 is too high by 1/6 on average.
-        shift = _parabola(block, "linear", 0.0) @ s**2 - at**2
+        shift = _parabola(block, False, 0.0) @ s**2 - at**2
         assert shift @ [1 / 6, 4 / 6, 1 / 6] == pytest.approx(1 / 6, abs=1e-11)
         assert np.abs(shift).max() < 0.3
-    np.testing.assert_allclose(_parabola(1, "zero", 0.0) @ [9.0, 2.0, 5.0], 2.0)
-    np.testing.assert_allclose(_parabola(1, "linear", 0.0) @ [9.0, 2.0, 5.0], [2.0, 3.5, 5.0])
+    np.testing.assert_allclose(_parabola(1, True, 0.0) @ [9.0, 2.0, 5.0], 2.0)
+    np.testing.assert_allclose(_parabola(1, False, 0.0) @ [9.0, 2.0, 5.0], [2.0, 3.5, 5.0])
 
 
 def test_inputs_are_those_of_the_step_from_centre_to_centre():
