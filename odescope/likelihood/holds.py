@@ -48,8 +48,8 @@ def choose_holds(space: SearchSpace, found: Fit, names: Collection[str]) -> Hold
     """Return the holds under which the structure that was found fits best, each input's in turn.
 
     All are judged on the same averages, in segments of their own: joined ones cannot be followed from one hold to
-    another in a few steps. An input that is held looks late to one that runs linearly, by half a sample: where the delay
-    is open, each hold is tried with one and without.
+    another in a few steps. An input that is held looks late to one that runs linearly, by half a sample: where the
+    delay is open, each hold is tried with one and without.
 
     Args:
         space: whose segments know the samples of their inputs.

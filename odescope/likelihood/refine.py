@@ -32,6 +32,7 @@ from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, s
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT, SHORT, Segments, cut_segments
 from odescope.likelihood.settings import FoundSettings, with_settings
+from odescope.likelihood.steps import with_fine_steps, with_finer_steps
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
 from odescope.recordings.coordinate import Hold
@@ -42,15 +43,11 @@ from odescope.signals.estimate import Signals
 THREADS = Threads()
 
 HOLDINGS = 2  # searches anew, at most, under other holds of inputs
-FINEST = 8  # steps of RK4 a block average, at most
 JOINED_SHARE = 0.6  # of the budget, at most, for the searches without process noise
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
 NEGLIGIBLE = 1e-3  # of the variance
 CHANCE = 2.0  # standard deviations of a residual variance that are no reason to look for process noise
 FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
-STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that does not ask for shorter steps
-STEP_SHARE = 0.01  # of the cost, and
-STEP_MOVE = 0.2  # standard errors of any coefficient: changes of a refit that do not ask for shorter steps still
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,38 +125,35 @@ def refine(
     Raises:
         Stopped: the run is to end.
     """
-
-    def cut(holds: Sequence[Hold], length: int) -> Segments:
-        driven = zip(signals.inputs, holds, strict=True)
-        seen = replace(signals, inputs=tuple(msgspec.structs.replace(i, hold=hold) for i, hold in driven))
-        return cut_segments(records, seen, differentiator, length)
-
     everything, constants = with_settings(mechanisms, signals, late)
     frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs], constants)
-
-    def padded(theta: FloatArray) -> FloatArray:
-        return np.append(theta, np.zeros(len(everything) - len(mechanisms)))
-
-    starts, plain = [padded(s) for s in starts], None if plain is None else padded(plain)
+    cut, absent = partial(_cut, records, signals, differentiator), np.zeros(len(everything) - len(mechanisms))
+    starts, plain = [np.append(s, absent) for s in starts], None if plain is None else np.append(plain, absent)
     deadline = None if options.seconds is None else time.time() + options.seconds
     budget = Budget(options.budget, monitor, deadline)
-    first = cut([i.hold for i in signals.inputs], SEGMENT)
-    space = _fine_enough(SearchSpace(Evaluator(first, 1, budget), everything, frame), starts)
-    space = _first_held(cut, space, starts, held)
+    segments = cut([i.hold for i in signals.inputs], SEGMENT)
+    space = _first_held(cut, SearchSpace(Evaluator(segments, 1, budget), everything, frame), starts, held)
     outcomes = _searches(space, starts, plain, monitor, workers)
     space, outcomes, gains = _held(cut, space, starts, outcomes, held, monitor, workers)
     if rival is not None:
-        outcomes += _searches(space, [rival], None, monitor, workers)
+        outcomes += _searches(space, [np.append(rival, absent)], None, monitor, workers)
     more = None if any(o.clear for o in outcomes) else further()
     if more is not None:
-        more = padded(more)
-        outcomes += _searches(space, [more], None, monitor, workers)
-        starts = [more, *starts]
+        starts = [np.append(more, absent), *starts]
+        outcomes += _searches(space, starts[:1], None, monitor, workers)
         space, outcomes, gains = _held(cut, space, starts, outcomes, held, monitor, workers)
     if not outcomes:
         return None
     budget.spent += sum(o.spent for o in outcomes)
     return _judged(partial(cut, holds_of(space)), space, starts, outcomes, gains, options.terms)
+
+
+def _cut(
+    records: Records, signals: Signals, differentiator: Differentiator, holds: Sequence[Hold], length: int
+) -> Segments:
+    """Return the segments of records under these holds of the inputs."""
+    inputs = (msgspec.structs.replace(i, hold=hold) for i, hold in zip(signals.inputs, holds, strict=True))
+    return cut_segments(records, replace(signals, inputs=tuple(inputs)), differentiator, length)
 
 
 def _judged(
@@ -173,7 +167,7 @@ def _judged(
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
     best = min(outcomes, key=lambda o: o.rank)
     if _joined(best):
-        space, best = _finer(space, best)
+        space, best = with_finer_steps(space, best)
     process, adopted = None, False
     chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:
@@ -216,13 +210,14 @@ def _first_held(
     begun: Sequence[FloatArray],
     names: Collection[str],
 ) -> SearchSpace:
-    """Return the space under the holds that suit that start best that fits best in loose segments."""
+    """Return the space with fine steps, under the holds that suit the start that fits best in loose segments."""
+    space = with_fine_steps(space, begun)
     loose = np.full_like(space.segments.spread, np.inf)
     fits = [f for theta in begun if (f := space.begin(theta, loose)) is not None] if names else []
     if not fits:
         return space
     holds = choose_holds(space, min(fits, key=lambda f: f.cost), names).holds
-    return space if holds == holds_of(space) else _fine_enough(space.on(cut(holds, SEGMENT)), begun)
+    return space if holds == holds_of(space) else with_fine_steps(space.on(cut(holds, SEGMENT)), begun)
 
 
 def _held(
@@ -247,7 +242,7 @@ def _held(
         if choice.holds == holds_of(space):
             return space, outcomes, {name: gains.get(name, gain) for name, gain in choice.gains.items()}
         starts = [choice.fit.theta, *begun]
-        other = _fine_enough(space.on(cut(choice.holds, SEGMENT)), starts)
+        other = with_fine_steps(space.on(cut(choice.holds, SEGMENT)), starts)
         ends = _searches(other, starts, None, monitor, workers)
         if not ends:
             break
@@ -361,41 +356,3 @@ def _evidence(space: SearchSpace, outcome: Outcome) -> Evidence | None:
     if expansion is None or not expansion.finite:
         return None
     return weigh(space, fit, expansion.information / outcome.scale, expansion.gradient[None] / outcome.scale)
-
-
-def _fine_enough(space: SearchSpace, starts: Sequence[FloatArray]) -> SearchSpace:
-    """Halve the steps of RK4 until that no longer matters to the first start that can be followed in loose segments."""
-    loose = np.full_like(space.segments.spread, np.inf)
-    for theta in starts:
-        found = space.begin(theta, loose)
-        if found is not None:
-            return _halve(space, found, loose)[0]
-    return space
-
-
-def _finer(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace, Outcome]:
-    """Halve the steps until that no longer matters at the end of a search."""
-    space, found = _halve(space, outcome.fit, space.segments.spread * outcome.width)
-    return space, replace(outcome, fit=found)
-
-
-def _halve(space: SearchSpace, found: Fit, defect_std: FloatArray) -> tuple[SearchSpace, Fit]:
-    """Return space and fit with steps so short that halving them moves no coefficient by its standard error.
-
-    Where the cost itself hardly changes nothing is refitted. It always does where a term jumps, such as dry friction.
-    """
-    while space.evaluator.substeps < FINEST:
-        finer = space.finer(2 * space.evaluator.substeps)
-        again = finer.again(found, found.x0, defect_std, iterations=0)
-        if again is not None and abs(again.cost - found.cost) < STEP_ERROR:
-            break
-        refitted = finer.again(found, found.x0, defect_std)
-        if refitted is None:
-            break
-        moved = (refitted.theta - found.theta)[refitted.free] ** 2
-        variances = refitted.variances * max(refitted.data_cost / space.segments.samples, 1.0)
-        same = abs(refitted.cost - found.cost) < STEP_SHARE * found.cost
-        space, found = finer, refitted
-        if same and bool(np.all(moved < STEP_MOVE**2 * variances)):
-            break
-    return space, found

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from odescope.likelihood.segments import _parabola, cut_segments
+from odescope.likelihood.segments import SampledInputs, _parabola, cut_segments
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral
@@ -132,6 +132,30 @@ def test_late_inputs_are_those_of_so_much_earlier_and_gain_what_their_slope_says
     late = data.late([delay])[inside]
     np.testing.assert_allclose(late[:, :, 0], np.cos(2 * np.pi * 0.9 * at), atol=1e-3)
     np.testing.assert_allclose(late[:, :, 1], 1.8 * np.pi * np.sin(2 * np.pi * 0.9 * at), atol=0.02)
+
+
+@pytest.mark.parametrize(("block", "late"), [(1, 0.0), (1, 0.37), (1, -2.6), (3, 0.0), (5, 1.45)])
+def test_nodes_of_a_band_limited_input_are_those_of_its_fourier_series(block, late):
+    count, rng = 600, np.random.default_rng(block)
+    numbers = np.arange(1, 220)  # of the lines, up to 0.73 of half the sampling rate
+    weights = rng.standard_normal((2, len(numbers))) / np.sqrt(len(numbers))
+
+    def u(at):
+        phase = 2.0 * np.pi * np.multiply.outer(at, numbers) / count
+        return np.cos(phase) @ weights[0] + np.sin(phase) @ weights[1]
+
+    at = 100 + np.arange(0, 400, block)
+    whole = np.zeros(len(at), dtype=np.int64)
+    samples = u(np.arange(count))[:, None]
+    nodes = SampledInputs(samples, ("band-limited",), at, whole, whole + count - 1, block, PERIOD).nodes([late])
+    points, share = np.polynomial.legendre.leggauss(12 * block)
+    values = u(at[:, None] + 0.5 * block * (points + 1.0) - late)
+    powers = np.polynomial.legendre.legvander(points, 2)
+    nearest = (values * share) @ powers * np.array([0.5, 1.5, 2.5])
+    expected = nearest @ np.polynomial.legendre.legvander(np.array([-1.0, 0.0, 1.0]), 2).T
+    np.testing.assert_allclose(nodes[:, :, 0], expected, atol=0.01)
+    linear = SampledInputs(samples, ("linear",), at, whole, whole + count - 1, block, PERIOD).nodes([late])
+    assert np.abs(linear[:, :, 0] - expected).max() > 0.2
 
 
 def test_a_late_held_input_keeps_its_mean_over_every_step():
