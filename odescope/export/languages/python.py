@@ -27,8 +27,8 @@ def derivative({t}, {state}, {given}=()):
 
     {state} and {given} follow STATES and INPUTS. {given} are the values of the inputs as they act at time {t}, or a
     function of time that returns the inputs as they were recorded: each is then taken as many seconds before {t} as
-    DELAYS says. Between samples such a function is to do what HOLDS says: keep the last value ("zero"), run linearly, or
-    be band-limited (windowed sinc; a spline through many samples a period is near it). scipy's solve_ivp takes lambda t, y: derivative(t, y, recorded_at).
+    DELAYS says. Between samples it is to do what HOLDS says: keep the last value ("zero"), run linearly, or be
+    band-limited, a windowed sinc. scipy's solve_ivp takes lambda t, y: derivative(t, y, recorded_at).
     """
 {unpack}    {a} = {np}.array({matrix}, dtype={np}.float64)
     {b} = {np}.array({right}, dtype={np}.float64)
