@@ -5,7 +5,7 @@ docs/method.md, Inputs between samples.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import get_args
 
@@ -19,7 +19,7 @@ from odescope.recordings.coordinate import Hold
 
 DEAREST = 10.0  # fall of the cost, in residual variances, that makes another hold credible, and
 SURE = 3.0  # standard deviations of that fall between blocks of the record: misfit is no white noise
-TRIAL_STEPS = 8  # of a refit, at most
+TRIAL_STEPS = 4  # of a refit, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ def choose_holds(space: SearchSpace, found: Fit, names: Collection[str]) -> Hold
 
     All are judged on the same averages, in segments of their own: joined ones cannot be followed from one hold to
     another in a few steps. An input that is held looks late to one that runs linearly, by half a sample: where the
-    delay is open, each hold is tried with one and without.
+    delay is open, another hold has to be better than a delay, too.
 
     Args:
         space: whose segments know the samples of their inputs.
@@ -66,19 +66,17 @@ def choose_holds(space: SearchSpace, found: Fit, names: Collection[str]) -> Hold
 def _chosen(choice: HoldChoice, j: int, name: str) -> HoldChoice:
     """Return the choice with the best hold of input j, which is called so."""
     space, found = choice.space, choice.fit
-    before = holds_of(space)
-    trials = dict[Hold, tuple[SearchSpace, Fit]]()
-    for hold in get_args(Hold):
-        other = space if hold == before[j] else space.on(space.segments.held([*before[:j], hold, *before[j + 1 :]]))
-        for again in _refitted(other, found, name):
-            if hold not in trials or _fall((other, again), trials[hold]) > 0.0:
-                trials[hold] = other, again
-    if before[j] not in trials:
+    late = [k for k, m in enumerate(space.mechanisms) if m.kind == "delay" and m.place == name]
+    delayed, now = bool(np.isin(late, found.present).any()), holds_of(space)[j]
+    trials = _trials(space, found, j, late, delayed)
+    if now not in trials:
         return choice
-    now = trials[before[j]]
-    best = max(trials, key=lambda h: _fall(trials[h], now))
-    if best != before[j] and not _credible(trials[best], now):
-        best = before[j]
+    best = max(trials, key=lambda h: _fall(trials[h], trials[now]))
+    if best != now and late and not delayed:
+        trials = _trials(space, found, j, late, True)
+        best = max(trials, key=lambda h: _fall(trials[h], trials[now]))
+    if best != now and not _credible(trials[best], trials[now]):
+        best = now
     gains = dict(choice.gains)
     if best != "linear" and "linear" in trials:
         (_, linear), (there, fitted) = trials["linear"], trials[best]
@@ -86,19 +84,24 @@ def _chosen(choice: HoldChoice, j: int, name: str) -> HoldChoice:
     return HoldChoice(*trials[best], gains)
 
 
-def _refitted(space: SearchSpace, found: Fit, name: str) -> Iterator[Fit]:
-    """Yield the structure fitted in this space, without a delay of the input and with one, where that is open."""
-    loose = np.full_like(space.segments.spread, np.inf)
-    late = [k for k, m in enumerate(space.mechanisms) if m.kind == "delay" and m.place == name]
+def _trials(
+    space: SearchSpace, found: Fit, j: int, late: list[int], delayed: bool
+) -> dict[Hold, tuple[SearchSpace, Fit]]:
+    """Return the structure fitted under every hold of input j, without its delay and, if asked, with one."""
+    loose, holds = np.full_like(space.segments.spread, np.inf), holds_of(space)
     at_once = found.theta.copy()
     at_once[late] = 0.0
-    trials = [(at_once, np.setdiff1d(found.present, late))]
-    if late:
-        trials.append((found.theta, np.union1d(found.present, late)))
-    for theta, present in trials:
-        again = space.fit(theta, present, found.x0, loose, found.strength, TRIAL_STEPS)
-        if again is not None:
-            yield again
+    structures = [(at_once, np.setdiff1d(found.present, late))]
+    if delayed:
+        structures.append((found.theta, np.union1d(found.present, late)))
+    trials = dict[Hold, tuple[SearchSpace, Fit]]()
+    for hold in get_args(Hold):
+        other = space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
+        for theta, present in structures:
+            again = other.fit(theta, present, found.x0, loose, found.strength, TRIAL_STEPS)
+            if again is not None and (hold not in trials or _fall((other, again), trials[hold]) > 0.0):
+                trials[hold] = other, again
+    return trials
 
 
 def _scale(space: SearchSpace, found: Fit) -> float:

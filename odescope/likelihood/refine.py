@@ -18,7 +18,7 @@ from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, without_held_out
-from odescope.likelihood.holds import choose_holds, holds_of
+from odescope.likelihood.holds import TRIAL_STEPS, choose_holds, holds_of
 from odescope.likelihood.path import ModelPath
 from odescope.likelihood.process_noise import (
     PATH_SHARE,
@@ -213,10 +213,14 @@ def _first_held(
     """Return the space with fine steps, under the holds that suit the start that fits best in loose segments."""
     space = with_fine_steps(space, begun)
     loose = np.full_like(space.segments.spread, np.inf)
-    fits = [f for theta in begun if (f := space.begin(theta, loose)) is not None] if names else []
-    if not fits:
+    fits = [
+        space.fit(theta, np.flatnonzero(theta), space.segments.initial, loose, iterations=TRIAL_STEPS)
+        for theta in (begun if names else ())
+    ]
+    best = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
+    if best is None:
         return space
-    holds = choose_holds(space, min(fits, key=lambda f: f.cost), names).holds
+    holds = choose_holds(space, best, names).holds
     return space if holds == holds_of(space) else with_fine_steps(space.on(cut(holds, SEGMENT)), begun)
 
 
