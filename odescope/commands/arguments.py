@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, get_args
 
 from odescope.errors import InputError
+from odescope.recordings.coordinate import Hold
 from odescope.recordings.readers import column_names
 from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import read_study
@@ -23,7 +24,7 @@ class DataArguments:
         time: column that holds the time.
         sample_period: in seconds, where no column holds the time.
         coordinates: NAME[:cyclic][:angle][:order=N] of each.
-        inputs: NAME[:zero] of each.
+        inputs: NAME[:HOLD] of each.
         order: of the equations of all coordinates that do not say theirs.
         recording: column that splits the file into recordings.
     """
@@ -98,9 +99,12 @@ def _measured(flags: list[str], text: str, order: int | None) -> Measured:
 
 
 def _driven(flags: list[str], text: str) -> Driven:
-    if flags not in ([], ["zero"], ["linear"]):
-        raise InputError(f"--input {text}: after the name comes zero or linear; {':'.join(flags)!r} came")
-    return Driven(hold="zero" if flags == ["zero"] else "linear")
+    for hold in ("auto", *get_args(Hold)):
+        if (flags or ["auto"]) == [hold]:
+            return Driven(hold=hold)
+    raise InputError(
+        f"--input {text}: after the name comes auto, {', '.join(get_args(Hold))} or nothing; {':'.join(flags)!r} came"
+    )
 
 
 def results_folder(source: Path) -> Path:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
+import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
@@ -16,6 +18,7 @@ from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
+from odescope.likelihood.holds import TRIAL_STEPS, choose_holds, holds_of
 from odescope.likelihood.path import ModelPath
 from odescope.likelihood.process_noise import (
     PATH_SHARE,
@@ -25,12 +28,14 @@ from odescope.likelihood.process_noise import (
     search_with_process_noise,
 )
 from odescope.likelihood.program import Frame
-from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, in_whole, search, settle_again
+from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, in_whole, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT, SHORT, Segments, cut_segments
 from odescope.likelihood.settings import FoundSettings, with_settings
+from odescope.likelihood.steps import with_fine_steps, with_finer_steps
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
+from odescope.recordings.coordinate import Hold
 from odescope.recordings.record import Records
 from odescope.signals.differentiators import Differentiator
 from odescope.signals.estimate import Signals
@@ -38,15 +43,12 @@ from odescope.signals.noise import sensor_step
 
 THREADS = Threads()
 
-FINEST = 8  # steps of RK4 a block average, at most
+HOLDINGS = 2  # searches anew, at most, under other holds of inputs
 JOINED_SHARE = 0.6  # of the budget, at most, for the searches without process noise
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
 NEGLIGIBLE = 1e-3  # of the variance
 CHANCE = 2.0  # standard deviations of a residual variance that are no reason to look for process noise
 FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
-STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that does not ask for shorter steps
-STEP_SHARE = 0.01  # of the cost, and
-STEP_MOVE = 0.5  # standard errors of any coefficient: changes of a refit that do not ask for shorter steps still
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +59,7 @@ class Refinement:
     the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and `space`
     are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence` what the record says of
     every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget ended a search, `late`
-    if the clock did; `spent` is in units of the budget.
+    if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`.
     """
 
     relations: tuple[Relation, ...]
@@ -75,6 +77,7 @@ class Refinement:
     finished: bool
     late: bool
     spent: float
+    hold_gains: Mapping[str, float]
 
     @property
     def follows(self) -> bool:
@@ -100,6 +103,7 @@ def refine(
     monitor: Monitor = Monitor(),  # noqa: B008
     workers: Workers = THREADS,
     late: Collection[str] = (),
+    held: Collection[str] = (),
 ) -> Refinement | None:
     """Return the best end of the searches from several starts, or None where no start can be followed.
 
@@ -117,40 +121,43 @@ def refine(
         monitor: told what goes on, and asked whether to stop.
         workers: where it is searched from the starts.
         late: names of the inputs whose delays are open.
+        held: names of the inputs whose holds are open.
 
     Raises:
         Stopped: the run is to end.
     """
-
-    def cut(length: int) -> Segments:
-        return cut_segments(records, signals, differentiator, length)
-
     everything, constants = with_settings(mechanisms, signals, late)
     frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs], constants)
-
-    def padded(theta: FloatArray) -> FloatArray:
-        return np.append(theta, np.zeros(len(everything) - len(mechanisms)))
-
-    starts, (plain, rival) = [padded(s) for s in starts], (None if s is None else padded(s) for s in (plain, rival))
+    cut, absent = partial(_cut, records, signals, differentiator), np.zeros(len(everything) - len(mechanisms))
+    starts, plain = [np.append(s, absent) for s in starts], None if plain is None else np.append(plain, absent)
     deadline = None if options.seconds is None else time.time() + options.seconds
     budget = Budget(options.budget, monitor, deadline)
-    space = _fine_enough(SearchSpace(Evaluator(cut(SEGMENT), 1, budget), everything, frame), starts)
+    segments = cut([i.hold for i in signals.inputs], SEGMENT)
+    space = _first_held(cut, SearchSpace(Evaluator(segments, 1, budget), everything, frame), starts, held)
     seen = space.on(thinned(space.segments))
     outcomes = _searches(seen, starts, plain, monitor, workers)
+    seen, outcomes, gains = _held(cut, seen, starts, outcomes, held, monitor, workers)
     if rival is not None:
-        outcomes += _searches(seen, [rival], None, monitor, workers)
+        outcomes += _searches(seen, [np.append(rival, absent)], None, monitor, workers)
     more = None if any(o.clear for o in outcomes) else further()
     if more is not None:
-        more = padded(more)
-        outcomes += _searches(seen, [more], None, monitor, workers)
-        starts = [more, *starts]
+        starts = [np.append(more, absent), *starts]
+        outcomes += _searches(seen, starts[:1], None, monitor, workers)
+        seen, outcomes, gains = _held(cut, seen, starts, outcomes, held, monitor, workers)
     budget.spent += sum(o.spent for o in outcomes)
-    if seen.segments is not space.segments:
-        best = sorted(outcomes, key=lambda o: o.rank)[:1]
-        outcomes = [whole for o in best if (whole := in_whole(space, o)) is not None]
-    if not outcomes:
+    space = space if holds_of(seen) == holds_of(space) else seen.on(cut(holds_of(seen), SEGMENT))
+    best = _best(space, seen, outcomes)
+    if best is None:
         return None
-    return _judged(cut, space, starts, outcomes, options.terms, _floor(records, signals, space.segments.block))
+    floor = _floor(records, signals, space.segments.block)
+    return _judged(partial(cut, holds_of(space)), space, starts, best, len(outcomes), gains, options.terms, floor)
+
+
+def _best(space: SearchSpace, seen: SearchSpace, outcomes: Sequence[Outcome]) -> Outcome | None:
+    """Return the best end of searches in what was seen of a record, as it is in the whole of it."""
+    best = min(outcomes, key=lambda o: o.rank, default=None)
+    thin = len(seen.segments.start) < len(space.segments.start)
+    return in_whole(space, best) if best is not None and thin else best
 
 
 def _floor(records: Records, signals: Signals, block: int) -> FloatArray:
@@ -160,18 +167,27 @@ def _floor(records: Records, signals: Signals, block: int) -> FloatArray:
     return floor
 
 
+def _cut(
+    records: Records, signals: Signals, differentiator: Differentiator, holds: Sequence[Hold], length: int
+) -> Segments:
+    """Return the segments of records under these holds of the inputs."""
+    inputs = (msgspec.structs.replace(i, hold=hold) for i, hold in zip(signals.inputs, holds, strict=True))
+    return cut_segments(records, replace(signals, inputs=tuple(inputs)), differentiator, length)
+
+
 def _judged(
     cut: Callable[[int], Segments],
     space: SearchSpace,
     begun: Sequence[FloatArray],
-    outcomes: Sequence[Outcome],
+    best: Outcome,
+    searches: int,
+    hold_gains: Mapping[str, float],
     terms: int | None,
     floor: FloatArray,
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
-    best = min(outcomes, key=lambda o: o.rank)
     if _joined(best):
-        space, best = _finer(space, best)
+        space, best = with_finer_steps(space, best)
     process, adopted = None, False
     chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:
@@ -200,11 +216,63 @@ def _judged(
         space=last,
         evidence=evidence,
         path=path,
-        starts=len(outcomes),
+        starts=searches,
         finished=best.finished and not space.budget.over,
         late=best.late or space.budget.late,
         spent=space.budget.spent,
+        hold_gains=hold_gains,
     )
+
+
+def _first_held(
+    cut: Callable[[Sequence[Hold], int], Segments],
+    space: SearchSpace,
+    begun: Sequence[FloatArray],
+    names: Collection[str],
+) -> SearchSpace:
+    """Return the space with fine steps, under the holds that suit the start that fits best in loose segments."""
+    space = with_fine_steps(space, begun)
+    loose = np.full_like(space.segments.spread, np.inf)
+    fits = [
+        space.fit(theta, np.flatnonzero(theta), space.segments.initial, loose, iterations=TRIAL_STEPS)
+        for theta in (begun if names else ())
+    ]
+    best = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
+    if best is None:
+        return space
+    holds = choose_holds(space, best, names).holds
+    return space if holds == holds_of(space) else with_fine_steps(space.on(cut(holds, SEGMENT)), begun)
+
+
+def _held(
+    cut: Callable[[Sequence[Hold], int], Segments],
+    space: SearchSpace,
+    begun: Sequence[FloatArray],
+    outcomes: Sequence[Outcome],
+    names: Collection[str],
+    monitor: Monitor,
+    workers: Workers,
+) -> tuple[SearchSpace, list[Outcome], dict[str, float]]:
+    """Return the space under the holds of inputs that suit the record best, the ends of searches there, and the gains.
+
+    A wrong hold looks like noise of the process, and asks for terms that stand for it: the search begins anew.
+    """
+    outcomes, gains = list(outcomes), dict[str, float]()
+    for _ in range(HOLDINGS if names else 0):
+        best = min(outcomes, key=lambda o: o.rank, default=None)
+        if best is None:
+            break
+        choice = choose_holds(space, best.fit, names)
+        if choice.holds == holds_of(space):
+            return space, outcomes, {name: gains.get(name, gain) for name, gain in choice.gains.items()}
+        starts = [choice.fit.theta, *begun]
+        other = with_fine_steps(space.on(thinned(cut(choice.holds, SEGMENT))), starts)
+        ends = _searches(other, starts, None, monitor, workers)
+        if not ends:
+            break
+        space.budget.spent += sum(o.spent for o in outcomes)
+        space, outcomes, gains = other, ends, choice.gains
+    return space, outcomes, gains
 
 
 def _searches(
@@ -313,43 +381,3 @@ def _evidence(space: SearchSpace, outcome: Outcome) -> Evidence | None:
     if expansion is None or not expansion.finite:
         return None
     return weigh(space, fit, expansion.information / outcome.scale, expansion.gradient[None] / outcome.scale)
-
-
-def _fine_enough(space: SearchSpace, starts: Sequence[FloatArray]) -> SearchSpace:
-    """Halve the steps of RK4 until that no longer matters to the first start that can be followed in loose segments."""
-    loose = np.full_like(space.segments.spread, np.inf)
-    for theta in starts:
-        found = space.begin(theta, loose)
-        if found is not None:
-            return _halve(space, found, loose)[0]
-    return space
-
-
-def _finer(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace, Outcome]:
-    """Halve the steps until that no longer matters at the end of a search; what coarse steps asked for may go then."""
-    finer, found = _halve(space, outcome.fit, space.segments.spread * outcome.width)
-    if finer.evaluator.substeps == space.evaluator.substeps:
-        return finer, replace(outcome, fit=found)
-    return finer, settle_again(finer, outcome, found)
-
-
-def _halve(space: SearchSpace, found: Fit, defect_std: FloatArray) -> tuple[SearchSpace, Fit]:
-    """Return space and fit with steps so short that halving them moves no coefficient by its standard error.
-
-    Where the cost itself hardly changes nothing is refitted. It always does where a term jumps, such as dry friction.
-    """
-    while space.evaluator.substeps < FINEST:
-        finer = space.finer(2 * space.evaluator.substeps)
-        again = finer.again(found, found.x0, defect_std, iterations=0)
-        if again is not None and abs(again.cost - found.cost) < STEP_ERROR:
-            break
-        refitted = finer.again(found, found.x0, defect_std)
-        if refitted is None:
-            break
-        moved = (refitted.theta - found.theta)[refitted.free] ** 2
-        variances = refitted.variances * max(refitted.data_cost / space.segments.samples, 1.0)
-        same = abs(refitted.cost - found.cost) < STEP_SHARE * found.cost
-        space, found = finer, refitted
-        if same and bool(np.all(moved < STEP_MOVE**2 * variances)):
-            break
-    return space, found

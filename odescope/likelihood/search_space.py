@@ -297,13 +297,15 @@ class SearchSpace:
         return stated(*self._as_found(found, covariance))
 
     def settings_of(self, found: Fit, covariance: FloatArray) -> FoundSettings:
-        """Return the offsets, delays and constants of a fit.
+        """Return the offsets, delays, constants and holds of a fit.
 
         Args:
             found: the fit.
             covariance: (p, p) of its parameters.
         """
-        return settings_of(*self._as_found(found, covariance), self._constants(found))
+        driven = self.segments.driven
+        holds = {} if driven is None else dict(zip(self.frame.inputs, driven.holds, strict=True))
+        return settings_of(*self._as_found(found, covariance), self._constants(found), holds)
 
     def _constants(self, found: Fit) -> dict[str, float | None]:
         """Return the values of all constants, by name, to a few digits; None where the record does not ask for one."""

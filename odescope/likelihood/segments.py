@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.recordings.between_samples import FINER, laid_out
 from odescope.recordings.coordinate import Hold, Input
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Differentiator, derivatives_like
@@ -53,11 +54,22 @@ class SampledInputs:
         """
         nodes = np.empty((len(self.at), 3, len(self.holds)))
         for j, (hold, samples) in enumerate(zip(self.holds, late, strict=True)):
-            whole = int(np.floor(samples))
-            around = self.at[:, None] - whole - 1 + np.arange(self.block + 2)
-            reach = np.clip(around, self.first[:, None], self.last[:, None])
-            nodes[:, :, j] = self.samples[reach, j] @ _parabola(self.block, hold, samples - whole).T
+            finer = FINER if hold == "band-limited" else 1
+            column = self._laid_out[j] if hold == "band-limited" else self.samples[:, j]
+            block, whole = finer * self.block, int(np.floor(finer * samples))
+            around = finer * self.at[:, None] - whole - 1 + np.arange(block + 2)
+            reach = np.clip(around, finer * self.first[:, None], finer * self.last[:, None])
+            nodes[:, :, j] = column[reach] @ _parabola(block, hold == "zero", finer * samples - whole).T
         return nodes
+
+    @cached_property
+    def _laid_out(self) -> dict[int, FloatArray]:
+        """The band-limited inputs (FINER M,) on a grid on which they run linearly, by their numbers."""
+        found = {j: np.empty(FINER * len(self.samples)) for j, hold in enumerate(self.holds) if hold == "band-limited"}
+        for first, last in zip(np.unique(self.first), np.unique(self.last), strict=True):
+            for j, column in found.items():
+                column[FINER * first : FINER * (last + 1)] = laid_out(self.samples[first : last + 1, j])
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +123,17 @@ class Segments:
     def initial(self) -> FloatArray:
         """Smoothed states at the first average of every segment, (J, n)."""
         return self.filtered[self.start]
+
+    def held(self, holds: Sequence[Hold]) -> Segments:
+        """Return the same averages, with inputs that run so between samples.
+
+        Raises:
+            ValueError: the segments were made without the samples of their inputs.
+        """
+        if self.driven is None:
+            raise ValueError("segments without the samples of their inputs cannot hold them otherwise")
+        driven = replace(self.driven, holds=tuple(holds))
+        return replace(self, driven=driven, inputs=driven.nodes([0.0] * len(holds)))
 
     def cut_anew(self, length: int) -> Segments:
         """Return the same averages in segments of about so many."""
@@ -252,10 +275,11 @@ def _weighed(rest: FloatArray, counts: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 @lru_cache(maxsize=64)
-def _parabola(block: int, hold: Hold, fraction: float) -> FloatArray:
+def _parabola(block: int, held: bool, fraction: float) -> FloatArray:
     """Return the weights (3, block + 2) of samples in the nodes of the nearest parabola over a step of `block`.
 
-    The first sample is the one before the step begins, if the input acts a `fraction` of a sample late.
+    Between samples the input is held, or else linear. The first sample is the one before the step begins, if the input
+    acts a `fraction` of a sample late.
     """
     points, weights = np.polynomial.legendre.leggauss(4)
     moments = np.zeros((3, block + 2))
@@ -267,7 +291,7 @@ def _parabola(block: int, hold: Hold, fraction: float) -> FloatArray:
         legendre = np.array([np.ones_like(s), s, 1.5 * s**2 - 0.5])
         share = 0.5 * (high - low) / block * weights * legendre * np.array([[1.0], [3.0], [5.0]])
         up = at - fraction - (below - 1)
-        rise = up if hold == "linear" else np.zeros_like(up)
+        rise = np.zeros_like(up) if held else up
         moments[:, below] += share @ (1.0 - rise)
         moments[:, below + 1] += share @ rise
     at_nodes = np.array([[1.0, -1.0, 1.0], [1.0, 0.0, -0.5], [1.0, 1.0, 1.0]])

@@ -18,7 +18,7 @@ from odescope.library.mechanism import Kind, Mechanism, merged
 from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.relation import FoundParameter
-from odescope.recordings.coordinate import Coordinate, Input
+from odescope.recordings.coordinate import Coordinate, Hold, Input
 from odescope.signals.estimate import Signals
 
 SHARP = 0.001  # width of dry friction, in root mean squares of the velocity, that is as good as a jump
@@ -36,12 +36,14 @@ class Found:
 class FoundSettings:
     """What was found beside coefficients: offsets by coordinate, delays by input, and constants within functions.
 
-    Only what the record asks for is here; delays are in seconds, and come on top of those that were known.
+    Only what the record asks for is here; delays are in seconds, and come on top of those that were known. `holds` says
+    of inputs what they do between samples.
     """
 
     offsets: Mapping[str, Found]
     delays: Mapping[str, Found]
     parameters: tuple[FoundParameter, ...]
+    holds: Mapping[str, Hold]
 
     def coordinates(self, coordinates: Sequence[Coordinate]) -> tuple[Coordinate, ...]:
         """Return the coordinates with their offsets."""
@@ -51,9 +53,10 @@ class FoundSettings:
         )
 
     def inputs(self, inputs: Sequence[Input]) -> tuple[Input, ...]:
-        """Return the inputs with their delays."""
+        """Return the inputs with their delays and holds."""
+        delays = {name: found.value for name, found in self.delays.items()}
         return tuple(
-            msgspec.structs.replace(i, delay=i.delay + self.delays[i.name].value) if i.name in self.delays else i
+            msgspec.structs.replace(i, delay=i.delay + delays.get(i.name, 0.0), hold=self.holds.get(i.name, i.hold))
             for i in inputs
         )
 
@@ -158,15 +161,20 @@ def _substituted(term: Term, values: Mapping[str, float | None]) -> tuple[float,
 
 
 def settings_of(
-    mechanisms: Sequence[Mechanism], theta: FloatArray, covariance: FloatArray, constants: Mapping[str, float | None]
+    mechanisms: Sequence[Mechanism],
+    theta: FloatArray,
+    covariance: FloatArray,
+    constants: Mapping[str, float | None],
+    holds: Mapping[str, Hold],
 ) -> FoundSettings:
-    """Return what mechanisms without parts say.
+    """Return what mechanisms without parts say, with what inputs do between samples.
 
     Args:
         mechanisms: those that are present.
         theta: (k,) their coefficients.
         covariance: (k, k) of these.
         constants: values of all constants, by name; None for one that the record does not ask for.
+        holds: by input.
     """
     found: dict[Kind, dict[str, Found]] = {"offset": {}, "delay": {}}
     parameters = []
@@ -177,7 +185,7 @@ def settings_of(
             parameters.append(FoundParameter(m.place, size, size * error, _holding(m.place, mechanisms, constants)))
         elif not m.parts:
             found[m.kind][m.place] = Found(value, error)
-    return FoundSettings(found["offset"], found["delay"], tuple(parameters))
+    return FoundSettings(found["offset"], found["delay"], tuple(parameters), holds)
 
 
 def _holding(name: str, mechanisms: Sequence[Mechanism], constants: Mapping[str, float | None]) -> tuple[str, ...]:

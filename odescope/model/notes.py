@@ -123,6 +123,10 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
         if found.delay:
             error = "" if found.std_error is None else f" (standard error {found.std_error:.2g} s)"
             yield f"{name} acts {found.delay:.4g} s after it was recorded{error}"
+    for name, between in scores.holds.items():
+        acts = "held" if between.hold == "zero" else between.hold
+        gain = "" if between.gain is None else f": {between.gain:,.0f} in log-likelihood over linear"
+        yield f"{name} is {acts} between samples{gain}"
     for name, count in scores.outliers.items():
         if count:
             yield f"{count} samples of {name} are outliers, late reads or saturated: they do not count"

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import msgspec
 
+from odescope.recordings.coordinate import Hold
+
 Number = float | None
 
 
@@ -123,6 +125,13 @@ class DelayScore(msgspec.Struct, frozen=True):
     std_error: Number = None
 
 
+class HoldScore(msgspec.Struct, frozen=True):
+    """What an input was found to do between samples, and what that gains in log-likelihood over linear."""
+
+    hold: Hold
+    gain: Number
+
+
 class Streamed(msgspec.Struct, frozen=True):
     """How much was read of a log that does not fit in memory, and how many portions the ranking saw."""
 
@@ -161,6 +170,7 @@ class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     delays: dict[str, DelayScore] = {}
     offsets: dict[str, OffsetScore] = {}
     time: TimeScore | None = None
+    holds: dict[str, HoldScore] = {}
     streamed: Streamed | None = None
     forms: tuple[FormScore, ...] = ()
     path: tuple[PathScore, ...] = ()

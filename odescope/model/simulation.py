@@ -11,6 +11,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
 from odescope.model.integration import GREW, STIFF, Drive, Equations, integrate
 from odescope.model.model import Model
+from odescope.recordings.between_samples import FINER, laid_out
 from odescope.recordings.coordinate import Input, following_states
 
 SAME = 1e-9  # of the shortest time between samples: kinks that are nearer to a sample are that sample
@@ -101,6 +102,9 @@ def follow(
 def drive(inputs: Sequence[Input], t: FloatArray, values: FloatArray) -> Drive:
     """Return sampled inputs as they act: between nodes linear, with a node wherever one of them has a kink.
 
+    A band-limited input is a polygon of some nodes a sample, see `laid_out`; where sampling is not uniform, it is
+    band-limited in the number of the sample.
+
     Args:
         inputs: how each runs between samples, and how late it acts.
         t: (N,) ascending sample times in seconds.
@@ -109,11 +113,12 @@ def drive(inputs: Sequence[Input], t: FloatArray, values: FloatArray) -> Drive:
     # Copies: a kernel would be compiled once more for arrays that may not be written to.
     t, values = np.array(t, dtype=np.float64), np.array(values, dtype=np.float64, order="C")
     held = np.array([i.hold == "zero" for i in inputs], dtype=np.bool_)
-    if not any(i.delay for i in inputs):
+    if not any(i.delay or i.hold == "band-limited" for i in inputs):
         begin, end = values[:-1], np.where(held, values[:-1], values[1:])
         return Drive(t, np.arange(len(t)), begin, end, np.diff(t))
     since = t - t[0]
-    kinks = _kinks(inputs, t)
+    polygons = [_polygon(i, since, values[:, k]) for k, i in enumerate(inputs)]
+    kinks = _kinks(t, [at for at, _ in polygons])
     order = np.argsort(np.concatenate([since, kinks]), kind="stable")
     nodes = np.concatenate([since, kinks])[order]
     middle = 0.5 * (nodes[:-1] + nodes[1:])
@@ -124,17 +129,25 @@ def drive(inputs: Sequence[Input], t: FloatArray, values: FloatArray) -> Drive:
             begin[:, k] = values[_last_sample(since, middle - i.delay), k]
             end[:, k] = begin[:, k]
         else:
-            begin[:, k] = np.interp(nodes[:-1] - i.delay, since, values[:, k])
-            end[:, k] = np.interp(nodes[1:] - i.delay, since, values[:, k])
+            at, corners = polygons[k]
+            begin[:, k], end[:, k] = np.interp(nodes[:-1], at, corners), np.interp(nodes[1:], at, corners)
     period = np.diff(since)[_last_sample(since, middle)]
     return Drive(nodes, np.where(order < len(t), order, -1), begin, end, period)
 
 
-def _kinks(inputs: Sequence[Input], t: FloatArray) -> FloatArray:
-    """Return the times since t[0], ascending and between samples, at which a delayed input has a sample."""
+def _polygon(i: Input, since: FloatArray, samples: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the times of an input's corners as they act, and its values there."""
+    if i.hold != "band-limited":
+        return since + i.delay, samples
+    corners = laid_out(samples)[: FINER * (len(samples) - 1) + 1]
+    return np.interp(np.arange(len(corners)) / FINER, np.arange(len(since)), since) + i.delay, corners
+
+
+def _kinks(t: FloatArray, corners: Sequence[FloatArray]) -> FloatArray:
+    """Return the times since t[0], ascending and between samples, at which some input has a corner."""
     since = t - t[0]
     same = max(SAME * float(np.min(np.diff(t), initial=np.inf)), 4.0 * float(np.spacing(np.abs(t).max())))
-    late = np.unique(np.concatenate([since + delay for delay in {i.delay for i in inputs} - {0.0}]))
+    late = np.unique(np.concatenate(corners))
     late = late[(late > 0.0) & (late < since[-1])]
     before = _last_sample(since, late)
     late = late[(late - since[before] > same) & (since[np.minimum(before + 1, len(t) - 1)] - late > same)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +16,7 @@ from odescope.model.model import Model
 from odescope.model.scores import FormScore
 from odescope.pipeline.filtering import Filtered, Prepared
 from odescope.pipeline.forms import Posed
+from odescope.pipeline.inputs import under_found_holds
 from odescope.pipeline.joint_models import Search, adopt, as_adopted, determined
 from odescope.pipeline.reduce import Whole
 from odescope.pipeline.stages import Chosen, draw_anew, pose_all, pose_forms, propose, refine_form, search_all
@@ -152,6 +153,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
         own = partial(_regressed, posed, regressed, filtered.signals)
         model, refinement = adopt(own, refinement, filtered.signals)
+        filtered = replace(filtered, signals=under_found_holds(filtered.signals, refinement))
         if model is not None:
             contender = _contender(posed, model, refinement, done)
             # Of what regression finds no law in, process noise explains anything: it has to run freely, too.

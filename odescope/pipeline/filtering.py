@@ -16,6 +16,7 @@ from odescope.errors import InputError, NoModelError
 from odescope.library.candidates import Library
 from odescope.model.model import Model
 from odescope.pipeline.fingerprint import fingerprint
+from odescope.pipeline.inputs import first_holds
 from odescope.pipeline.sample import Sample, open_recordings
 from odescope.pipeline.store import Store
 from odescope.pipeline.work import Work, swept
@@ -131,7 +132,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     if study.signals.outliers == "clip":
         with work.stage("signals"):
             records, outliers, clipping = _clipped(study, records)
-    inputs, delays = tuple(study.driven()), dict[str, Delay]()
+    inputs, delays = first_holds(records, study), dict[str, Delay]()
     wanted = [name for name, i in study.inputs.items() if i.delay == "estimate"]
     if wanted:
         with work.stage("delays"):
@@ -200,7 +201,7 @@ def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals
 
 def _delays(work: Work, records: Records, libraries: Sequence[Library], wanted: Sequence[str]) -> dict[str, Delay]:
     """Return the delays for which the criterion, summed over the targets, is least."""
-    study, inputs = work.study, work.study.driven()
+    study, inputs = work.study, first_holds(records, work.study)
     period = 1.0 / max(c.cutoff for c in _signals(study, records, inputs).channels)
     lead = (LARGEST + 1.0) * period + max(abs(i.delay) for i in inputs)
 

@@ -24,6 +24,7 @@ from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.competition import Regressed, Winner, adopted, compete, regress
 from odescope.pipeline.evaluation import domain, free_run, provenance, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
+from odescope.pipeline.inputs import hold_scores
 from odescope.pipeline.joint_models import Search
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
@@ -219,6 +220,7 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         time=time_score(sample.records, study.measured()),
         delays=_delays(filtered, winner),
         offsets=_offsets(winner),
+        holds=hold_scores(model, refinement),
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
         forms=winner.forms,
         path=path_scores(refinement),

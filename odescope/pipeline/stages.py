@@ -161,4 +161,5 @@ def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | No
             work.monitor,
             work.workers,
             [name for name, i in work.study.inputs.items() if i.delay in ("auto", "estimate")],
+            [name for name, i in work.study.inputs.items() if i.hold == "auto"],
         )

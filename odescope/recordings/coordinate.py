@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, get_args
 
 import msgspec
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from odescope.arrays import IntArray
 from odescope.errors import InputError
 
-Hold = Literal["linear", "zero"]
+Hold = Literal["linear", "zero", "band-limited"]
 
 LONGEST_NAME = 64
 HIGHEST_ORDER = 8
@@ -74,7 +74,7 @@ class Coordinate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Input(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A quantity that drives the system, and how it runs between samples: linearly, or held ("zero" order).
+    """A quantity that drives the system, and how it runs between samples: linearly, held ("zero" order), band-limited.
 
     It acts `delay` seconds after it was recorded.
     """
@@ -86,8 +86,9 @@ class Input(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         check_name(self.name, "input")
-        if self.hold not in ("linear", "zero"):
-            raise InputError(f"input {self.name!r}: hold must be 'linear' or 'zero', got {self.hold!r}")
+        if self.hold not in get_args(Hold):
+            expected = ", ".join(map(repr, get_args(Hold)))
+            raise InputError(f"input {self.name!r}: hold must be one of {expected}, got {self.hold!r}")
         if not math.isfinite(self.delay):
             raise InputError(f"input {self.name!r}: delay must be a number of seconds, got {self.delay!r}")
 

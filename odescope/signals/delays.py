@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from odescope.errors import InputError
+from odescope.recordings.between_samples import shifted
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Record, Stretch, within
 
@@ -73,6 +74,8 @@ def _delayed(run: Record, inputs: Sequence[Input], dropped: int) -> Record:
         column, at = run.names.index(i.name), run.t - i.delay
         if i.hold == "linear":
             values[:, column] = np.interp(at, run.t, run.values[:, column])
+        elif i.hold == "band-limited":
+            values[:, column] = shifted(run.values[:, column], i.delay / run.sample_period)
         elif i.delay:
             before = np.searchsorted(run.t, at + 1e-9 * run.sample_period, side="right") - 1
             values[:, column] = run.values[np.clip(before, 0, len(run) - 1), column]

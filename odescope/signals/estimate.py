@@ -176,7 +176,7 @@ def _kept(
 
 def _centred(samples: FloatArray, hold: str) -> FloatArray:
     # A held sample acts until the next one: at its own instant the input is, on average, half-way from the one before.
-    if hold == "linear":
+    if hold != "zero":
         return samples
     centred: FloatArray = 0.5 * (samples + np.concatenate([samples[:1], samples[:-1]]))
     return centred

@@ -20,7 +20,7 @@ from odescope.library.reactions import reactions
 from odescope.library.rules import AnyRule
 from odescope.library.ties import tied
 from odescope.likelihood.search import LikelihoodSearch
-from odescope.recordings.coordinate import Coordinate, Input
+from odescope.recordings.coordinate import Coordinate, Hold, Input
 from odescope.recordings.gaps import Gaps
 from odescope.recordings.layout import Layout
 from odescope.regression.proposers import EnergyThreshold
@@ -75,16 +75,20 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A recorded input; its name is its key in the study. It acts `delay` seconds late.
 
-    "auto" lets the likelihood find a delay beside the coefficients, where the record asks for one; "estimate" looks for
-    it before, too, in a wider range.
+    `hold` says what it does between samples: is held ("zero"), runs linearly, or is band-limited; "auto" lets the
+    likelihood decide. A delay of "auto" lets it find one beside the coefficients, where the record asks for one;
+    "estimate" looks for it before, too, in a wider range.
     """
 
     column: str | None = None
-    hold: Literal["linear", "zero"] = "linear"
+    hold: Literal["auto"] | Hold = "auto"
     unit: str | None = None
     delay: float | Literal["auto", "estimate"] = "auto"
 
     def __post_init__(self) -> None:
+        if self.hold not in ("auto", *get_args(Hold)):
+            expected = ", ".join(map(repr, ("auto", *get_args(Hold))))
+            raise InputError(f"hold must be one of {expected}, got {self.hold!r}")
         if self.delay not in ("auto", "estimate") and not (isinstance(self.delay, float) and math.isfinite(self.delay)):
             raise InputError(f'delay must be a number of seconds, "auto" or "estimate", got {self.delay!r}')
 
@@ -234,9 +238,11 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         return found
 
     def driven(self) -> tuple[Input, ...]:
-        """Return the inputs, those whose delay is to be found without one."""
+        """Return the inputs; one whose delay or hold is to be found has none, or is linear."""
         return tuple(
-            Input(name, i.hold, i.unit, i.delay if isinstance(i.delay, float) else 0.0)
+            Input(
+                name, "linear" if i.hold == "auto" else i.hold, i.unit, i.delay if isinstance(i.delay, float) else 0.0
+            )
             for name, i in self.inputs.items()
         )
 

@@ -33,7 +33,7 @@ from logs import (
         (("--time", "t", "--coordinate", "x", "--input", "x"), ["the name 'x' is used twice"]),
         (("--time", "t", "--coordinate", "x:angel"), ["cyclic, angle or order=N", "'angel' came"]),
         (("--time", "t", "--coordinate", "x:order=-1"), ["'order=-1' came"]),
-        (("--time", "t", "--coordinate", "x", "--input", "u:zoh"), ["zero or linear", "'zoh' came"]),
+        (("--time", "t", "--coordinate", "x", "--input", "u:zoh"), ["auto, linear, zero, band-limited", "'zoh' came"]),
         (("--time", "t", "--coordinate", "x", "--order", "0"), ["order must be a whole number from 1 to 8, got 0"]),
         (("--time", "t", "--coordinate", "x:order=9"), ["order must be a whole number from 1 to 8, got 9"]),
         (("--time", "t", "--coordinate", "t"), ["'t'", "which is the time"]),

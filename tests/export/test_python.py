@@ -108,6 +108,7 @@ def test_the_module_names_states_and_inputs_and_imports_numpy_alone(name):
     assert exported["STATES"] == model.states
     assert exported["INPUTS"] == tuple(i.name for i in model.inputs)
     assert exported["DELAYS"] == tuple(i.delay for i in model.inputs)
+    assert exported["HOLDS"] == tuple(i.hold for i in model.inputs)
     tree = ast.parse(to_python(model))
     imported = [a.name for n in ast.walk(tree) if isinstance(n, ast.Import | ast.ImportFrom) for a in n.names]
     assert imported == ["numpy"]

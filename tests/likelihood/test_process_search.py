@@ -33,8 +33,9 @@ from odescope.likelihood.process_noise import (
     robust_wald,
     search_with_process_noise,
 )
-from odescope.likelihood.refine import FINEST, _evidence, _halve
+from odescope.likelihood.refine import _evidence
 from odescope.likelihood.search import Outcome
+from odescope.likelihood.steps import FINEST, halve_steps
 from odescope.recordings.coordinate import Coordinate
 
 
@@ -245,7 +246,7 @@ def test_steps_are_halved_until_that_moves_no_coefficient():
     it = coarse(0.005)
     gap = 0.01 * it.segments.spread
     rough = fitted(it, gap=gap)
-    finer, found = _halve(it, rough, gap)
+    finer, found = halve_steps(it, rough, gap)
     assert 1 < finer.evaluator.substeps <= FINEST
     best = replace(it, evaluator=Evaluator(it.segments, 32)).fit(LINEAR, PRESENT, found.x0, gap)
 
@@ -261,7 +262,7 @@ def test_steps_are_halved_until_that_moves_no_coefficient():
 def test_steps_that_are_short_enough_stay_and_so_does_the_fit():
     it = spring(0)
     found = fitted(it)
-    same, kept = _halve(it, found, it.segments.spread)
+    same, kept = halve_steps(it, found, it.segments.spread)
     assert same is it
     assert kept is found
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from odescope.likelihood.segments import _parabola, cut_segments
+from odescope.likelihood.segments import SampledInputs, _parabola, cut_segments
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral
@@ -98,7 +98,7 @@ def test_the_parabola_is_the_least_squares_one(block, hold, late):
         for i in range(3)
     ]
     nearest = np.polynomial.Polynomial(np.linalg.solve(gram, right))
-    nodes = _parabola(block, hold, late) @ samples
+    nodes = _parabola(block, hold == "zero", late) @ samples
     np.testing.assert_allclose(nodes, nearest(np.array([0.0, 0.5, 1.0]) * block), rtol=1e-6, atol=1e-8)
     middle = 0.5 * (s[:-1] + s[1:])
     mean = sum(value(m) * d for m, d in zip(middle, np.diff(s), strict=True)) / block
@@ -109,13 +109,13 @@ def test_the_parabola_reproduces_lines_exactly_and_parabolas_to_the_error_of_lin
     for block in (1, 3, 10):
         s = np.arange(-1.0, block + 1)
         at = np.array([0.0, 0.5, 1.0]) * block
-        np.testing.assert_allclose(_parabola(block, "linear", 0.0) @ (2 - 3 * s), 2 - 3 * at, atol=1e-12 * block)
+        np.testing.assert_allclose(_parabola(block, False, 0.0) @ (2 - 3 * s), 2 - 3 * at, atol=1e-12 * block)
         # Between samples linear interpolation of s^2 is too high by 1/6 on average.
-        shift = _parabola(block, "linear", 0.0) @ s**2 - at**2
+        shift = _parabola(block, False, 0.0) @ s**2 - at**2
         assert shift @ [1 / 6, 4 / 6, 1 / 6] == pytest.approx(1 / 6, abs=1e-11)
         assert np.abs(shift).max() < 0.3
-    np.testing.assert_allclose(_parabola(1, "zero", 0.0) @ [9.0, 2.0, 5.0], 2.0)
-    np.testing.assert_allclose(_parabola(1, "linear", 0.0) @ [9.0, 2.0, 5.0], [2.0, 3.5, 5.0])
+    np.testing.assert_allclose(_parabola(1, True, 0.0) @ [9.0, 2.0, 5.0], 2.0)
+    np.testing.assert_allclose(_parabola(1, False, 0.0) @ [9.0, 2.0, 5.0], [2.0, 3.5, 5.0])
 
 
 def test_inputs_are_those_of_the_step_from_centre_to_centre():
@@ -132,6 +132,30 @@ def test_late_inputs_are_those_of_so_much_earlier_and_gain_what_their_slope_says
     late = data.late([delay])[inside]
     np.testing.assert_allclose(late[:, :, 0], np.cos(2 * np.pi * 0.9 * at), atol=1e-3)
     np.testing.assert_allclose(late[:, :, 1], 1.8 * np.pi * np.sin(2 * np.pi * 0.9 * at), atol=0.02)
+
+
+@pytest.mark.parametrize(("block", "late"), [(1, 0.0), (1, 0.37), (1, -2.6), (3, 0.0), (5, 1.45)])
+def test_nodes_of_a_band_limited_input_are_those_of_its_fourier_series(block, late):
+    count, rng = 600, np.random.default_rng(block)
+    numbers = np.arange(1, 220)  # of the lines, up to 0.73 of half the sampling rate
+    weights = rng.standard_normal((2, len(numbers))) / np.sqrt(len(numbers))
+
+    def u(at):
+        phase = 2.0 * np.pi * np.multiply.outer(at, numbers) / count
+        return np.cos(phase) @ weights[0] + np.sin(phase) @ weights[1]
+
+    at = 100 + np.arange(0, 400, block)
+    whole = np.zeros(len(at), dtype=np.int64)
+    samples = u(np.arange(count))[:, None]
+    nodes = SampledInputs(samples, ("band-limited",), at, whole, whole + count - 1, block, PERIOD).nodes([late])
+    points, share = np.polynomial.legendre.leggauss(12 * block)
+    values = u(at[:, None] + 0.5 * block * (points + 1.0) - late)
+    powers = np.polynomial.legendre.legvander(points, 2)
+    nearest = (values * share) @ powers * np.array([0.5, 1.5, 2.5])
+    expected = nearest @ np.polynomial.legendre.legvander(np.array([-1.0, 0.0, 1.0]), 2).T
+    np.testing.assert_allclose(nodes[:, :, 0], expected, atol=0.01)
+    linear = SampledInputs(samples, ("linear",), at, whole, whole + count - 1, block, PERIOD).nodes([late])
+    assert np.abs(linear[:, :, 0] - expected).max() > 0.2
 
 
 def test_a_late_held_input_keeps_its_mean_over_every_step():

@@ -80,6 +80,17 @@ def test_a_held_input_switches_between_samples():
     assert found == pytest.approx(exact, rel=1e-13, abs=1e-13)
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.37, -1.2])
+def test_a_band_limited_input_drives_as_the_sine_does_that_was_sampled(delay):
+    w, t = 2.0 * np.pi / 4.5, np.arange(300.0)
+    model = build([Input("u", hold="band-limited", delay=delay)], ("u", 1.0), ("x", -0.5))
+    late = build([Input("u", delay=delay)], ("u", 1.0), ("x", -0.5))
+    exact = np.real(np.exp(1j * w * (t - delay)) / (0.5 + 1j * w))
+    found, linear = (simulate(m, t, np.cos(w * t)[:, None], exact[:1]).states[:, 0] for m in (model, late))
+    assert np.abs(found - exact)[60:-60].max() < 5e-4
+    assert np.abs(linear - exact)[60:-60].max() > 0.05
+
+
 @pytest.mark.parametrize("delays", [(0.3, 0.0, -0.07), (0.123, 0.321, 0.0), (-0.4, 0.25, 0.25), (1e-3, -1e-3, 50.0)])
 def test_several_inputs_each_with_its_own_delay(delays):
     rng = np.random.default_rng(5)

@@ -138,7 +138,7 @@ def test_coordinate_refuses_other_orders(order):
 
 
 def test_input_refuses_other_holds():
-    with pytest.raises(InputError, match="hold must be 'linear' or 'zero', got 'cubic'"):
+    with pytest.raises(InputError, match="hold must be one of 'linear', 'zero', 'band-limited', got 'cubic'"):
         Input("u", hold="cubic")
 
 

@@ -119,7 +119,7 @@ def test_a_model_without_delay_says_nothing_of_it():
 
 def test_free_runs_shift_the_input(tmp_path):
     data = late_tank(0, 0.05, noise=0.0005)
-    model = identify(Study(**STUDY, inputs={"u": Driven(delay=0.05)}), data).model
+    model = identify(Study(**STUDY, inputs={"u": Driven(hold="linear", delay=0.05)}), data).model
     (tmp_path / "model.json").write_text(to_json(model), encoding="utf-8")
     with open(tmp_path / "log.csv", "w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([list(data), *zip(*(v.tolist() for v in data.values()), strict=True)])

@@ -19,6 +19,7 @@ import numpy as {np}
 STATES = {states_tuple}
 INPUTS = {inputs_tuple}
 DELAYS = {delays_tuple}
+HOLDS = {holds_tuple}
 
 {acting}
 def derivative({t}, {state}, {given}=()):
@@ -26,7 +27,8 @@ def derivative({t}, {state}, {given}=()):
 
     {state} and {given} follow STATES and INPUTS. {given} are the values of the inputs as they act at time {t}, or a
     function of time that returns the inputs as they were recorded: each is then taken as many seconds before {t} as
-    DELAYS says. scipy's solve_ivp takes lambda t, y: derivative(t, y, recorded_at).
+    DELAYS says. Between samples it is to do what HOLDS says: keep the last value ("zero"), run linearly, or be
+    band-limited, a windowed sinc. scipy's solve_ivp takes lambda t, y: derivative(t, y, recorded_at).
     """
 {unpack}    {a} = {np}.array({matrix}, dtype={np}.float64)
     {b} = {np}.array({right}, dtype={np}.float64)
@@ -49,7 +51,7 @@ def {acting}({t}, {given}):
 
 
 def to_python(model: Model) -> str:
-    """Return the source of a module with STATES, INPUTS, DELAYS and derivative(t, state, inputs)."""
+    """Return the source of a module with STATES, INPUTS, DELAYS, HOLDS and derivative(t, state, inputs)."""
     inputs = tuple(i.name for i in model.inputs)
     mark = "_"  # begins the module's own names; no name of the model does
     while any(name.startswith(mark) for name in (*model.variables, *model.targets)):
@@ -69,6 +71,7 @@ def to_python(model: Model) -> str:
         states_tuple=repr(model.states),
         inputs_tuple=repr(inputs),
         delays_tuple=repr(tuple(float(i.delay) for i in model.inputs)),
+        holds_tuple=repr(tuple(i.hold for i in model.inputs)),
         acting=_ACTING.format(acting=acting, **own) if inputs else "",
         unpack=unpack,
         matrix="[" + ", ".join("[" + ", ".join(row) + "]" for row in matrix) + "]",

@@ -1,0 +1,129 @@
+"""What an input does between its samples, decided by the likelihood of one model under each hold.
+
+docs/method.md, Inputs between samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.likelihood.evidence import between, in_blocks
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.search_space import SearchSpace
+from odescope.recordings.coordinate import Hold
+
+DEAREST = 10.0  # fall of the cost, in residual variances, that makes another hold credible, and
+SURE = 3.0  # standard deviations of that fall between blocks of the record: misfit is no white noise
+TRIAL_STEPS = 4  # of a refit, at most
+
+
+@dataclass(frozen=True, eq=False)
+class HoldChoice:
+    """A model under the holds that suit the record best, the space with these, and the gain of each over linear.
+
+    Gains are in log-likelihood at the residual variance, by input; only those whose hold was open and is not linear.
+    """
+
+    space: SearchSpace
+    fit: Fit
+    gains: dict[str, float]
+
+    @property
+    def holds(self) -> tuple[Hold, ...]:
+        """What every input does between samples."""
+        return holds_of(self.space)
+
+
+def holds_of(space: SearchSpace) -> tuple[Hold, ...]:
+    """Return what every input does between samples."""
+    return () if space.segments.driven is None else space.segments.driven.holds
+
+
+def choose_holds(space: SearchSpace, found: Fit, names: Collection[str]) -> HoldChoice:
+    """Return the holds under which the structure that was found fits best, each input's in turn.
+
+    All are judged on the same averages, in segments of their own: joined ones cannot be followed from one hold to
+    another in a few steps. An input that is held looks late to one that runs linearly, by half a sample: where the
+    delay is open, another hold has to be better than a delay, too.
+
+    Args:
+        space: whose segments know the samples of their inputs.
+        found: a model under the holds of the space.
+        names: of the inputs whose holds are open.
+    """
+    choice = HoldChoice(space, found, {})
+    for j, name in enumerate(space.frame.inputs):
+        if name in names:
+            choice = _chosen(choice, j, name)
+    return choice
+
+
+def _chosen(choice: HoldChoice, j: int, name: str) -> HoldChoice:
+    """Return the choice with the best hold of input j, which is called so."""
+    space, found = choice.space, choice.fit
+    late = [k for k, m in enumerate(space.mechanisms) if m.kind == "delay" and m.place == name]
+    delayed, now = bool(np.isin(late, found.present).any()), holds_of(space)[j]
+    trials = _trials(space, found, j, late, delayed)
+    if now not in trials:
+        return choice
+    best = max(trials, key=lambda h: _fall(trials[h], trials[now]))
+    if best != now and late and not delayed:
+        trials = _trials(space, found, j, late, True)
+        best = max(trials, key=lambda h: _fall(trials[h], trials[now]))
+    if best != now and not _credible(trials[best], trials[now]):
+        best = now
+    gains = dict(choice.gains)
+    if best != "linear" and "linear" in trials:
+        (_, linear), (there, fitted) = trials["linear"], trials[best]
+        gains[name] = 0.5 * (linear.cost - fitted.cost) / _scale(there, fitted)
+    return HoldChoice(*trials[best], gains)
+
+
+def _trials(
+    space: SearchSpace, found: Fit, j: int, late: list[int], delayed: bool
+) -> dict[Hold, tuple[SearchSpace, Fit]]:
+    """Return the structure fitted under every hold of input j, without its delay and, if asked, with one."""
+    loose, holds = np.full_like(space.segments.spread, np.inf), holds_of(space)
+    at_once = found.theta.copy()
+    at_once[late] = 0.0
+    structures = [(at_once, np.setdiff1d(found.present, late))]
+    if delayed:
+        structures.append((found.theta, np.union1d(found.present, late)))
+    trials = dict[Hold, tuple[SearchSpace, Fit]]()
+    for hold in get_args(Hold):
+        other = space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
+        for theta, present in structures:
+            again = other.fit(theta, present, found.x0, loose, found.strength, TRIAL_STEPS)
+            if again is not None and (hold not in trials or _fall((other, again), trials[hold]) > 0.0):
+                trials[hold] = other, again
+    return trials
+
+
+def _scale(space: SearchSpace, found: Fit) -> float:
+    """Return the residual variance over the noise variance."""
+    freedom = max(space.segments.samples - found.x0.size - len(found.free), 1)
+    return max(found.data_cost / freedom, 1e-12)
+
+
+def _fall(better: tuple[SearchSpace, Fit], worse: tuple[SearchSpace, Fit]) -> float:
+    """Return how much the priced cost of one is lower, in units of the better one's residual variance."""
+    (space, found), (_, other) = better, worse
+    return (other.cost - found.cost) / _scale(space, found) + space.price(other) - space.price(found)
+
+
+def _credible(better: tuple[SearchSpace, Fit], worse: tuple[SearchSpace, Fit]) -> bool:
+    """Say whether the fall of the cost is large, also beside how it differs between blocks of the record."""
+    gains = in_blocks((_costs(*worse) - _costs(*better))[:, None]) / _scale(*better)
+    spread = float(np.sqrt(between(gains)[0])) if len(gains) > 1 else 0.0
+    return _fall(better, worse) > max(DEAREST, SURE * spread)
+
+
+def _costs(space: SearchSpace, found: Fit) -> FloatArray:
+    """Return the cost of every segment, (J,)."""
+    present, none = found.present, np.zeros(0, dtype=np.int64)
+    return space.evaluator.integrate(space.program(present), found.theta[present], none, found.x0).cost

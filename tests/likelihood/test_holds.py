@@ -1,0 +1,111 @@
+"""The hold of an input, found by the likelihood on a driven oscillator that is sampled nine times a period."""
+
+import numpy as np
+import pytest
+
+from odescope.export.model_file import from_json, to_json
+from odescope.pipeline.identification import identify
+from odescope.study.options import Candidates, Data, Driven, Measured, Study
+
+PERIOD, COUNT, FINE = 0.1, 1000, 16
+STIFFNESS = (2.0 * np.pi / (9.0 * PERIOD)) ** 2
+TRUTH = {"x": STIFFNESS, "x_dot": 0.6, "x**3": 2.0, "u": -1.0}
+
+
+def driving(hold, rng, rows=1):
+    """Return an input as a function of time."""
+    if hold == "band-limited":
+        f, phase = rng.uniform(0.03, 0.3, 30) / PERIOD, rng.uniform(0.0, 2.0 * np.pi, 30)
+        size = 20.0 * rng.standard_normal(30)
+        return lambda s: np.sin(2.0 * np.pi * np.multiply.outer(s, f) + phase) @ size
+    levels = 100.0 * np.convolve(rng.standard_normal(COUNT // rows + 7), [0.3, 0.8, 1.0, 0.8, 0.3], "valid")
+    if hold == "zero":
+        return lambda s: levels[np.clip(np.floor(s / (rows * PERIOD)).astype(int), 0, len(levels) - 1)]
+    return lambda s: np.interp(s, PERIOD * np.arange(len(levels)), levels)
+
+
+def oscillator(hold, seed, late=0.0, rows=1, cubic=2.0):
+    """Return a log of x'' = -stiffness x - 0.6 x' - cubic x^3 + u(t - late), u between its samples as the hold says."""
+    rng = np.random.default_rng(seed)
+    u, step = driving(hold, rng, rows), PERIOD / FINE
+    begin, inside = step * np.arange(COUNT * FINE) - late, 1e-6 * step
+    acting = np.stack([u(begin + inside), u(begin + 0.5 * step), u(begin + step - inside)], axis=1).tolist()
+
+    def slope(x, v, f):
+        return v, f - STIFFNESS * x - 0.6 * v - cubic * x**3
+
+    x, v, positions = 0.0, 0.0, []
+    for k, (first, middle, last) in enumerate(acting):
+        if k % FINE == 0:
+            positions.append(x)
+        a1, b1 = slope(x, v, first)
+        a2, b2 = slope(x + 0.5 * step * a1, v + 0.5 * step * b1, middle)
+        a3, b3 = slope(x + 0.5 * step * a2, v + 0.5 * step * b2, middle)
+        a4, b4 = slope(x + step * a3, v + step * b3, last)
+        x += step * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
+        v += step * (b1 + 2.0 * b2 + 2.0 * b3 + b4) / 6.0
+    t = PERIOD * np.arange(COUNT)
+    return {"t": t, "x": np.array(positions) + 0.1 * rng.standard_normal(COUNT), "u": u(t + inside)}
+
+
+def study(**driven):
+    return Study(
+        data=Data(time="t"),
+        coordinates={"x": Measured(order=2)},
+        inputs={"u": Driven(**driven)},
+        library=Candidates(terms=("x_ddot", "x", "x_dot", "x**3", "u", "1", "x**2", "x*u")),
+    )
+
+
+def off(model):
+    """Return by how many standard errors each coefficient is off the truth."""
+    terms = [t for t in model.relations[0].terms if t.std_error is not None]
+    return {t.term.text: (t.coefficient - TRUTH.get(t.term.text, 0.0)) / t.std_error for t in terms}
+
+
+@pytest.mark.parametrize("hold", ["linear", "zero", "band-limited"])
+def test_the_hold_is_found_and_the_coefficients_are_right(hold):
+    found, right = 0, 0
+    for seed in range(10):
+        model = identify(study(), oscillator(hold, seed)).model
+        found += model.inputs[0].hold == hold
+        errors = off(model)
+        right += set(errors) == set(TRUTH) and max(np.abs(list(errors.values()))) < 4.0
+        assert from_json(to_json(model)).inputs == model.inputs
+    assert found >= 9
+    assert right >= 9
+
+
+@pytest.mark.parametrize(("hold", "late"), [("zero", 0.0375), ("band-limited", 0.0375), ("linear", 0.0375)])
+def test_the_hold_is_found_together_with_a_delay(hold, late):
+    for seed in range(2):
+        model = identify(study(), oscillator(hold, seed, late)).model
+        assert model.inputs[0].hold == hold
+        error = model.scores.delays["u"].std_error
+        assert model.inputs[0].delay == pytest.approx(late, abs=max(4.0 * error, 1e-4))
+        assert max(np.abs(list(off(model).values()))) < 4.0
+
+
+def test_a_command_held_over_several_rows_is_found_and_said():
+    result = identify(study(), oscillator("zero", 3, rows=4))
+    assert result.model.inputs[0].hold == "zero"
+    gain = result.model.scores.holds["u"].gain
+    assert gain > 0.0
+    assert f"u is held between samples: {gain:,.0f} in log-likelihood over linear" in result.notes
+    linear = identify(study(hold="linear"), oscillator("zero", 3, rows=4)).model
+    assert linear.inputs[0].hold == "linear"
+    assert "u" not in linear.scores.holds
+
+
+def test_each_of_two_inputs_has_its_own_hold():
+    data, other = oscillator("zero", 5, cubic=0.0), oscillator("band-limited", 6, cubic=0.0)
+    # Two oscillators, each driven by its own input, are one system of two coordinates.
+    both = Study(
+        data=Data(time="t"),
+        coordinates={"x": Measured(order=2), "y": Measured(order=2)},
+        inputs={"u": Driven(), "w": Driven()},
+        library=Candidates(basis=("x", "x_dot", "y", "y_dot", "u", "w"), degree=1, form="relations"),
+    )
+    columns = {"t": data["t"], "x": data["x"], "u": data["u"], "y": other["x"], "w": other["u"]}
+    model = identify(both, columns).model
+    assert [i.hold for i in model.inputs] == ["zero", "band-limited"]
