@@ -130,8 +130,7 @@ def refine(
     frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs], constants)
     cut, absent = partial(_cut, records, signals, differentiator), np.zeros(len(everything) - len(mechanisms))
     starts, plain = [np.append(s, absent) for s in starts], None if plain is None else np.append(plain, absent)
-    deadline = None if options.seconds is None else time.time() + options.seconds
-    budget = Budget(options.budget, monitor, deadline)
+    budget = Budget(options.budget, monitor, None if options.seconds is None else time.time() + options.seconds)
     segments = cut([i.hold for i in signals.inputs], SEGMENT)
     space = _first_held(cut, SearchSpace(Evaluator(segments, 1, budget), everything, frame), starts, held)
     seen = space.on(thinned(space.segments))
@@ -260,8 +259,8 @@ def _held(
     outcomes, gains = list(outcomes), dict[str, float]()
     for _ in range(HOLDINGS if names else 0):
         best = min(outcomes, key=lambda o: o.rank, default=None)
-        if best is None:
-            break
+        if best is None or (best.clear and set(holds_of(space)) == {"linear"}):
+            break  # a wrong hold leaves something unexplained
         choice = choose_holds(space, best.fit, names)
         if choice.holds == holds_of(space):
             return space, outcomes, {name: gains.get(name, gain) for name, gain in choice.gains.items()}
