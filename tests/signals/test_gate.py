@@ -1,0 +1,97 @@
+"""Samples that say nothing of the signal: late reads, outliers, ends of a sensor's range; and the steps of a sensor."""
+
+import numpy as np
+import pytest
+
+from odescope.errors import NoModelError
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Record, Records
+from odescope.signals.differentiators import Spectral
+from odescope.signals.estimate import estimate_signals
+from odescope.signals.noise import sensor_step
+from odescope.signals.outliers import gate_outliers
+
+PERIOD, NOISE = 0.005, 0.002
+X = (Coordinate("x", 2),)
+
+
+def motion(count=6000):
+    t = PERIOD * np.arange(count)
+    return t, np.sin(2 * np.pi * 0.8 * t) + 0.4 * np.cos(2 * np.pi * 0.31 * t + 1) + 0.2 * np.sin(2 * np.pi * 1.7 * t)
+
+
+def gated(t, x):
+    records, found = gate_outliers(Records.of(Record(t, x[:, None], ("x",))), X, Spectral())
+    (run,) = records
+    return run.counted("x") == 0.0, found["x"], records
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_outliers_are_told_from_noise_and_the_noise_is_that_of_the_others(seed):
+    rng = np.random.default_rng(seed)
+    t, x = motion()
+    wrong = rng.random(len(t)) < 0.01
+    measured = x + NOISE * rng.standard_normal(len(t))
+    measured[wrong] += NOISE * rng.uniform(10.0, 50.0, wrong.sum()) * rng.choice([-1, 1], wrong.sum())
+    far, count, records = gated(t, measured)
+    assert count == far.sum()
+    assert np.mean(far[wrong]) > 0.97
+    assert np.count_nonzero(far & ~wrong) <= 2
+    (channel,) = estimate_signals(records, X, (), Spectral()).channels
+    assert channel.noise == pytest.approx(NOISE, rel=0.08)
+    (before,) = estimate_signals(Records.of(Record(t, measured[:, None], ("x",))), X, (), Spectral()).channels
+    assert before.noise > 1.5 * NOISE  # what the gate is for
+
+
+def test_a_read_that_repeats_the_last_value_is_told_where_the_signal_moves():
+    rng = np.random.default_rng(4)
+    t, x = motion()
+    measured = x + 1e-4 * rng.standard_normal(len(t))
+    late = np.flatnonzero(rng.random(len(t)) < 0.01)
+    late = late[late > 0]
+    measured[late] = measured[late - 1]
+    far, _, _ = gated(t, measured)
+    fast = late[np.abs(x[late] - x[late - 1]) > 0.5 * np.sqrt(np.mean(np.diff(x) ** 2))]
+    assert np.mean(far[fast]) > 0.95
+    assert np.count_nonzero(np.delete(far, late)) <= 2
+
+
+def test_samples_at_the_end_of_the_sensors_range_do_not_count():
+    t, x = motion()
+    measured = np.minimum(x + NOISE * np.random.default_rng(5).standard_normal(len(t)), 1.1)
+    far, _, _ = gated(t, measured)
+    flat = measured == 1.1
+    assert 100 < flat.sum() < 0.2 * len(t)
+    assert np.mean(far[flat]) > 0.9
+    assert np.count_nonzero(far & ~flat) < 0.002 * len(t)
+
+
+def test_a_signal_without_noise_whose_acceleration_jumps_keeps_all_its_samples():
+    t, _ = motion()
+    pace = np.cumsum(np.sign(np.sin(2 * np.pi * 0.5 * t))) * PERIOD  # speeds up and slows down abruptly
+    far, count, _ = gated(t, np.cumsum(pace) * PERIOD)
+    assert count == 0
+    assert not far.any()
+
+
+def test_where_most_of_a_channel_stands_at_its_ends_there_is_nothing_to_go_by():
+    t, x = motion()
+    measured = np.clip(x, -0.25, 0.25)
+    with pytest.raises(NoModelError, match="of x are far from any smooth signal, or at the end of the sensor's range"):
+        gated(t, measured)
+
+
+@pytest.mark.parametrize("step", [2 * np.pi / 4096, 0.01, 3e-4])
+def test_the_step_of_an_encoder_is_found_and_bounds_the_noise(step):
+    t, x = motion()
+    measured = step * np.round(x / step)
+    found = sensor_step([measured])
+    assert found == (pytest.approx(step, rel=1e-6) if len(np.unique(measured)) * 4 < len(t) else 0.0)
+    (channel,) = estimate_signals(Records.of(Record(t, measured[:, None], ("x",))), X, (), Spectral()).channels
+    assert channel.noise >= 0.999 * found / np.sqrt(12.0)
+
+
+def test_values_without_steps_have_none():
+    _, x = motion()
+    assert sensor_step([x + NOISE * np.random.default_rng(6).standard_normal(len(x))]) == 0.0
+    assert sensor_step([np.repeat([1.0, 2.0, 4.5, 4.63], 100)]) == 0.0
