@@ -105,7 +105,7 @@ def doubts(refinement: Refinement, targets: Sequence[str]) -> Doubts:
         thin = [
             (m.term, m.place, float(np.sqrt(wald)))
             for m, wald, is_weak in zip(_fitted(refinement), evidence.wald, weak, strict=True)
-            if is_weak
+            if is_weak and m.parts
         ]
     return Doubts(
         late=refinement.late,

@@ -19,6 +19,7 @@ from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
 from odescope.likelihood.holds import TRIAL_STEPS, choose_holds, holds_of
+from odescope.likelihood.negligible import without_negligible
 from odescope.likelihood.path import ModelPath
 from odescope.likelihood.process_noise import (
     PATH_SHARE,
@@ -187,6 +188,7 @@ def _judged(
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
     if _joined(best):
         space, best = with_finer_steps(space, best)
+        best = without_negligible(space, best)
     process, adopted = None, False
     chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:

@@ -1,0 +1,77 @@
+"""Terms that are next to nothing in every relation, and whose case is thin: what errors of integration ask for.
+
+docs/method.md, Structure by likelihood.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.library.tape import evaluate, write_tape
+from odescope.likelihood.held_out import free_run_error
+from odescope.likelihood.search import THIN, Outcome
+from odescope.likelihood.search_space import SearchSpace
+
+SHARE = 1e-3  # of the largest term of a relation, root mean squares over the record
+RUNS_AS_WELL = 1.01  # error of free runs over that with the term
+
+
+def without_negligible(space: SearchSpace, outcome: Outcome) -> Outcome:
+    """Return the end of a search without terms that are next to nothing everywhere, one after the other.
+
+    A term goes if it makes less than a thousandth of the largest of every relation that it stands in, if it earned less
+    than a few times its penalty, and if free runs go as well without it.
+
+    Args:
+        space: the data and candidates.
+        outcome: of a search that ended with joined segments.
+    """
+    here, trail = outcome.fit, list(outcome.trail)
+    defect_std = space.segments.spread * outcome.width
+    while len(here.free):
+        shares, wald = contributions(space, here.theta), here.wald / max(outcome.scale, 1.0)
+        slight = [
+            (w, k)
+            for k, w in zip(here.free.tolist(), wald.tolist(), strict=True)
+            if space.mechanisms[k].parts and shares[k] < SHARE and w < THIN * space.penalty[k]
+        ]
+        if not slight:
+            break
+        statistic, k = min(slight)
+        theta = here.theta.copy()
+        theta[k] = 0.0
+        lean = space.fit(theta, here.present[here.present != k], here.x0, defect_std, here.strength)
+        if lean is None or not lean.converged:
+            break
+        if free_run_error(space, lean.theta) > RUNS_AS_WELL * free_run_error(space, here.theta):
+            break
+        here = lean
+        trail.append(space.move(outcome.width, "drop", k, statistic, here))
+    prices = space.penalty[here.free], space.price(here)
+    return replace(outcome, fit=here, penalties=prices[0], price=prices[1], trail=tuple(trail))
+
+
+def contributions(space: SearchSpace, theta: FloatArray) -> FloatArray:
+    """Return what each mechanism makes of the relation in which it makes most (mechanisms,), over its largest term.
+
+    Root mean squares over the smoothed states; targets are their differences.
+    """
+    segments, frame = space.segments, space.frame
+    present = np.flatnonzero(theta)
+    owned = [(k, p) for k in present for p in space.mechanisms[k].parts]
+    tape = write_tape([*frame.variables, *frame.constants], [p.product.term for _, p in owned])
+    fixed = np.tile(np.array([*frame.constants.values()], dtype=np.float64), (len(segments.filtered), 1))
+    columns = np.ascontiguousarray(np.hstack([segments.filtered, segments.inputs[:, 0], fixed]).T)
+    pace = np.gradient(segments.filtered, segments.step, axis=0)
+    target = {name: pace[:, int(np.flatnonzero(frame.following == -1 - t)[0])] for t, name in enumerate(frame.targets)}
+    sizes, largest = np.zeros((len(space.mechanisms), len(frame.targets))), np.zeros(len(frame.targets))
+    for (k, part), values in zip(owned, evaluate(tape, columns), strict=True):
+        whole = values if part.product.factor is None else values * target[part.product.factor]
+        size = abs(theta[k] * part.share) * float(np.sqrt(np.mean(whole**2)))
+        sizes[k, part.relation] += size
+        largest[part.relation] = max(largest[part.relation], size)
+    shares: FloatArray = (sizes / np.maximum(largest, 1e-300)).max(axis=1)
+    return shares
