@@ -16,7 +16,8 @@ from odescope.likelihood.search import THIN, Outcome
 from odescope.likelihood.search_space import SearchSpace
 
 SHARE = 1e-3  # of the largest term of a relation, root mean squares over the record
-RUNS_AS_WELL = 1.01  # error of free runs over that with the term
+RUNS_AS_WELL = 1.01  # mean squared error of free runs over that with the term, and
+UNSEEN = 1.0  # variances of the noise that it may be larger by
 
 
 def without_negligible(space: SearchSpace, outcome: Outcome) -> Outcome:
@@ -31,6 +32,7 @@ def without_negligible(space: SearchSpace, outcome: Outcome) -> Outcome:
     """
     here, trail = outcome.fit, list(outcome.trail)
     defect_std = space.segments.spread * outcome.width
+    unseen = UNSEEN * float(np.mean((space.segments.noise / space.segments.measured.std(axis=0)) ** 2))
     while len(here.free):
         shares, wald = contributions(space, here.theta), here.wald / max(outcome.scale, 1.0)
         slight = [
@@ -46,7 +48,7 @@ def without_negligible(space: SearchSpace, outcome: Outcome) -> Outcome:
         lean = space.fit(theta, here.present[here.present != k], here.x0, defect_std, here.strength)
         if lean is None or not lean.converged:
             break
-        if free_run_error(space, lean.theta) > RUNS_AS_WELL * free_run_error(space, here.theta):
+        if free_run_error(space, lean.theta) > RUNS_AS_WELL * free_run_error(space, here.theta) + unseen:
             break
         here = lean
         trail.append(space.move(outcome.width, "drop", k, statistic, here))

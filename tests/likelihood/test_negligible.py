@@ -1,0 +1,60 @@
+"""Terms that are next to nothing go where their case is thin, and only there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_systems import SPRING, SPRING_STEP, drive, shots, spring_run
+
+from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.negligible import contributions, without_negligible
+from odescope.likelihood.search import search
+from odescope.likelihood.search_space import SearchSpace
+
+NOISE, SPREAD = 2e-4, np.array([1e-4, 5e-4])
+SQUARE = 5  # x^2
+
+
+def space(theta):
+    data = shots(spring_run(theta), drive(), SPRING_STEP, NOISE, np.random.default_rng(1), SPREAD)
+    return SearchSpace(Evaluator(data, 2), SPRING.mechanisms, SPRING.frame)
+
+
+def ended(square):
+    """Return the space of a spring with so much of x^2, and the end of a search that has x^2 whatever it earns."""
+    theta = SPRING.theta.copy()
+    theta[SQUARE] = square
+    it = space(theta)
+    found = search(it, theta)
+    present = np.union1d(found.fit.present, [SQUARE])
+    fit = it.fit(found.fit.theta, present, found.fit.x0, it.segments.spread * found.width, found.fit.strength)
+    return it, replace(found, fit=fit)
+
+
+def test_contributions_are_the_sizes_of_the_terms_over_the_largest():
+    it = space(SPRING.theta)
+    x, v = it.segments.filtered.T
+    u = it.segments.inputs[:, 0, 0]
+    a = -(4.0 * x + 0.5 * v + 0.8 * x**3 - u)
+    sizes = [np.sqrt(np.mean(term**2)) for term in (a, 4.0 * x, 0.5 * v, 0.8 * x**3, u)]
+    np.testing.assert_allclose(contributions(it, SPRING.theta)[:5], sizes / np.max(sizes), rtol=0.02)
+    assert not contributions(it, SPRING.theta)[5:].any()
+
+
+def test_a_term_that_nothing_asks_for_goes():
+    it, outcome = ended(0.0)
+    assert SQUARE in outcome.fit.present
+    lean = without_negligible(it, outcome)
+    assert lean.fit.present.tolist() == [0, 1, 2, 3, 4]
+    assert lean.trail[-1].action == "drop"
+    assert lean.price < it.price(outcome.fit)
+
+
+@pytest.mark.parametrize("square", [3e-3, 0.05])
+def test_a_term_with_a_case_stays_however_small(square):
+    """The smaller one makes less than a thousandth, and stands at many standard errors."""
+    it, outcome = ended(square)
+    assert contributions(it, outcome.fit.theta)[SQUARE] < 0.03
+    lean = without_negligible(it, outcome)
+    assert SQUARE in lean.fit.present
+    assert lean.fit.theta[SQUARE] / lean.fit.theta[0] == pytest.approx(square, rel=0.1)
