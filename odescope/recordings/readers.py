@@ -96,14 +96,25 @@ def column_names(path: Path) -> tuple[str, ...]:
 
 
 def find_files(files: Sequence[Path]) -> tuple[Path, ...]:
-    """Return the files, a folder replaced by the Parquet files in it and in its folders, in order of their paths.
+    """Return the files, in order of their paths: of a folder the Parquet files in it, of a pattern those that match.
 
-    What begins with "_" or "." is left out, as whoever writes such a dataset puts notes there.
+    In a name, * stands for anything and ? for one character; a file that is really called so is meant itself. What
+    begins with "_" or "." in a folder is left out, as whoever writes such a dataset puts notes there.
 
     Raises:
-        InputError: a folder without Parquet files.
+        InputError: a folder without Parquet files, a pattern that no file matches.
     """
-    return tuple(file for path in map(Path, files) for file in (_dataset(path) if path.is_dir() else (path,)))
+    named = (file for path in map(Path, files) for file in _matching(path))
+    return tuple(file for path in named for file in (_dataset(path) if path.is_dir() else (path,)))
+
+
+def _matching(path: Path) -> list[Path]:
+    if path.exists() or not any(sign in path.name for sign in "*?"):
+        return [path]
+    found = sorted(path.parent.glob(path.name))
+    if not found:
+        raise InputError(f"no file matches {path.name!r} in {path.parent}")
+    return found
 
 
 def _dataset(folder: Path) -> list[Path]:
