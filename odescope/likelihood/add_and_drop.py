@@ -17,6 +17,7 @@ from odescope.likelihood.search_space import Move, SearchSpace
 LOOK_ALIKE = 40.0  # times its penalty: a mechanism that earns more is in its place
 DETOUR = 6  # additions and drops until a search without a mechanism has to be better than that with it
 GAIN = 0.5  # fall of the penalised cost that makes it better: fits are no more accurate than this
+FAR_FROM_DONE = 100.0  # times as much a delay or an offset has to earn as a term, where a model lacks most
 HOPELESS = 10.0  # times the cost before: a detour that stands there is given up
 
 
@@ -119,6 +120,8 @@ class Moves:
         scores = scores / self.scale
         scores[list(self.barred)] = 0.0
         earned = scores - self.space.penalty
+        if self.scale > HOPELESS:  # a model that lacks most asks for delays and offsets that stand for terms
+            earned[[k for k, m in enumerate(self.space.mechanisms) if not m.parts]] /= FAR_FROM_DONE
         for k in np.argsort(earned)[::-1][: self.judge.trials].tolist():
             if earned[k] < 0.0:
                 return None
