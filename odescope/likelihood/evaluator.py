@@ -80,14 +80,15 @@ class Evaluator:
 
     def _data(self, delays: tuple[float, ...] | None) -> Averages:
         """Return the measurements, with inputs so late, and beside them what they gain with their delays."""
-        if delays != self._driven[0]:
+        known, inputs = self._driven
+        if delays != known:
             nodes = self.segments.inputs if delays is None else self.segments.late(delays)
-            self._driven = (delays, self._on_half_steps(nodes))
+            inputs = self._on_half_steps(nodes)
+            self._driven = delays, inputs
         data = self.segments
         return Averages(
-            1.0 / data.noise, data.step, self.substeps, data.start, data.count, data.measured, self._weight,
-            self._driven[1],
-        )  # fmt: skip
+            1.0 / data.noise, data.step, self.substeps, data.start, data.count, data.measured, self._weight, inputs
+        )
 
     def integrate(self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray) -> Sums:
         """Return cost, gradient, Gauss-Newton matrix, end and its derivatives of every segment.
