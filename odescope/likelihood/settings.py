@@ -18,18 +18,11 @@ from odescope.library.mechanism import Kind, Mechanism, merged
 from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.relation import FoundParameter
+from odescope.model.scores import DelayScore, OffsetScore
 from odescope.recordings.coordinate import Coordinate, Hold, Input
 from odescope.signals.estimate import Signals
 
 SHARP = 0.001  # width of dry friction, in root mean squares of the velocity, that is as good as a jump
-
-
-@dataclass(frozen=True)
-class Found:
-    """A value that was found, and its standard error."""
-
-    value: float
-    std_error: float | None
 
 
 @dataclass(frozen=True)
@@ -40,21 +33,21 @@ class FoundSettings:
     of inputs what they do between samples.
     """
 
-    offsets: Mapping[str, Found]
-    delays: Mapping[str, Found]
+    offsets: Mapping[str, OffsetScore]
+    delays: Mapping[str, DelayScore]
     parameters: tuple[FoundParameter, ...]
     holds: Mapping[str, Hold]
 
     def coordinates(self, coordinates: Sequence[Coordinate]) -> tuple[Coordinate, ...]:
         """Return the coordinates with their offsets."""
         return tuple(
-            msgspec.structs.replace(c, offset=self.offsets[c.name].value) if c.name in self.offsets else c
+            msgspec.structs.replace(c, offset=self.offsets[c.name].offset) if c.name in self.offsets else c
             for c in coordinates
         )
 
     def inputs(self, inputs: Sequence[Input]) -> tuple[Input, ...]:
         """Return the inputs with their delays and holds."""
-        delays = {name: found.value for name, found in self.delays.items()}
+        delays = {name: found.delay for name, found in self.delays.items()}
         return tuple(
             msgspec.structs.replace(i, delay=i.delay + delays.get(i.name, 0.0), hold=self.holds.get(i.name, i.hold))
             for i in inputs
@@ -176,16 +169,17 @@ def settings_of(
         constants: values of all constants, by name; None for one that the record does not ask for.
         holds: by input.
     """
-    found: dict[Kind, dict[str, Found]] = {"offset": {}, "delay": {}}
-    parameters = []
+    offsets, delays, parameters = dict[str, OffsetScore](), dict[str, DelayScore](), list[FoundParameter]()
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     for m, value, error in zip(mechanisms, theta.tolist(), errors.tolist(), strict=True):
         if m.kind == "constant":
             size = constants[m.place] or 0.0
             parameters.append(FoundParameter(m.place, size, size * error, _holding(m.place, mechanisms, constants)))
-        elif not m.parts:
-            found[m.kind][m.place] = Found(value, error)
-    return FoundSettings(found["offset"], found["delay"], tuple(parameters), holds)
+        elif m.kind == "offset":
+            offsets[m.place] = OffsetScore(value, error)
+        elif m.kind == "delay":
+            delays[m.place] = DelayScore(value, error)
+    return FoundSettings(offsets, delays, tuple(parameters), holds)
 
 
 def _holding(name: str, mechanisms: Sequence[Mechanism], constants: Mapping[str, float | None]) -> tuple[str, ...]:

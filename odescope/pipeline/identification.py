@@ -204,8 +204,7 @@ def _delays(filtered: Filtered, winner: Winner) -> dict[str, DelayScore]:
 def _offsets(winner: Winner) -> dict[str, OffsetScore]:
     """Return the offsets of the model's coordinates."""
     found = {} if winner.refinement is None else winner.refinement.settings.offsets
-    offset = {c.name: c.offset for c in winner.model.coordinates}
-    return {name: OffsetScore(offset[name], o.std_error) for name, o in found.items() if offset[name]}
+    return {c.name: found[c.name] for c in winner.model.coordinates if c.offset}
 
 
 def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winner) -> Model:
