@@ -51,7 +51,7 @@ class LinearRecord:
     """Segments around a fit: every channel by itself, for averages of unit noise.
 
     Shapes: x0 (J, n); cost (c,); gradient (c, J, n); hessian (c, J, n, n); last (J, n) and jacobian (J, n, n) as in
-    `Sums`; samples (c,) how many averages.
+    `Sums`.
     """
 
     segments: Segments
@@ -61,7 +61,6 @@ class LinearRecord:
     hessian: FloatArray
     last: FloatArray
     jacobian: FloatArray
-    samples: FloatArray
 
     @staticmethod
     def of(space: SearchSpace, found: Fit) -> LinearRecord | None:
@@ -83,7 +82,6 @@ class LinearRecord:
             np.array([p.hessian for p in parts]),
             end.last,
             end.jacobian,
-            np.array([_count(segments, c) for c in range(channels)]),
         )
 
     def at(self, logs: FloatArray) -> NoisePoint | None:
@@ -113,7 +111,7 @@ class LinearRecord:
             own,
             following,
         )
-        counted = np.concatenate([self.samples, np.full(n, joined.sum())])
+        counted = np.concatenate([self.segments.counted, np.full(n, joined.sum())])
         return NoisePoint(
             logs,
             float(squares.sum() + log_det + 2.0 * counted @ logs),
@@ -160,14 +158,6 @@ def _step(here: NoisePoint, least: FloatArray, damping: float) -> tuple[FloatArr
     change = np.maximum(change, low)
     gain = -change[able] @ (gradient + 0.5 * information @ change[able])
     return 0.5 * np.log1p(change), float(gain)
-
-
-def _count(segments: Segments, channel: int) -> int:
-    """Return how many averages of a channel the segments see."""
-    if segments.weight is None:
-        return int(segments.count.sum())
-    there = np.concatenate([[0], np.cumsum(segments.weight[:, channel] > 0.0)])
-    return int((there[segments.start + segments.count] - there[segments.start]).sum())
 
 
 def with_noise(space: SearchSpace, measurement: FloatArray, process: FloatArray) -> SearchSpace:

@@ -99,12 +99,19 @@ class Segments:
     driven: SampledInputs | None = None
 
     @cached_property
+    def counted(self) -> IntArray:
+        """Number of averages of every channel that the segments see, (c,)."""
+        channels = len(self.noise)
+        if self.weight is None:
+            return np.full(channels, int(self.count.sum()))
+        there = np.concatenate([np.zeros((1, channels), dtype=np.int64), np.cumsum(self.weight > 0.0, axis=0)])
+        counted: IntArray = (there[self.start + self.count] - there[self.start]).sum(axis=0)
+        return counted
+
+    @property
     def samples(self) -> int:
         """Number of averages that the segments see, over all channels."""
-        if self.weight is None:
-            return int(self.count.sum()) * len(self.noise)
-        there = np.concatenate([[0], np.cumsum((self.weight > 0.0).sum(axis=1))])
-        return int((there[self.start + self.count] - there[self.start]).sum())
+        return int(self.counted.sum())
 
     def late(self, delays: Sequence[float]) -> FloatArray:
         """Return the inputs (N, 3, 2 i) so many seconds late, and after them what they gain with a second more.
