@@ -21,3 +21,8 @@ class ArrowStream(Protocol):
 
 
 Table = ArrowStream | Mapping[str, ArrayLike]  # columns by name
+
+
+def robust_deviation(values: FloatArray) -> float:
+    """Return the standard deviation of normal values with the median absolute deviation of these (N,)."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))

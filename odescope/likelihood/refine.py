@@ -40,7 +40,6 @@ from odescope.recordings.coordinate import Hold
 from odescope.recordings.record import Records
 from odescope.signals.differentiators import Differentiator
 from odescope.signals.estimate import Signals
-from odescope.signals.noise import sensor_step
 
 THREADS = Threads()
 
@@ -149,7 +148,7 @@ def refine(
     best = _best(space, seen, outcomes)
     if best is None:
         return None
-    floor = _floor(records, signals, space.segments.block)
+    floor = np.array([c.floor for c in signals.channels]) / np.sqrt(space.segments.block)
     return _judged(partial(cut, holds_of(space)), space, starts, best, len(outcomes), gains, options.terms, floor)
 
 
@@ -158,13 +157,6 @@ def _best(space: SearchSpace, seen: SearchSpace, outcomes: Sequence[Outcome]) ->
     best = min(outcomes, key=lambda o: o.rank, default=None)
     thin = len(seen.segments.start) < len(space.segments.start)
     return in_whole(space, best) if best is not None and thin else best
-
-
-def _floor(records: Records, signals: Signals, block: int) -> FloatArray:
-    """Return the least standard deviations (c,) of an average, which the steps of sensors make."""
-    steps = [sensor_step([run.column(c.name) for run in records]) for c in signals.coordinates]
-    floor: FloatArray = np.array(steps) / np.sqrt(12.0 * block)
-    return floor
 
 
 def _cut(
@@ -261,8 +253,10 @@ def _held(
     outcomes, gains = list(outcomes), dict[str, float]()
     for _ in range(HOLDINGS if names else 0):
         best = min(outcomes, key=lambda o: o.rank, default=None)
-        if best is None or (best.clear and set(holds_of(space)) == {"linear"}):
-            break  # a wrong hold leaves something unexplained
+        # A wrong hold leaves something unexplained, unless the noise was thought to be more than it is.
+        explained = best is not None and best.clear and best.scale > 1.0 / WHITE
+        if best is None or (explained and set(holds_of(space)) == {"linear"}):
+            break
         choice = choose_holds(space, best.fit, names)
         if choice.holds == holds_of(space):
             return space, outcomes, {name: gains.get(name, gain) for name, gain in choice.gains.items()}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.arrays import BoolArray, FloatArray, IntArray, robust_deviation
 from odescope.recordings.gaps import GAP_PERIODS, RawRun
 from odescope.recordings.local_spline import fit_smooth
 
@@ -16,7 +16,6 @@ REGULAR = -0.25  # lag-1 autocorrelation of steps: -1/2 is a regular clock read 
 DRIFT = 256  # samples over which a clock keeps its rate
 SURE = 3.0  # standard deviations of chi-squared beyond which a clock is seen to drift
 FAR = 4.0  # standard deviations of jitter: what is further away is not the jitter of reading, but a late sample
-NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
 LATE = 0.05  # periods: what is nearer to its regular time is not late, however regular the clock
 ROUNDS = 3  # of fitting a line less what is far from it
 TRUE_STAMPS = 0.5  # slope of residuals on motion: 1 if stamps say when samples were taken, 0 if they only jitter
@@ -97,9 +96,7 @@ def _line(numbers: IntArray, t: FloatArray) -> tuple[float, float]:
 
 def _far(rest: FloatArray, period: float) -> BoolArray:
     """Tell which samples (n,) are further from their regular times than jitter would have them."""
-    middle = np.median(rest)
-    jitter = NORMAL * float(np.median(np.abs(rest - middle)))
-    far: BoolArray = np.abs(rest - middle) > max(FAR * jitter, LATE * period)
+    far: BoolArray = np.abs(rest - np.median(rest)) > max(FAR * robust_deviation(rest), LATE * period)
     return far
 
 

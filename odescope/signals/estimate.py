@@ -14,6 +14,7 @@ from odescope.recordings.periods import PERIODS_DIFFER
 from odescope.recordings.record import Record, Records, Stretch, within
 from odescope.signals.differentiators import Derivatives, Differentiator, derivatives_like
 from odescope.signals.filling import measured_derivatives
+from odescope.signals.noise import rounding_error
 from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, differentiate, differentiate_smoothly
 
 OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
@@ -23,11 +24,15 @@ SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below
 
 @dataclass(frozen=True)
 class Channel:
-    """What was found in one coordinate: noise (standard deviation, its unit), cutoff (hertz)."""
+    """What was found in one coordinate: noise (standard deviation, its unit), cutoff (hertz).
+
+    The noise is no less than `floor`, which the steps of the sensor make.
+    """
 
     name: str
     noise: float
     cutoff: float
+    floor: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +97,18 @@ def estimate_signals(
         NoModelError: a coordinate holds nothing above its noise.
     """
     period = _common_period(records)
-    found = []
+    found, floors = [], []
     for c in coordinates:
-        found.append(measured_derivatives(records, c, differentiator))
+        # What was filled in, or is the mean of several, is off the steps of the sensor.
+        floors.append(rounding_error([run.column(c.name)[run.counted(c.name) == 1.0] for run in records]))
+        derivatives = measured_derivatives(records, c, differentiator)
+        found.append(replace(derivatives, noise=max(derivatives.noise, floors[-1])))
         _check_signal(c, found[-1], period)
     stride = max(1, int(1.0 / (period * OVERSAMPLING * max(d.cutoff for d in found)))) if decimate else 1
     names = (*state_names(coordinates), *(c.target for c in coordinates), *(i.name for i in inputs))
-    channels = tuple(Channel(c.name, d.noise, d.cutoff) for c, d in zip(coordinates, found, strict=True))
+    channels = tuple(
+        Channel(c.name, d.noise, d.cutoff, floor) for c, d, floor in zip(coordinates, found, floors, strict=True)
+    )
     signals = Signals(names, (), (), period * stride, channels, tuple(coordinates), tuple(inputs))
     return _gathered(signals, records.stretches, [d.values for d in found], margin)
 

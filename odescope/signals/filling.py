@@ -11,7 +11,7 @@ from odescope.arrays import FloatArray
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, Stretch
 from odescope.signals.differentiators import Derivatives, Differentiator, derivatives_like
-from odescope.signals.noise import noise_level, sensor_step
+from odescope.signals.noise import noise_level
 from odescope.signals.spectral import Spectrum
 
 SPARSE = 0.5  # of the samples of the densest record in the same time
@@ -21,8 +21,6 @@ ROUNDS = 8  # of filtering and filling in: a lost sample is settled after two, a
 
 def measured_derivatives(records: Records, coordinate: Coordinate, differentiator: Differentiator) -> Derivatives:
     """Return values and derivatives of a coordinate, and the noise of one measured sample.
-
-    That is no less than what a sensor's steps make, a step over root twelve.
 
     Records with less than half as many samples in the same time as the densest take no part in finding noise and
     cutoff: what is filled in between their samples is smoother than what was measured. The noise is told from what the
@@ -36,10 +34,8 @@ def measured_derivatives(records: Records, coordinate: Coordinate, differentiato
     """
     period = float(np.median([run.sample_period for run in records]))
     channel = [run.column(coordinate.name) for run in records]
-    floor = sensor_step(channel) / np.sqrt(12.0)
     if all(run.counts is None for run in records):
-        plain = differentiator.derivatives(channel, period, coordinate.order)
-        return replace(plain, noise=max(plain.noise, floor))
+        return differentiator.derivatives(channel, period, coordinate.order)
     counts = [run.counted(coordinate.name) for run in records]
     density = np.array([np.mean(n > 0.0) for n in counts])
     dense = [k for k, d in enumerate(density) if d >= SPARSE * density.max()]
@@ -54,7 +50,7 @@ def measured_derivatives(records: Records, coordinate: Coordinate, differentiato
         there = {k: counts[k] > 0.0 for k in dense}
         rest = [(np.sqrt(counts[k]) * (channel[k] - values[k][0]))[there[k]] for k in dense]
         noise = noise_level([Spectrum.of(r) for r in rest])
-    return Derivatives(tuple(values[k] for k in range(len(channel))), max(noise, floor), found.cutoff)
+    return Derivatives(tuple(values[k] for k in range(len(channel))), noise, found.cutoff)
 
 
 def filled(records: Records, coordinates: Sequence[Coordinate], differentiator: Differentiator) -> Records:

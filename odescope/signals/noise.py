@@ -29,6 +29,11 @@ def sensor_step(columns: Sequence[FloatArray]) -> float:
     return step if np.abs(steps - np.rint(steps)).max() < WHOLE * max(1.0, 1e-3 * float(steps[-1])) else 0.0
 
 
+def rounding_error(columns: Sequence[FloatArray]) -> float:
+    """Return the standard deviation of what the steps of a sensor round away: a step over root twelve."""
+    return sensor_step(columns) / float(np.sqrt(12.0))
+
+
 def noise_level(spectra: Sequence[Spectrum]) -> float:
     """Return the standard deviation of the white noise, from the median power of the upper half of the spectra."""
     upper = []

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray
+from odescope.arrays import BoolArray, FloatArray, robust_deviation
 from odescope.errors import NoModelError
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, Stretch
@@ -21,10 +21,10 @@ from odescope.signals.filling import filled
 FAR = 5.0  # standard deviations beyond which a sample says nothing of the signal
 STEPS = 0.25  # root mean squares of the motion from sample to sample: what is nearer may be a kink of the signal
 SIGNAL_LEFT = 0.5  # correlation of neighbours in what a filter leaves, beyond which that is no noise
+PULLED = 0.25  # of what it is off, that a wrong sample is at least off a filter that is not robust
 MOST = 0.3  # of the samples of a coordinate: where more are far off, none is usual
 PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
-NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
 ROUNDS = 8
 
 
@@ -50,26 +50,31 @@ def settle_clipping(records: Records, coordinates: Sequence[Coordinate], differe
         coordinates: what was measured.
         differentiator: filters them.
     """
-    period = records.runs[0].sample_period
-    rounds = {}
-    for c in coordinates:
-        recorded = clipped = [run.column(c.name) for run in records]
-        measured = [run.counted(c.name) > 0.0 for run in records]
-        taken = []
-        for _ in range(ROUNDS):
-            found = differentiator.derivatives(clipped, period, c.order)
-            joined = np.concatenate([(y - s[0])[n] for y, s, n in zip(recorded, found.values, measured, strict=True)])
-            bound = BEND * NORMAL * float(np.median(np.abs(joined - np.median(joined))))
-            if bound == 0.0:  # more than half of the samples are on the filtered signal: nothing says what is usual
-                break
-            taken.append((found.cutoff, bound))
-            again = [_clipped(y, s[0], bound) for y, s in zip(recorded, found.values, strict=True)]
-            moved = max(float(np.abs(a - b).max()) for a, b in zip(again, clipped, strict=True))
-            clipped = again
-            if moved < 0.01 * bound:
-                break
-        rounds[c.name] = tuple(taken)
-    return Clipping(rounds, period)
+    rounds = {c.name: _robustly_filtered(records, c, differentiator, ROUNDS)[0] for c in coordinates}
+    return Clipping(rounds, records.runs[0].sample_period)
+
+
+def _robustly_filtered(
+    records: Records, coordinate: Coordinate, differentiator: Differentiator, rounds: int
+) -> tuple[tuple[tuple[float, float], ...], list[FloatArray]]:
+    """Return cutoff and bound of every round of clipping, at most so many, and the filtered signal of the last."""
+    recorded = clipped = [run.column(coordinate.name) for run in records]
+    measured = [run.counted(coordinate.name) > 0.0 for run in records]
+    taken, smooth = list[tuple[float, float]](), recorded
+    for _ in range(rounds):
+        found = differentiator.derivatives(clipped, records.runs[0].sample_period, coordinate.order)
+        smooth = [s[0] for s in found.values]
+        rest = np.concatenate([(y - s)[n] for y, s, n in zip(recorded, smooth, measured, strict=True)])
+        bound = BEND * robust_deviation(rest)
+        if bound == 0.0:  # more than half of the samples are on the filtered signal: nothing says what is usual
+            break
+        taken.append((found.cutoff, bound))
+        again = [_clipped(y, s, bound) for y, s in zip(recorded, smooth, strict=True)]
+        moved = max(float(np.abs(a - b).max()) for a, b in zip(again, clipped, strict=True))
+        clipped = again
+        if moved < 0.01 * bound:
+            break
+    return tuple(taken), smooth
 
 
 def gate_outliers(
@@ -88,30 +93,17 @@ def gate_outliers(
     Raises:
         NoModelError: so many samples are far off that none is usual.
     """
-    clipping = settle_clipping(records, coordinates, differentiator)
-    clipped = clip_outliers(records.stretches, coordinates, differentiator, clipping)
     counts = [np.ones_like(run.values) if run.counts is None else run.counts.copy() for run in records]
     found = dict[str, int]()
     for c in coordinates:
         column = records.names.index(c.name)
         measured = [n[:, column] > 0.0 for n in counts]
-        recorded = [run.column(c.name) for run in records]
-        far = _saturated(recorded)
-        if clipping.rounds[c.name]:
-            cutoff, bound = clipping.rounds[c.name][-1]
-            rough = [s.record.column(c.name) for s in clipped]
-            smooth = derivatives_like(differentiator, cutoff, rough, [False] * len(rough), clipping.period, 0)
-            motion = np.concatenate([np.diff(s[0]) for s in smooth])
-            limit = max(FAR * bound / BEND, STEPS * float(np.sqrt(np.mean(motion**2))))
-            rest = [y - s[0] for y, s in zip(recorded, smooth, strict=True)]
-            if _left_signal([np.clip(r, -bound, bound) for r in rest]) < SIGNAL_LEFT:
-                far = [f | (np.abs(r) > limit) for f, r in zip(far, rest, strict=True)]
-        far = [f & m for f, m in zip(far, measured, strict=True)]
+        far = [f & m for f, m in zip(_far(records, c, differentiator), measured, strict=True)]
         found[c.name] = sum(int(f.sum()) for f in far)
         if found[c.name] > MOST * sum(int(m.sum()) for m in measured):
             raise NoModelError(
                 "signals",
-                f"{found[c.name]} of {sum(map(len, recorded))} samples of {c.name} are far from any smooth signal, or"
+                f"{found[c.name]} of {records.samples} samples of {c.name} are far from any smooth signal, or"
                 " at the end of the sensor's range: look whether it holds what it should",
             )
         for n, f in zip(counts, far, strict=True):
@@ -120,6 +112,32 @@ def gate_outliers(
         return records, found
     gated = Records(tuple(replace(run, counts=n) for run, n in zip(records, counts, strict=True)))
     return filled(gated, coordinates, differentiator), found
+
+
+def _far(records: Records, coordinate: Coordinate, differentiator: Differentiator) -> list[BoolArray]:
+    """Return which samples (N,) of every record are far from the signal, or at an end of the sensor's range."""
+    recorded = [run.column(coordinate.name) for run in records]
+    saturated = _saturated(recorded)
+    # A wrong sample pulls a filter that is not robust: where even then none is off its share, none is far.
+    _, limit, rest = _residuals(records, coordinate, differentiator, 1, PULLED * STEPS)
+    if not any((np.abs(r) > limit).any() for r in rest):
+        return saturated
+    bound, limit, rest = _residuals(records, coordinate, differentiator, ROUNDS, STEPS)
+    if _left_signal([np.clip(r, -bound, bound) for r in rest]) > SIGNAL_LEFT:
+        return saturated
+    return [f | (np.abs(r) > limit) for f, r in zip(saturated, rest, strict=True)]
+
+
+def _residuals(
+    records: Records, coordinate: Coordinate, differentiator: Differentiator, rounds: int, steps: float
+) -> tuple[float, float, list[FloatArray]]:
+    """Return the bound of the last round of clipping, the residual from which on a sample is far, and residuals."""
+    taken, smooth = _robustly_filtered(records, coordinate, differentiator, rounds)
+    bound = taken[-1][1] if taken else 0.0
+    motion = np.concatenate([np.diff(s) for s in smooth])
+    limit = max(FAR * bound / BEND, steps * float(np.sqrt(np.mean(motion**2)))) if taken else np.inf
+    rest = [run.column(coordinate.name) - s for run, s in zip(records, smooth, strict=True)]
+    return bound, limit, rest
 
 
 def _left_signal(rest: Sequence[FloatArray]) -> float:
