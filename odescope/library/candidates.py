@@ -80,6 +80,22 @@ class Library:
             terms = kept
         return Library(terms, tuple(removed))
 
+    def without(self, names: Collection[str]) -> Library:
+        """Return the terms that hold none of these names."""
+        return Library(tuple(t for t in self.terms if not t.names & set(names)), self.removed)
+
+    def with_single(self, basis: Iterable[Term], constants: Collection[str]) -> Library:
+        """Return the terms with at most one basis function that holds constants, and that only once.
+
+        A product of two is most often another of the same kind: exp(-E/T)**2 is exp(-2*E/T).
+
+        Args:
+            basis: the functions that the terms are products of.
+            constants: by name.
+        """
+        single = {_holding(term, constants) for term in basis} | {ONE}
+        return Library(tuple(t for t in self.terms if _holding(t, constants) in single), self.removed)
+
     def products(self, targets: Collection[str]) -> tuple[Product, ...]:
         """Return the candidates as products of a target or 1.
 
@@ -91,3 +107,8 @@ class Library:
     def preview(self, samples: int) -> str:
         """Return how many candidates there are and what their values would take in memory if held at once."""
         return f"{len(self)} candidates x {samples} samples: {len(self) * samples * 8 / 1e6:.1f} MB if held at once"
+
+
+def _holding(term: Term, constants: Collection[str]) -> Term:
+    """Return the factors of a term that hold constants."""
+    return Term(tuple((atom, p) for atom, p in term.factors if Term(((atom, 1),)).names & set(constants)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from itertools import combinations
 
-from odescope.library.expression import ONE, Atom, Call
+from odescope.library.expression import Atom, Call, Term
 from odescope.library.parse import Scope, parse_term
 from odescope.library.rules import Unmultiplied
 from odescope.recordings.coordinate import Coordinate
@@ -54,7 +54,9 @@ def friction_rule(coordinates: Sequence[Coordinate], basis: Sequence[str], scope
     """
     moving = {c.derivative(1) for c in coordinates if c.order == 2}
     terms = [parse_term(text, scope) for text in basis]
-    found = dict.fromkeys(a for t in terms for a, _ in t.factors if _is_dry(a, moving, alone=len(t.factors) == 1))
+    found = dict.fromkeys(
+        a for t in terms for a, _ in t.factors if _is_dry(a, moving, scope, alone=len(t.factors) == 1)
+    )
     if not found:
         return None
     named = [term for term in terms if any(term.power_of(atom) for atom in found)]
@@ -62,15 +64,22 @@ def friction_rule(coordinates: Sequence[Coordinate], basis: Sequence[str], scope
     return Unmultiplied(tuple(atom.text for atom in found), (*(term.text for term in named), *drag))
 
 
-def _is_dry(atom: Atom, moving: Collection[str], alone: bool) -> bool:
+def _is_dry(atom: Atom, moving: Collection[str], scope: Scope, alone: bool) -> bool:
     """Say whether an atom is the sign of a sum of rates, a smooth one, or its size where nothing else is named with it.
 
     Args:
         atom: of a term of the basis. A constant may be added to the rates, as the speed of a belt.
         moving: the rates.
+        scope: whose constants may scale them.
         alone: whether the term has no other factor: with one, as in v*abs(v), a size is no dry friction.
     """
     if not isinstance(atom, Call) or atom.function not in (("sign", "tanh", "abs") if alone else ("sign", "tanh")):
         return False
-    parts = [term for _, term in atom.argument.parts if term != ONE]
-    return bool(parts) and all(term.text in moving for term in parts)
+    constants = scope.constants or frozenset()
+    parts = [t for _, t in atom.argument.parts if t.names - constants]
+    return bool(parts) and all(_less(t, constants).text in moving for t in parts)
+
+
+def _less(term: Term, constants: Collection[str]) -> Term:
+    """Return a term without its factors that are constants."""
+    return Term(tuple(f for f in term.factors if f[0].text not in constants))

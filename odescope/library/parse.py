@@ -27,14 +27,25 @@ class Definition:
 
 @dataclass(frozen=True)
 class Scope:
-    """What a text may name: states, targets and inputs, and definitions beside the built-in functions."""
+    """What a text may name: states, targets and inputs, and definitions beside the built-in functions.
+
+    `constants` are names too, of numbers that are looked for; None where there can be none.
+    """
 
     names: frozenset[str]
     definitions: Mapping[str, Definition]
+    constants: frozenset[str] | None = None
 
     @staticmethod
-    def of(names: Collection[str], definitions: Collection[Definition] = ()) -> Scope:
+    def of(
+        names: Collection[str], definitions: Collection[Definition] = (), constants: Collection[str] | None = None
+    ) -> Scope:
         """Return a scope.
+
+        Args:
+            names: of states, targets and inputs.
+            definitions: functions of one's own.
+            constants: names of numbers that are looked for; None where there can be none.
 
         Raises:
             InputError: a definition takes the name of a built-in function, a variable or another definition, or names a
@@ -47,7 +58,8 @@ class Scope:
                 raise InputError(f"the function {d.name!r} has two parameters of one name")
             if d.name in FUNCTIONS or d.name in names or d.name == "identity":
                 raise InputError(f"the function {d.name!r} cannot be defined: that name is taken; choose another")
-        return Scope(frozenset(names), {d.name: d for d in definitions})
+        numbers = None if constants is None else frozenset(constants)
+        return Scope(frozenset(names) | (numbers or frozenset()), {d.name: d for d in definitions}, numbers)
 
 
 def parse_term(text: str, scope: Scope) -> Term:
@@ -64,7 +76,7 @@ def parse_term(text: str, scope: Scope) -> Term:
     term = combination.parts[0][1]
     if term.text != text:
         # What a model file will hold must read back: powers add up and chains grow on the way to canonical order.
-        _Walk(term.text, Scope(scope.names, {}), {}).whole()
+        _Walk(term.text, Scope(scope.names, {}, scope.constants), {}).whole()
     return term
 
 
@@ -118,7 +130,8 @@ class _Walk:
                 return Combination.of([(self.number(value), Term())])
             case ast.Name(id=name):
                 if name not in self.scope.names:
-                    raise self.fail(f"no state or input is called {name!r}; {nearest(name, sorted(self.scope.names))}")
+                    known = f"no state or input is called {name!r}; {nearest(name, sorted(self.scope.names))}"
+                    raise self.fail(known + self.declaring(name))
                 return self.values.get(name, _lone(Name(name)))
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return Combination.of([(-c, t) for c, t in self.node(operand, depth + 1).parts])
@@ -134,7 +147,18 @@ class _Walk:
                 return self.raised(self.node(left, depth + 1), right)
             case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
                 return self.call(name, [self.node(a, depth + 1) for a in args])
+            case ast.BinOp(op=ast.BitXor()):
+                raise self.fail("a power is written with two stars: x**3, not x^3")
         raise self.fail("only names, numbers, + - * / ** and known functions may appear")
+
+    def declaring(self, name: str) -> str:
+        """Return how to declare a name as a constant, where there can be some."""
+        if self.scope.constants is None:
+            return ""
+        return (
+            f". If {name} is a constant that is looked for, say in what range:\n\n    [library.parameters]\n"
+            f'    {name} = [0.1, 10.0]    # or {name} = "scale", for a range from the data'
+        )
 
     def number(self, value: float) -> float:
         try:
@@ -158,6 +182,8 @@ class _Walk:
         sign = 1.0
         if isinstance(exponent, ast.UnaryOp) and isinstance(exponent.op, ast.USub):
             exponent, sign = exponent.operand, -1.0
+        if isinstance(exponent, ast.Name) and exponent.id in (self.scope.constants or ()):
+            return self.raised_to(base, exponent.id, sign)
         value = exponent.value if isinstance(exponent, ast.Constant) else None
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise self.fail("an exponent must be a plain number")
@@ -165,6 +191,13 @@ class _Walk:
         if abs(power) > MAXIMUM_POWER or power == 0:
             raise self.fail(f"the exponent {power:g} is outside 1 to {MAXIMUM_POWER} in size")
         return self.power(base, int(power) if power.is_integer() else power)
+
+    def raised_to(self, base: Combination, constant: str, sign: float) -> Combination:
+        """Return a positive base to the power of a constant: x**n as exp(n*log(x))."""
+        if not base.names:
+            raise self.fail("a number to the power of a constant is another constant")
+        ((c, t),) = _lone(Call("log", base)).parts
+        return _lone(Call("exp", Combination(((sign * c, Term.of([(Name(constant), 1), *t.factors])),))))
 
     def power(self, base: Combination, power: Power) -> Combination:
         if not base.parts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -11,6 +12,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.library.mechanism import scale_groups
 from odescope.likelihood.evidence import project
 from odescope.likelihood.exchange import refitted, rise
+from odescope.likelihood.families import best_on_grid
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.search_space import Move, SearchSpace
 
@@ -77,10 +79,18 @@ class Moves:
         theta[k] = 0.0
         return self.space.fit(theta, here.present[here.present != k], here.x0, self.defect_std, here.strength)
 
-    def having(self, here: Fit, k: int) -> Fit | None:
-        """Return the fit with an absent mechanism."""
+    def having(self, here: Fit, k: int, constants: Mapping[int, float]) -> Fit | None:
+        """Return the fit with an absent mechanism.
+
+        Args:
+            here: the fit without it.
+            k: its number.
+            constants: coefficients to begin with, by number.
+        """
         present: IntArray = np.union1d(here.present, [k])
-        return self.space.fit(here.theta, present, here.x0, self.defect_std, here.strength)
+        theta = here.theta.copy()
+        theta[[*constants]] = [*constants.values()]
+        return self.space.fit(theta, present, here.x0, self.defect_std, here.strength)
 
     def divide(self, here: Fit) -> Fit | None:
         """Divide a relation by a function that all its terms hold, where that is no worse."""
@@ -96,10 +106,10 @@ class Moves:
 
     def drop(self, here: Fit) -> Fit | None:
         """Drop a mechanism that is not worth its penalty; of look-alikes that are worthless together, only one is."""
-        wald, penalty = self.judge.wald(here), self.space.penalty[here.free]
+        wald, penalty = self.judge.wald(here), self.space.penalty[here.free] + self.space.bound_to(here)
         if wald is None:
             return None
-        wald = wald / self.scale
+        wald = np.where(np.isin(here.free, [*self.space.needed.values()]), np.inf, wald / self.scale)
         for weak in np.argsort(wald - penalty)[: 1 if self.judge.binding else self.judge.trials]:
             if wald[weak] >= penalty[weak]:
                 return None
@@ -117,15 +127,16 @@ class Moves:
         scores = self.judge.scores(here)
         if scores is None:
             return None
+        scores, begin = best_on_grid(self.space, here, scores, self.defect_std)
         scores = scores / self.scale
-        scores[list(self.barred)] = 0.0
+        scores[[*self.barred, *self.space.needed.values()]] = 0.0
         earned = scores - self.space.penalty
         if self.scale > HOPELESS:  # a model that lacks most asks for delays and offsets that stand for terms
             earned[[k for k, m in enumerate(self.space.mechanisms) if not m.parts]] /= FAR_FROM_DONE
         for k in np.argsort(earned)[::-1][: self.judge.trials].tolist():
             if earned[k] < 0.0:
                 return None
-            trial = self.having(here, k)
+            trial = self.having(here, k, begin.get(k, {}))
             if trial is not None and self.penalised(trial) < self.penalised(here):
                 self._note("add", k, float(scores[k]), trial)
                 return trial
@@ -143,7 +154,8 @@ class Moves:
         if wald is None:
             return None
         held = [(self._together(here, wald, k), k) for k in here.held.tolist() if not self.space.stays(k)]
-        for statistic, k in sorted([*zip((wald / self.scale).tolist(), here.free.tolist(), strict=True), *held]):
+        free = zip((wald / self.scale).tolist(), here.free.tolist(), strict=True)
+        for statistic, k in sorted([(w, k) for w, k in free if k not in self.space.needed.values()] + held):
             if statistic > LOOK_ALIKE * self.space.penalty[k]:
                 return None
             detour = replace(self, trail=[], barred={k})

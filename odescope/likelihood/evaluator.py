@@ -160,17 +160,30 @@ class Evaluator:
             return None
         return Expansion(float(sums.cost.sum()), defects, information, reduced, log_det, factor, border, carry)
 
-    def change(self, expansion: Expansion, defect_std: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return the step of parameters and initial states that the expansion asks for."""
-        if len(expansion.gradient):
-            information, scale = scaled(expansion.information)
+    def change(
+        self, expansion: Expansion, defect_std: FloatArray, least: FloatArray, largest: FloatArray
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return the step of parameters and initial states that the expansion asks for.
+
+        Args:
+            expansion: of the cost.
+            defect_std: (n,) standard deviations of the defects between segments.
+            least: (p,) of the steps of parameters; what would go further ends there, and the others step beside it.
+            largest: (p,) of these.
+        """
+        step, open_ = np.zeros(len(expansion.gradient)), np.ones(len(expansion.gradient), dtype=np.bool_)
+        while open_.any():
+            information, scale = scaled(expansion.information[np.ix_(open_, open_)])
+            pull = expansion.gradient[open_] + expansion.information[np.ix_(open_, ~open_)] @ step[~open_]
             try:
-                solved = np.linalg.solve(information, -expansion.gradient / scale)
+                step[open_] = np.linalg.solve(information, -pull / scale) / scale
             except np.linalg.LinAlgError:
                 return None
-            step = solved / scale
-        else:
-            step = np.zeros(0)
+            beyond = open_ & ((step < least) | (step > largest))
+            if not beyond.any():
+                break
+            step[beyond] = np.clip(step, least, largest)[beyond]
+            open_ &= ~beyond
         return step, substitute(expansion.factor, expansion.border, expansion.carry, self._joined(defect_std), step)
 
     def _joined(self, defect_std: FloatArray) -> BoolArray:

@@ -98,7 +98,10 @@ class _Descent:
         damped = self.evaluator.expand(
             self.program, here.theta, self.free, here.x0, self.defect_std, damping, here.integrated
         )
-        step = None if damped is None else self.evaluator.change(damped, self.defect_std)
+        if damped is None:
+            return None
+        least, largest = (limit[self.free] - here.theta[self.free] for limit in self.program.limits)
+        step = self.evaluator.change(damped, self.defect_std, least, largest)
         if step is None:
             return None
         theta = here.theta.copy()

@@ -176,7 +176,7 @@ def _slopes(code, places, param, weight, within_param, p, lanes, x, s, u, scratc
         r, c = owner[k], weight[k]
         if within_param[q] < 0 or c == 0.0:
             continue
-        value, gain = work[within[q, 1]], work[within[q, 2]]
+        value = work[within[q, 1]]
         for i in range(n):
             if following[i] < 0:
                 t = -1 - following[i]
@@ -184,10 +184,10 @@ def _slopes(code, places, param, weight, within_param, p, lanes, x, s, u, scratc
                 if factor[k] >= 0:
                     by = y[factor[k]]
                     for lane in range(lanes):
-                        out[lane] -= c * w[lane] * by[lane] * value[lane] * gain[lane]
+                        out[lane] -= c * w[lane] * by[lane] * value[lane]
                 else:
                     for lane in range(lanes):
-                        out[lane] -= c * w[lane] * value[lane] * gain[lane]
+                        out[lane] -= c * w[lane] * value[lane]
 
 
 @kernel()

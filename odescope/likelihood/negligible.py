@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.library.tape import evaluate, write_tape
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.search import THIN, Outcome
 from odescope.likelihood.search_space import SearchSpace
@@ -64,13 +63,11 @@ def contributions(space: SearchSpace, theta: FloatArray) -> FloatArray:
     segments, frame = space.segments, space.frame
     present = np.flatnonzero(theta)
     owned = [(k, p) for k in present for p in space.mechanisms[k].parts]
-    tape = write_tape([*frame.variables, *frame.constants], [p.product.term for _, p in owned])
-    fixed = np.tile(np.array([*frame.constants.values()], dtype=np.float64), (len(segments.filtered), 1))
-    columns = np.ascontiguousarray(np.hstack([segments.filtered, segments.inputs[:, 0], fixed]).T)
+    evaluated = space.evaluated([p.product.term for _, p in owned], theta)
     pace = np.gradient(segments.filtered, segments.step, axis=0)
     target = {name: pace[:, int(np.flatnonzero(frame.following == -1 - t)[0])] for t, name in enumerate(frame.targets)}
     sizes, largest = np.zeros((len(space.mechanisms), len(frame.targets))), np.zeros(len(frame.targets))
-    for (k, part), values in zip(owned, evaluate(tape, columns), strict=True):
+    for (k, part), values in zip(owned, evaluated, strict=True):
         whole = values if part.product.factor is None else values * target[part.product.factor]
         size = abs(theta[k] * part.share) * float(np.sqrt(np.mean(whole**2)))
         sizes[k, part.relation] += size

@@ -10,14 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
+from odescope.library.constants import Constant
 from odescope.library.derivative import derivative
-from odescope.library.expression import Combination, Term
+from odescope.library.expression import ONE, Combination, Name, Term
 from odescope.library.mechanism import Mechanism
 from odescope.library.product import Product
 from odescope.library.tape import Tape, write_tape
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
-
-LARGEST = 8.0  # power of e that a constant may be larger than without its mechanism
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +24,7 @@ class Frame:
     """What the relations are about; the same for all structures.
 
     Shapes: following (n,) is for each state the state that is its derivative, or -1 - (number of its target); measured
-    (c,) the states that are measured; `constants` are those within functions, by name, each with the value that it has
-    where the record does not ask for another.
+    (c,) the states that are measured; `constants` are those within functions, by name.
     """
 
     states: tuple[str, ...]
@@ -34,18 +32,18 @@ class Frame:
     inputs: tuple[str, ...]
     following: IntArray
     measured: IntArray
-    constants: Mapping[str, float]
+    constants: Mapping[str, Constant]
 
     @staticmethod
     def of(
-        coordinates: Sequence[Coordinate], inputs: Sequence[str], constants: Mapping[str, float] | None = None
+        coordinates: Sequence[Coordinate], inputs: Sequence[str], constants: Mapping[str, Constant] | None = None
     ) -> Frame:
         """Return the frame.
 
         Args:
             coordinates: what was measured.
             inputs: what drove it, by name.
-            constants: those within functions, each with its value.
+            constants: those within functions.
         """
         states = state_names(coordinates)
         measured = np.array([states.index(c.name) for c in coordinates], dtype=np.int64)
@@ -57,10 +55,6 @@ class Frame:
         """States, then inputs."""
         return (*self.states, *self.inputs)
 
-    def value(self, constant: str, coefficient: float) -> float:
-        """Return the value of a constant: its own times e to the coefficient of its mechanism, but no less."""
-        return self.constants[constant] * float(np.exp(np.clip(coefficient, 0.0, LARGEST)))
-
     def own(self, mechanism: Mechanism) -> bool:
         """Whether a mechanism is a relation's own target, bare and alone."""
         alone = len(mechanism.parts) == 1
@@ -71,9 +65,8 @@ class Places(NamedTuple):
     """Where the kernel finds what: one entry a part, but for grad (K, 3): part, state, slot of the derivative.
 
     mechanism: whose part it is, share: of its coefficient; slot: of the term on the tape; owner: the relation; factor:
-    the target's number, -1 for 1; following and measured as in `Frame`. within (Q, 3): part, slot of its derivative
-    with respect to an input that may be late or to a constant, and slot of what this gains with its mechanism's
-    coefficient, which is `wanted` (Q,).
+    the target's number, -1 for 1; following and measured as in `Frame`. within (Q, 2): part, slot of its derivative
+    with respect to the coefficient of a delay or a constant, which is that of the mechanism `wanted` (Q,).
     """
 
     mechanism: IntArray
@@ -107,12 +100,13 @@ class Program:
         # What an input gains with its delay stands beside the inputs, under names that no input has.
         rows = [*frame.variables, *(f"{name}'" for name in frame.inputs if late), *frame.constants]
         gradients = _slopes(terms, dict(enumerate(frame.states)))
-        free = {k: m.place for k, m in enumerate(mechanisms) if m.kind in ("delay", "constant")}
-        within = _slopes(terms, free)
+        free = {k: m for k, m in enumerate(mechanisms) if m.kind in ("delay", "constant")}
+        gains = {k: _gain(m, frame) for k, m in free.items()}
+        slopes = _slopes(terms, {k: m.place for k, m in free.items()})
+        within = [(k, m, Combination.of((c * gains[m][0], t * gains[m][1]) for c, t in s.parts)) for k, m, s in slopes]
         tape = write_tape(rows, [*terms, *(g for _, _, g in gradients), *(g for _, _, g in within)])
-        slot, slopes, inner = np.split(tape.outputs, [len(owned), len(owned) + len(gradients)])
-        grad = [(k, i, place) for (k, i, _), place in zip(gradients, slopes, strict=True)]
-        gain = {k: rows.index(f"{place}'" if mechanisms[k].kind == "delay" else place) for k, place in free.items()}
+        slot, outer, inner = np.split(tape.outputs, [len(owned), len(owned) + len(gradients)])
+        grad = [(k, i, place) for (k, i, _), place in zip(gradients, outer, strict=True)]
         number = {target: k for k, target in enumerate(frame.targets)}
         factor = [-1 if p.product.factor is None else number[p.product.factor] for _, p in owned]
         places = Places(
@@ -123,8 +117,8 @@ class Program:
             factor=np.array(factor, dtype=np.int64),
             grad=np.array(grad, dtype=np.int64).reshape(-1, 3),
             within=np.array(
-                [(k, place, gain[m]) for (k, m, _), place in zip(within, inner, strict=True)], dtype=np.int64
-            ).reshape(-1, 3),
+                [(k, place) for (k, _, _), place in zip(within, inner, strict=True)], dtype=np.int64
+            ).reshape(-1, 2),
             wanted=np.array([m for _, m, _ in within], dtype=np.int64),
             following=frame.following,
             measured=frame.measured,
@@ -155,7 +149,24 @@ class Program:
     def constants(self, theta: FloatArray) -> FloatArray:
         """Return the values of the frame's constants, (constants,)."""
         moved = {m.place: theta[k] for k, m in enumerate(self.mechanisms) if m.kind == "constant"}
-        return np.array([self.frame.value(name, moved.get(name, 0.0)) for name in self.frame.constants])
+        return np.array([c.at(moved.get(name, 0.0)) for name, c in self.frame.constants.items()])
+
+    @cached_property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """The least and the largest coefficients, (mechanisms,): those of constants that any model has are bounded."""
+        limits = np.tile([[-np.inf], [np.inf]], len(self.mechanisms))
+        for k, m in enumerate(self.mechanisms):
+            if m.kind == "constant" and not self.frame.constants[m.place].optional:
+                limits[:, k] = self.frame.constants[m.place].limits
+        return limits[0], limits[1]
+
+
+def _gain(mechanism: Mechanism, frame: Frame) -> tuple[float, Term]:
+    """Return what an input or a constant gains with the coefficient of its mechanism, as a number times a term."""
+    if mechanism.kind == "delay":
+        return 1.0, Term(((Name(f"{mechanism.place}'"), 1),))
+    constant = frame.constants[mechanism.place]
+    return (1.0, Term(((Name(constant.name), 1),))) if constant.relative else (constant.reach, ONE)
 
 
 def _slopes(terms: Sequence[Term], names: Mapping[int, str]) -> list[tuple[int, int, Combination]]:

@@ -12,10 +12,12 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
+from odescope.library.constants import Constant
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
+from odescope.likelihood.families import promising
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
 from odescope.likelihood.holds import TRIAL_STEPS, choose_holds, holds_of
@@ -32,7 +34,7 @@ from odescope.likelihood.program import Frame
 from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, in_whole, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT, SHORT, Segments, cut_segments
-from odescope.likelihood.settings import FoundSettings, with_settings
+from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
 from odescope.likelihood.steps import with_fine_steps, with_finer_steps
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
@@ -94,16 +96,14 @@ def refine(
     records: Records,
     signals: Signals,
     mechanisms: Sequence[Mechanism],
-    starts: Sequence[FloatArray],
-    plain: FloatArray | None,
-    rival: FloatArray | None,
-    further: Callable[[], FloatArray | None],
+    starts: Starts,
     differentiator: Differentiator,
     options: LikelihoodSearch,
     monitor: Monitor = Monitor(),  # noqa: B008
     workers: Workers = THREADS,
     late: Collection[str] = (),
     held: Collection[str] = (),
+    declared: Sequence[Constant] = (),
 ) -> Refinement | None:
     """Return the best end of the searches from several starts, or None where no start can be followed.
 
@@ -111,52 +111,59 @@ def refine(
         records: uniformly sampled, at one period.
         signals: noise, cutoffs and order of states found in them.
         mechanisms: the candidates.
-        starts: coefficients (mechanisms,) to begin from.
-        plain: coefficients of relations that hold their targets bare, if there are any; they are begun from too where
-            one of the others cannot be followed. All candidates are then plain.
-        rival: coefficients that promise more than all the starts: they are begun from too, whatever the others end in.
-        further: gives one start more, if it can, and is asked only where none of the others ends clear.
+        starts: to begin from.
         differentiator: that the signals were found with.
         options: how many starts, at what budget.
         monitor: told what goes on, and asked whether to stop.
         workers: where it is searched from the starts.
         late: names of the inputs whose delays are open.
         held: names of the inputs whose holds are open.
+        declared: constants within functions that the candidates name.
 
     Raises:
         Stopped: the run is to end.
     """
-    everything, constants = with_settings(mechanisms, signals, late)
+    everything, constants = with_settings(mechanisms, signals, late, declared)
     frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs], constants)
-    cut, absent = partial(_cut, records, signals, differentiator), np.zeros(len(everything) - len(mechanisms))
-    starts, plain = [np.append(s, absent) for s in starts], None if plain is None else np.append(plain, absent)
+    cut, whole = (
+        partial(_cut, records, signals, differentiator),
+        partial(Start.among, mechanisms=everything, constants=constants),
+    )
+    begun, bare = [whole(s) for s in starts.first], None if starts.plain is None else whole(starts.plain)
     budget = Budget(options.budget, monitor, None if options.seconds is None else time.time() + options.seconds)
     segments = cut([i.hold for i in signals.inputs], SEGMENT)
-    space = _first_held(cut, SearchSpace(Evaluator(segments, 1, budget), everything, frame), starts, held)
+    space = SearchSpace(Evaluator(segments, 1, budget), everything, frame)
+    begun = promising(space.on(thinned(segments)), begun) if declared else begun
+    space = _first_held(cut, space, begun, held)
     seen = space.on(thinned(space.segments))
-    outcomes = _searches(seen, starts, plain, monitor, workers)
-    seen, outcomes, gains = _held(cut, seen, starts, outcomes, held, monitor, workers)
-    if rival is not None:
-        outcomes += _searches(seen, [np.append(rival, absent)], None, monitor, workers)
-    more = None if any(o.clear for o in outcomes) else further()
+    outcomes = _searches(seen, begun, bare, monitor, workers)
+    seen, outcomes, gains = _held(cut, seen, begun, outcomes, held, monitor, workers)
+    if starts.rival is not None:
+        outcomes += _searches(seen, [whole(starts.rival)], None, monitor, workers)
+    more = None if any(o.clear for o in outcomes) else starts.further()
     if more is not None:
-        starts = [np.append(more, absent), *starts]
-        outcomes += _searches(seen, starts[:1], None, monitor, workers)
-        seen, outcomes, gains = _held(cut, seen, starts, outcomes, held, monitor, workers)
+        begun = [whole(Start(more)), *begun]
+        outcomes += _searches(seen, begun[:1], None, monitor, workers)
+        seen, outcomes, gains = _held(cut, seen, begun, outcomes, held, monitor, workers)
     budget.spent += sum(o.spent for o in outcomes)
-    space = space if holds_of(seen) == holds_of(space) else seen.on(cut(holds_of(seen), SEGMENT))
-    best = _best(space, seen, outcomes)
+    space, best = _best(cut, space, seen, outcomes)
     if best is None:
         return None
     floor = np.array([c.floor for c in signals.channels]) / np.sqrt(space.segments.block)
-    return _judged(partial(cut, holds_of(space)), space, starts, best, len(outcomes), gains, options.terms, floor)
+    return _judged(partial(cut, holds_of(space)), space, begun, best, len(outcomes), gains, options.terms, floor)
 
 
-def _best(space: SearchSpace, seen: SearchSpace, outcomes: Sequence[Outcome]) -> Outcome | None:
-    """Return the best end of searches in what was seen of a record, as it is in the whole of it."""
+def _best(
+    cut: Callable[[Sequence[Hold], int], Segments],
+    space: SearchSpace,
+    seen: SearchSpace,
+    outcomes: Sequence[Outcome],
+) -> tuple[SearchSpace, Outcome | None]:
+    """Return the best end of searches in what was seen of a record, as it is in the whole of it, and that space."""
+    space = space if holds_of(seen) == holds_of(space) else seen.on(cut(holds_of(seen), SEGMENT))
     best = min(outcomes, key=lambda o: o.rank, default=None)
     thin = len(seen.segments.start) < len(space.segments.start)
-    return in_whole(space, best) if best is not None and thin else best
+    return space, in_whole(space, best) if best is not None and thin else best
 
 
 def _cut(
@@ -290,7 +297,7 @@ def _searches(
             failed = True
             continue
         outcomes.append(found)
-        if found.clear:
+        if found.clear and not space.needed:  # what a function with constants says, others can nearly say
             break
     if failed and plain is not None:
         monitor.tell(Progress("likelihood", "search from plain relations", 0, 1))

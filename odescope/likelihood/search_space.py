@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
+from odescope.library.constants import mechanism_at
+from odescope.library.expression import Term
 from odescope.library.mechanism import Mechanism, Part, scale_groups
 from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
@@ -18,7 +20,7 @@ from odescope.likelihood.fit import ITERATIONS, Fit, fit
 from odescope.likelihood.gauge import held_of, rechosen
 from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.segments import Segments
-from odescope.likelihood.settings import FoundSettings, settings_of, with_values
+from odescope.likelihood.settings import FoundSettings, settings_of, values_of
 from odescope.model.assembled import relations_of, stated
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.selection.criterion import penalty
@@ -187,18 +189,38 @@ class SearchSpace:
         return found
 
     def _alive(self, present: IntArray, theta: FloatArray) -> IntArray:
-        """Return the present mechanisms less those of sensors, inputs and constants that say nothing any more.
+        """Return the present mechanisms with the constants that they need, less settings that say nothing any more.
 
-        No present term names them, or a constant is where it would be without its mechanism.
+        No present term names these, or a constant is where it would be without its mechanism.
         """
         names = frozenset[str]().union(*(self.mechanisms[k].names for k in present))
+        needed = [k for name, k in self.needed.items() if name in names]
         alive = []
-        for k in present.tolist():
+        for k in np.union1d(present, np.array(needed, dtype=np.int64)).tolist():
             mechanism = self.mechanisms[k]
-            at_bound = mechanism.kind == "constant" and theta[k] < 0.0
-            if mechanism.parts or (mechanism.place in names and not at_bound):
+            sharp = mechanism.kind == "constant" and mechanism.place not in self.needed and theta[k] < 0.0
+            if mechanism.parts or (mechanism.place in names and not sharp):
                 alive.append(k)
         return np.array(alive, dtype=np.int64)
+
+    @cached_property
+    def needed(self) -> dict[str, int]:
+        """The mechanisms of the constants that are parameters wherever a term names them, by name."""
+        return {
+            m.place: k
+            for k, m in enumerate(self.mechanisms)
+            if m.kind == "constant" and not self.frame.constants[m.place].optional
+        }
+
+    def bound_to(self, found: Fit) -> FloatArray:
+        """Return the penalties (p,) of the constants that would go with each parameter of a fit."""
+        names = [self.mechanisms[k].names for k in found.present]
+        own = np.zeros(len(found.free))
+        for name, k in self.needed.items():
+            holding = [j for j, named in zip(found.present.tolist(), names, strict=True) if name in named]
+            if len(holding) == 1:
+                own[found.free == holding[0]] += self.penalty[k]
+        return own
 
     def _rescaled(self, theta: FloatArray, held: IntArray) -> FloatArray:
         """Return coefficients (mechanisms,) of the same relations, with the held ones at 1."""
@@ -232,17 +254,22 @@ class SearchSpace:
     @cached_property
     def _root_mean_squares(self) -> FloatArray:
         """Root mean squares of what multiplies a target in each mechanism, over the smoothed states (mechanisms,)."""
-        found, segments = np.zeros(len(self.mechanisms)), self.segments
+        found = np.zeros(len(self.mechanisms))
         parts = [(k, p) for k in self._scaling for p in self.mechanisms[k].parts if p.product.factor is not None]
-        constants = self.frame.constants
-        tape = write_tape([*self.frame.variables, *constants], [p.product.term for _, p in parts])
-        fixed = np.tile(np.array([*constants.values()], dtype=np.float64), (len(segments.filtered), 1))
-        columns = np.ascontiguousarray(np.hstack([segments.filtered, segments.inputs[:, 0], fixed]).T)
-        for (k, part), values in zip(parts, evaluate(tape, columns), strict=True):
+        evaluated = self.evaluated([p.product.term for _, p in parts], np.zeros(len(self.mechanisms)))
+        for (k, part), values in zip(parts, evaluated, strict=True):
             found[k] = max(found[k], abs(part.share) * float(np.sqrt(np.mean(values**2))))
         for k in self._scaling:
             found[k] *= BARE if self.frame.own(self.mechanisms[k]) else 1.0
         return found
+
+    def evaluated(self, terms: Sequence[Term], theta: FloatArray) -> FloatArray:
+        """Return terms over the smoothed states (terms, N), constants as coefficients (mechanisms,) have them."""
+        segments, constants = self.segments, self.whole.constants(theta)
+        tape = write_tape([*self.frame.variables, *self.frame.constants], terms)
+        fixed = np.tile(constants, (len(segments.filtered), 1))
+        columns = np.ascontiguousarray(np.hstack([segments.filtered, segments.inputs[:, 0], fixed]).T)
+        return evaluate(tape, columns)
 
     def _size(self, theta: FloatArray) -> FloatArray:
         """Return how much of the inertia each mechanism makes, (mechanisms,)."""
@@ -284,8 +311,8 @@ class SearchSpace:
             covariance: (p, p) of its parameters.
         """
         present, theta, whole = self._as_found(found, covariance)
-        values = self._constants(found)
-        return relations_of([with_values(m, values) for m in present], theta, whole, self.frame.targets)
+        values = values_of(present, theta, whole, self.frame.constants)
+        return relations_of([mechanism_at(m, values) for m in present], theta, whole, self.frame.targets)
 
     def mechanisms_of(self, found: Fit, covariance: FloatArray) -> tuple[FoundMechanism, ...]:
         """Return the mechanisms of a fit, plain candidates left out.
@@ -305,16 +332,7 @@ class SearchSpace:
         """
         driven = self.segments.driven
         holds = {} if driven is None else dict(zip(self.frame.inputs, driven.holds, strict=True))
-        return settings_of(*self._as_found(found, covariance), self._constants(found), holds)
-
-    def _constants(self, found: Fit) -> dict[str, float | None]:
-        """Return the values of all constants, by name, to a few digits; None where the record does not ask for one."""
-        values = dict[str, float | None].fromkeys(self.frame.constants)
-        for k in found.present:
-            if self.mechanisms[k].kind == "constant":
-                name = self.mechanisms[k].place
-                values[name] = float(f"{self.frame.value(name, found.theta[k]):.4g}")
-        return values
+        return settings_of(*self._as_found(found, covariance), self.frame.constants, holds)
 
     def _as_found(self, found: Fit, covariance: FloatArray) -> tuple[list[Mechanism], FloatArray, FloatArray]:
         """Return the present mechanisms, their coefficients, and the covariance of all of these."""

@@ -1,4 +1,4 @@
-"""Parameters beside coefficients: offsets of sensors, delays of inputs, and the widths of dry friction.
+"""Parameters beside coefficients: offsets of sensors, delays of inputs, constants within functions.
 
 Each is a mechanism without parts, which a search adds and drops like a term. docs/method.md, Parameters beside
 coefficients.
@@ -6,15 +6,16 @@ coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.library.expression import ONE, Atom, Call, Combination, Name, Power, Term
-from odescope.library.mechanism import Kind, Mechanism, merged
+from odescope.library.constants import Constant, term_at
+from odescope.library.expression import Atom, Call, Combination, Name, Power, Term
+from odescope.library.mechanism import Kind, Mechanism
 from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.relation import FoundParameter
@@ -23,6 +24,45 @@ from odescope.recordings.coordinate import Coordinate, Hold, Input
 from odescope.signals.estimate import Signals
 
 SHARP = 0.001  # width of dry friction, in root mean squares of the velocity, that is as good as a jump
+BLUNT = 3000.0  # times as wide it may be
+PRECISE = 0.01  # standard errors: what a constant is rounded by, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a search may begin: coefficients (mechanisms,) of the candidates, and values of constants by name."""
+
+    coefficients: FloatArray
+    constants: Mapping[str, float] = field(default_factory=dict)
+
+    def among(self, mechanisms: Sequence[Mechanism], constants: Mapping[str, Constant]) -> FloatArray:
+        """Return the coefficients of all mechanisms, those of settings after those of the candidates.
+
+        Args:
+            mechanisms: candidates, then settings.
+            constants: all, by name.
+        """
+        theta = np.append(self.coefficients, np.zeros(len(mechanisms) - len(self.coefficients)))
+        for k, m in enumerate(mechanisms):
+            if m.kind == "constant" and m.place in self.constants:
+                theta[k] = constants[m.place].coefficient(self.constants[m.place])
+        return theta
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """Where searches begin: from the `first`, of many from the most promising.
+
+    `plain` are relations that hold their targets bare, if there are any; they are begun from too where one of the
+    others cannot be followed, and all candidates are then plain. `rival` are relations that promise more than the
+    first: they are begun from whatever the others end in. `further` gives coefficients to begin from, if it can, and is
+    asked only where none of the others ends clear.
+    """
+
+    first: Sequence[Start]
+    plain: Start | None = None
+    rival: Start | None = None
+    further: Callable[[], FloatArray | None] = lambda: None
 
 
 @dataclass(frozen=True)
@@ -55,9 +95,9 @@ class FoundSettings:
 
 
 def with_settings(
-    mechanisms: Sequence[Mechanism], signals: Signals, late: Collection[str]
-) -> tuple[tuple[Mechanism, ...], dict[str, float]]:
-    """Return the mechanisms with dry friction of a finite width and the settings after them, and the widths.
+    mechanisms: Sequence[Mechanism], signals: Signals, late: Collection[str], declared: Sequence[Constant] = ()
+) -> tuple[tuple[Mechanism, ...], dict[str, Constant]]:
+    """Return the mechanisms with dry friction of a finite width and the settings after them, and all constants.
 
     sign(v) jumps where v passes zero, and no integrator and no derivative stands that: it becomes tanh(v/w), w a
     constant of its own for every argument.
@@ -66,16 +106,18 @@ def with_settings(
         mechanisms: the candidates.
         signals: where the sizes of velocities are seen.
         late: names of the inputs whose delays are open.
+        declared: constants that the mechanisms name.
     """
     arguments = {a.text: a for m in mechanisms for p in m.parts for a in _signs(p.product.term)}
-    widths, constants = dict[str, Atom](), dict[str, float]()
+    widths, constants = dict[str, Atom](), {c.name: c for c in declared}
     for number, (text, argument) in enumerate(sorted(arguments.items()), start=1):
         plain = text if text.isidentifier() else str(number)
         name = f"width_{plain}"
-        while name in signals.names:
+        while name in signals.names or name in constants:
             name += "_"
         widths[text] = Name(name)
-        constants[name] = _width(argument, signals)
+        sharp = _width(argument, signals)
+        constants[name] = Constant(name, sharp, BLUNT * sharp, sharp, optional=True)
     smooth = [_smooth(m, widths) for m in mechanisms] if widths else list(mechanisms)
     known = frozenset[str]().union(*(m.names for m in smooth))
     angles = [c.name for c in signals.coordinates if c.angle and not c.cyclic and c.name in known]
@@ -120,44 +162,11 @@ def _smoothed(term: Term, widths: Mapping[str, Atom]) -> Term:
     return Term.of(factors)
 
 
-def with_values(mechanism: Mechanism, values: Mapping[str, float | None]) -> Mechanism:
-    """Return a mechanism with numbers for its constants, and sign(v) again where nothing is known of the width.
-
-    Args:
-        mechanism: whose terms may name constants.
-        values: of all constants, by name; None for one that the record does not ask for.
-    """
-    if not mechanism.names & set(values):
-        return mechanism
-    parts = []
-    for p in mechanism.parts:
-        share, term = _substituted(p.product.term, values)
-        parts.append(replace(p, product=Product(p.product.factor, term), share=p.share * share))
-    return replace(mechanism, parts=merged(parts))
-
-
-def _substituted(term: Term, values: Mapping[str, float | None]) -> tuple[float, Term]:
-    """Return a term with numbers for some names, as a number times a term."""
-    share, rest = 1.0, ONE
-    for atom, power in term.factors:
-        if isinstance(atom, Call):
-            jump = any(values.get(name, 0.0) is None for name in atom.argument.names)
-            inner = [(c, *_substituted(t, values)) for c, t in atom.argument.parts]
-            argument = Combination.of((c * k, t) for c, k, t in inner)
-            rest *= Term(((Call("sign" if jump and atom.function == "tanh" else atom.function, argument), power),))
-        elif atom.name in values:
-            value = values[atom.name]
-            share *= 1.0 if value is None else value**power
-        else:
-            rest *= Term(((atom, power),))
-    return share, rest
-
-
 def settings_of(
     mechanisms: Sequence[Mechanism],
     theta: FloatArray,
     covariance: FloatArray,
-    constants: Mapping[str, float | None],
+    constants: Mapping[str, Constant],
     holds: Mapping[str, Hold],
 ) -> FoundSettings:
     """Return what mechanisms without parts say, with what inputs do between samples.
@@ -166,24 +175,51 @@ def settings_of(
         mechanisms: those that are present.
         theta: (k,) their coefficients.
         covariance: (k, k) of these.
-        constants: values of all constants, by name; None for one that the record does not ask for.
+        constants: all, by name.
         holds: by input.
     """
     offsets, delays, parameters = dict[str, OffsetScore](), dict[str, DelayScore](), list[FoundParameter]()
+    values = values_of(mechanisms, theta, covariance, constants)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    for m, value, error in zip(mechanisms, theta.tolist(), errors.tolist(), strict=True):
+    for m, coefficient, error in zip(mechanisms, theta.tolist(), errors.tolist(), strict=True):
         if m.kind == "constant":
-            size = constants[m.place] or 0.0
-            parameters.append(FoundParameter(m.place, size, size * error, _holding(m.place, mechanisms, constants)))
+            value = values[m.place] or 0.0
+            error *= abs(constants[m.place].slope(value))
+            parameters.append(FoundParameter(m.place, value, error, *_holding(m.place, mechanisms, values)))
         elif m.kind == "offset":
-            offsets[m.place] = OffsetScore(value, error)
+            offsets[m.place] = OffsetScore(coefficient, error)
         elif m.kind == "delay":
-            delays[m.place] = DelayScore(value, error)
+            delays[m.place] = DelayScore(coefficient, error)
     return FoundSettings(offsets, delays, tuple(parameters), holds)
 
 
-def _holding(name: str, mechanisms: Sequence[Mechanism], constants: Mapping[str, float | None]) -> tuple[str, ...]:
-    """Return the terms, with numbers, that hold a constant, each once."""
-    holding = [replace(m, parts=tuple(p for p in m.parts if name in p.product.term.names)) for m in mechanisms]
-    texts = [p.product.term.text for m in holding for p in with_values(m, constants).parts]
-    return tuple(dict.fromkeys(texts))
+def values_of(
+    mechanisms: Sequence[Mechanism], theta: FloatArray, covariance: FloatArray, constants: Mapping[str, Constant]
+) -> dict[str, float | None]:
+    """Return the values of all constants, to the digits that are known; None where the record does not ask for one.
+
+    Args:
+        mechanisms: those that are present.
+        theta: (k,) their coefficients.
+        covariance: (k, k) of these.
+        constants: all, by name.
+    """
+    values = {c.name: None if c.optional else c.nominal for c in constants.values()}
+    for k, m in enumerate(mechanisms):
+        if m.kind == "constant":
+            constant = constants[m.place]
+            value = constant.at(float(theta[k]))
+            error = abs(constant.slope(value)) * float(np.sqrt(max(covariance[k, k], 0.0)))
+            # Beside a standard error of a thousandth, four digits are as good as sixteen, and can be read.
+            digits = 4 - int(np.floor(np.log10(min(max(error / abs(value), 1e-12), 1e-2) / PRECISE))) if value else 4
+            values[m.place] = float(f"{value:.{digits}g}")
+    return values
+
+
+def _holding(
+    name: str, mechanisms: Sequence[Mechanism], values: Mapping[str, float | None]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the terms that hold a constant, each once: with numbers, and with the names of all constants."""
+    terms = dict.fromkeys(p.product.term for m in mechanisms for p in m.parts if name in p.product.term.names)
+    found = {term_at(t, values)[1].text: t.text for t in terms}
+    return tuple(found), tuple(found.values())

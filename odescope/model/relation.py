@@ -66,12 +66,16 @@ class FoundMechanism(msgspec.Struct, frozen=True):
 
 
 class FoundParameter(msgspec.Struct, frozen=True):
-    """A constant within functions, its standard error, and the terms of the relations that hold it, as a number."""
+    """A constant within functions, its standard error, and the terms of the relations that hold it, as a number.
+
+    `written` are the same terms with the names of constants, as people read them.
+    """
 
     name: str
     value: float
     std_error: float | None
     terms: tuple[str, ...]
+    written: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

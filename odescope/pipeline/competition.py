@@ -14,16 +14,17 @@ from odescope.likelihood.refine import Refinement
 from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
 from odescope.model.scores import FormScore
+from odescope.pipeline.constants import Substituted, constants_of, substitute
 from odescope.pipeline.filtering import Filtered, Prepared
-from odescope.pipeline.forms import Posed
+from odescope.pipeline.forms import Posed, Proposed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
 from odescope.pipeline.joint_models import Search, adopt, as_adopted, determined
 from odescope.pipeline.reduce import Whole
-from odescope.pipeline.stages import Chosen, draw_anew, pose_all, pose_forms, propose, refine_form, search_all
+from odescope.pipeline.stages import Chosen, draw_anew, pose_all, propose, refine_form, search_all
 from odescope.pipeline.work import Work
 from odescope.regression.problem import Problem
 from odescope.signals.estimate import Signals
-from odescope.study.options import Form, LeftOut
+from odescope.study.options import Form, LeftOut, Study
 
 LOST = 0.5  # error of free runs, in standard deviations, of a model that says little of the record
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
@@ -33,14 +34,22 @@ SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients 
 class Regressed:
     """What regression on relations found: problems, searches and proposals, empty where no relation is looked for.
 
-    `failure` says why there are no proposals where some were wanted.
+    `substituted` are the constants of all candidates, and the numbers that they had here; `elsewhere` is the same at
+    other numbers. `failure` says why there are no proposals where some were wanted.
     """
 
+    substituted: Substituted
     problems: tuple[Problem, ...] = ()
     searches: tuple[Search, ...] = ()
     proposals: tuple[tuple[Chosen, Model], ...] = ()
     whole: Whole | None = None
     failure: NoModelError | None = None
+    elsewhere: tuple[Regressed, ...] = ()
+
+    @property
+    def criterion(self) -> float:
+        """What ranks the best proposal, infinite where there is none."""
+        return sum(c.criterion for c in self.proposals[0][0]) if self.proposals else np.inf
 
     @property
     def model(self) -> Model | None:
@@ -59,17 +68,30 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
     Raises:
         NoModelError: it finds nothing, and there is no likelihood stage that could begin without it.
     """
+    with work.stage("library"):
+        constants = constants_of(work.study, prepared.terms, filtered.signals)
+        points = substitute(prepared.libraries, constants, filtered.signals.targets)
     if not prepared.libraries:
-        return Regressed()
-    problems, whole = pose_all(work, prepared, filtered)
+        return Regressed(points[0])
+    tried = [_regress_at(work, p, filtered) for p in (points if filtered.sample.complete else points[:1])]
+    best = min(tried, key=lambda r: r.criterion)
+    if not best.proposals:
+        if not work.study.likelihood.enabled and best.failure is not None:
+            raise best.failure
+        return best
+    searches = draw_anew(work, best.searches, best.proposals[0][0])
+    return replace(best, searches=searches, elsewhere=tuple(r for r in tried if r is not best))
+
+
+def _regress_at(work: Work, substituted: Substituted, filtered: Filtered) -> Regressed:
+    """Return what regression finds where constants have these numbers."""
+    problems, whole = pose_all(work, substituted.libraries, filtered)
     try:
-        searches = search_all(work, prepared, problems)
+        searches = search_all(work, substituted.libraries, problems)
         proposals = tuple(propose(work, filtered.signals, searches))
     except NoModelError as failure:
-        if not work.study.likelihood.enabled:
-            raise
-        return Regressed(problems, whole=whole, failure=failure)
-    return Regressed(problems, draw_anew(work, searches, proposals[0][0]), proposals, whole)
+        return Regressed(substituted, problems, whole=whole, failure=failure)
+    return Regressed(substituted, problems, searches, proposals, whole)
 
 
 def adopted(regressed: Regressed, model: Model) -> Chosen:
@@ -140,7 +162,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         NoModelError: no form has a model.
     """
     contenders = list[_Contender]()
-    forms = pose_forms(work, prepared, filtered, regressed.problems, regressed.searches, regressed.proposals)
+    forms = _posed(work.study, prepared, filtered, regressed)
     for posed in forms:
         done = [c.refinement for c in contenders if c.refinement is not None]
         if posed.form == "relations" and regressed.model is not None and done:
@@ -170,6 +192,23 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
     return Winner(best.model, best.refinement, best.left_out, scores)
 
 
+def _posed(study: Study, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> tuple[Posed, ...]:
+    """Return the forms that compete, mechanisms first, each with its candidates and where to begin."""
+    records, signals, substituted = filtered.records, filtered.signals, regressed.substituted
+    forms = [
+        mechanisms_form(study, form, library, substituted.constants, records, signals)
+        for form, library in prepared.mechanisms.items()
+    ]
+    if regressed.problems:
+        forms.append(relations_form(study, [_proposed(r) for r in (regressed, *regressed.elsewhere)]))
+    return tuple(forms)
+
+
+def _proposed(regressed: Regressed) -> Proposed:
+    """Return what regression proposes, as a form takes it."""
+    return Proposed(regressed.substituted, regressed.problems, regressed.searches, regressed.proposals)
+
+
 def _best(contenders: Sequence[_Contender]) -> _Contender:
     """Return the form to keep: by likelihood among those that follow the record to its noise, else by free runs."""
     exact = [c for c in contenders if c.refinement is not None and c.follows and c.refinement.process is None]
@@ -186,7 +225,7 @@ def _regressed(posed: Posed, regressed: Regressed, signals: Signals) -> Model | 
     if posed.form == "relations" or theta is None:
         return regressed.model if posed.form == "relations" else None
     present = np.flatnonzero(theta)
-    mechanisms = [posed.mechanisms[k] for k in present]
+    mechanisms = [posed.at_nominal[k] for k in present]
     relations = relations_of(mechanisms, theta[present], None, signals.targets)
     try:
         model = Model(
@@ -210,7 +249,7 @@ def _contender(posed: Posed, model: Model, refinement: Refinement | None, others
         path, count = refinement.path, len(refinement.fit.free)
         error = np.inf if path is None else path.choice.error
         return _Contender(posed.form, model, refinement, posed.left_out, count, error)
-    theta = posed.starts[0] if posed.proposal is None else posed.proposal
+    theta = posed.starts[0].coefficients if posed.proposal is None else posed.proposal
     spaces = [other.space.among(posed.mechanisms) for other in others[:1]]
     error = float(np.sqrt(free_run_error(spaces[0], theta))) if spaces else np.inf
     count = int(np.count_nonzero(theta)) - len(model.relations)

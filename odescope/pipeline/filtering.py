@@ -14,6 +14,7 @@ import numpy as np
 from odescope.arrays import Table
 from odescope.errors import InputError, NoModelError
 from odescope.library.candidates import Library
+from odescope.library.expression import Term
 from odescope.model.model import Model
 from odescope.pipeline.fingerprint import fingerprint
 from odescope.pipeline.inputs import first_holds
@@ -41,12 +42,18 @@ SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out,
 class Prepared:
     """The recordings, as far as they stand in memory, the library of each target, and the mechanisms of other forms.
 
-    There are no libraries where relations do not compete.
+    There are no libraries where relations do not compete. Terms name the constants within functions.
     """
 
     sample: Sample
     libraries: tuple[Library, ...]
     mechanisms: Mapping[Form, Mechanisms]
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """All candidate terms."""
+        parts = (p for found, _ in self.mechanisms.values() for m in found for p in m.parts)
+        return (*(t for library in self.libraries for t in library), *(p.product.term for p in parts))
 
 
 def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: Path | None) -> Prepared:
@@ -138,6 +145,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
         with work.stage("delays"):
             # Delays are found with relations, whatever form the model is to have.
             libraries = prepared.libraries or tuple(study.candidates(c.target) for c in study.measured())
+            libraries = tuple(library.without(study.library.parameters) for library in libraries)
             delays = _delays(work, records, libraries, wanted)
         inputs = tuple(with_delays(inputs, {name: d.seconds for name, d in delays.items()}))
     lead = max((abs(i.delay) for i in inputs), default=0.0) or None

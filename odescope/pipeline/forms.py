@@ -10,12 +10,15 @@ from itertools import zip_longest
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.library.constants import Constant, mechanism_at
 from odescope.library.mechanism import Mechanism, candidates_of
 from odescope.library.tape import evaluate, write_tape
 from odescope.library.ties import tied
+from odescope.likelihood.settings import Start
 from odescope.model.assembled import coefficients_of
 from odescope.model.model import Model
 from odescope.model.relation import Relation
+from odescope.pipeline.constants import Substituted
 from odescope.pipeline.joint_models import Search, forward, plain, rival
 from odescope.recordings.record import Record, Records
 from odescope.regression.mechanisms import MechanismProblem, proposed
@@ -24,12 +27,14 @@ from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals, signals_like
 from odescope.study.options import Form, LeftOut, Mechanisms, Study
 
+SHORT = 3  # terms of a forward selection that a search adds to
+
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """A form: its candidates, those left out as combinations of others, and coefficients (k,) to begin from.
+    """A form: its candidates, their constants, those left out as combinations of others, and where to begin.
 
-    `plain` are the coefficients of relations that hold their targets bare, where there are any. `rival` are those of
+    `plain` are relations that hold their targets bare, where there are any. `rival` are those of
     relations that promise more than all `starts`, with other target terms. `regression` gives what regression on all
     relations together proposes, where that is not among the starts; it is asked for late, because it takes as long as a
     search.
@@ -37,71 +42,131 @@ class Posed:
 
     form: Form
     mechanisms: tuple[Mechanism, ...]
+    constants: tuple[Constant, ...]
     left_out: LeftOut
-    starts: tuple[FloatArray, ...]
-    plain: FloatArray | None = None
-    rival: FloatArray | None = None
-    regression: Callable[[], FloatArray | None] = lambda: None
+    starts: tuple[Start, ...]
+    plain: Start | None = None
+    rival: Start | None = None
+    regression: Callable[[Sequence[Mechanism]], FloatArray | None] = lambda _: None
+
+    @cached_property
+    def at_nominal(self) -> tuple[Mechanism, ...]:
+        """The candidates with numbers for constants, as regression takes them."""
+        return tuple(mechanism_at(m, {c.name: c.nominal for c in self.constants}) for m in self.mechanisms)
 
     @cached_property
     def proposal(self) -> FloatArray | None:
         """What regression on all relations together proposes, computed once."""
-        return self.regression()
+        return self.regression(self.at_nominal)
 
 
-def relations_form(
-    study: Study,
-    problems: Sequence[Problem],
-    searches: Sequence[Search],
-    proposals: Sequence[tuple[tuple[Candidate, ...], Model]],
-) -> Posed:
+@dataclass(frozen=True, eq=False)
+class Proposed:
+    """What regression on relations says where constants have some numbers.
+
+    `problems` and `searches` are one a target; there may be no searches. `proposals` are the best first.
+    """
+
+    substituted: Substituted
+    problems: Sequence[Problem]
+    searches: Sequence[Search]
+    proposals: Sequence[tuple[tuple[Candidate, ...], Model]]
+
+    @property
+    def plain(self) -> list[Relation]:
+        """The best relations that hold their targets bare."""
+        return [plain(s, c) for s, c in zip(self.searches, self.proposals[0][0], strict=True)]
+
+    @property
+    def rival(self) -> list[Relation] | None:
+        """Relations that promise more than the proposals."""
+        pairs = zip_longest(self.problems, self.searches)
+        rivals = [rival(p, s.ranked.candidates if s else ()) for p, s in pairs]
+        first = self.proposals[0][1].relations if self.proposals else self.forward
+        return [r or begun for r, begun in zip(rivals, first, strict=True)] if any(rivals) else None
+
+    @property
+    def forward(self) -> list[Relation]:
+        """A forward selection for every target."""
+        return [forward(p) for p in self.problems]
+
+    @property
+    def short(self) -> list[Relation]:
+        """The first terms of it."""
+        return [forward(p, SHORT) for p in self.problems]
+
+    def start(self, mechanisms: Sequence[Mechanism], relations: Sequence[Relation]) -> Start:
+        """Return where the likelihood may begin.
+
+        Args:
+            mechanisms: the candidates.
+            relations: that regression found, with these numbers.
+        """
+        named = [self.substituted.relation(r) for r in relations]
+        return Start(coefficients_of(mechanisms, named), self.substituted.values)
+
+
+def relations_form(study: Study, tried: Sequence[Proposed]) -> Posed:
     """Return the plain candidates of all targets, begun from what regression proposes and from a forward selection.
 
     Args:
         study: whose ties hold.
-        problems: one a target.
-        searches: one a target, where regression found something for all.
-        proposals: of the regression, the best first; there may be none.
+        tried: what regression says, at the best numbers for constants first.
     """
-    candidates = candidates_of([p.terms for p in problems], [p.target for p in problems])
+    best = tried[0]
+    products = [
+        tuple(dict.fromkeys(p.substituted.product(t) for p in tried for t in p.problems[r].terms))
+        for r in range(len(best.problems))
+    ]
+    candidates = candidates_of(products, [p.target for p in best.problems])
     mechanisms = tied(candidates, study.library.ties, study.scope())
-    starts: list[Sequence[Relation]] = [model.relations for _, model in proposals]
-    starts.append([forward(p) for p in problems])
-    rivals = [rival(p, s.ranked.candidates if s else ()) for p, s in zip_longest(problems, searches)]
-    other = [r or begun for r, begun in zip(rivals, starts[0], strict=True)] if any(rivals) else None
-    bare = None
-    if proposals and not any(len(m.parts) > 1 for m in mechanisms):
-        bare = [plain(s, c) for s, c in zip(searches, proposals[0][0], strict=True)]
+    starts = [best.start(mechanisms, model.relations) for _, model in best.proposals]
+    starts.append(best.start(mechanisms, best.forward))
+    for other in tried if len(tried) > 1 else ():
+        proposals = [other.proposals[0][1].relations, other.plain] if other.proposals else []
+        starts += [other.start(mechanisms, relations) for relations in (*proposals, other.forward, other.short)]
+    rivals, bare = best.rival, None
+    if best.proposals and not any(len(m.parts) > 1 for m in mechanisms):
+        bare = best.start(mechanisms, best.plain)
     return Posed(
         "relations",
         mechanisms,
+        best.substituted.constants,
         (),
-        tuple(coefficients_of(mechanisms, relations) for relations in starts),
-        None if bare is None else coefficients_of(mechanisms, bare),
-        None if other is None else coefficients_of(mechanisms, other),
+        tuple(starts),
+        bare,
+        None if rivals is None else best.start(mechanisms, rivals),
     )
 
 
-def mechanisms_form(study: Study, form: Form, library: Mechanisms, records: Records, signals: Signals) -> Posed:
+def mechanisms_form(
+    study: Study,
+    form: Form,
+    library: Mechanisms,
+    constants: tuple[Constant, ...],
+    records: Records,
+    signals: Signals,
+) -> Posed:
     """Return Lagrange's equations or reactions, begun from little, or from what regression proposes.
 
     Args:
         study: how signals are filtered, and the seed.
         form: which of the two.
         library: the candidates, and those left out.
+        constants: that the candidates name.
         records: what the signals were found in.
         signals: noise, cutoffs and values.
     """
     mechanisms, left_out = library
 
-    def regression() -> FloatArray | None:
+    def regression(plain: Sequence[Mechanism]) -> FloatArray | None:
         rng = np.random.default_rng(study.random.seed)
         noise = {c.name: c.noise for c in signals.channels}
         twice = Records(tuple(_with_noise(run, noise, rng) for run in records))
         noisy = signals_like(signals, twice.stretches, study.signals.differentiator, study.signals.margin)
-        return proposed(MechanismProblem.of(signals, mechanisms), noisy)
+        return proposed(MechanismProblem.of(signals, plain), noisy)
 
-    return Posed(form, mechanisms, left_out, (_little(mechanisms, signals),), regression=regression)
+    return Posed(form, mechanisms, constants, left_out, (Start(_little(mechanisms, signals)),), regression=regression)
 
 
 def _with_noise(run: Record, noise: dict[str, float], rng: np.random.Generator) -> Record:

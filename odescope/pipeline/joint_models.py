@@ -90,9 +90,9 @@ def plain(search: Search, chosen: Candidate) -> Relation:
     return to_relation(problem, min(bare, key=lambda c: (len(c.support), c.criterion), default=chosen))
 
 
-def forward(problem: Problem) -> Relation:
-    """Return a sparse forward selection of a relation that holds its simplest target term, fitted by regression."""
-    return _selected(problem, problem.left)
+def forward(problem: Problem, terms: int = FORWARD_TERMS) -> Relation:
+    """Return a forward selection of a relation that holds its simplest target term, fitted by regression."""
+    return _selected(problem, problem.left, terms)
 
 
 def rival(problem: Problem, candidates: Sequence[Candidate]) -> Relation | None:
@@ -114,10 +114,10 @@ def rival(problem: Problem, candidates: Sequence[Candidate]) -> Relation | None:
     return None if beaten else relations[best]
 
 
-def _selected(problem: Problem, left: int) -> Relation:
+def _selected(problem: Problem, left: int, terms: int = FORWARD_TERMS) -> Relation:
     """Return a sparse forward selection of a relation that holds this column of its target, and no other."""
     others = tuple(j for j in range(len(problem.terms)) if j not in problem.own)
-    path = list(MatchingPursuit(FORWARD_TERMS).supports(problem.factor, left, others))
+    path = list(MatchingPursuit(terms).supports(problem.factor, left, others))
     xi = problem.factor.solve((*path[-1], left), left)
     return Relation(tuple(RelationTerm(problem.terms[j], float(xi[j])) for j in (left, *path[-1])))
 

@@ -9,10 +9,12 @@ from itertools import islice
 import numpy as np
 
 from odescope.errors import NoModelError
+from odescope.library.candidates import Library
 from odescope.likelihood.refine import Refinement, refine
+from odescope.likelihood.settings import Starts
 from odescope.model.model import Model
-from odescope.pipeline.filtering import Filtered, Prepared
-from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import Posed
 from odescope.pipeline.joint_models import Search, proposals
 from odescope.pipeline.reduce import Plan, Whole, reduce_all
 from odescope.pipeline.work import Work, nested, swept
@@ -24,12 +26,12 @@ from odescope.signals.estimate import Signals
 Chosen = tuple[Candidate, ...]  # one candidate a target
 
 
-def pose_all(work: Work, prepared: Prepared, filtered: Filtered) -> tuple[tuple[Problem, ...], Whole | None]:
+def pose_all(work: Work, libraries: Sequence[Library], filtered: Filtered) -> tuple[tuple[Problem, ...], Whole | None]:
     """Return the regression problem of each target, and what is kept of recordings that do not fit in memory.
 
     Args:
         work: whose study says how rows are made.
-        prepared: the libraries.
+        libraries: one a target.
         filtered: the signals of the recordings, or of a sample of them.
 
     Raises:
@@ -39,7 +41,7 @@ def pose_all(work: Work, prepared: Prepared, filtered: Filtered) -> tuple[tuple[
     with work.stage("regression"):
         problems = tuple(
             pose(filtered.signals, c.target, c.order, library, study.regression.rows, sample.folds)
-            for c, library in zip(study.measured(), prepared.libraries, strict=True)
+            for c, library in zip(study.measured(), libraries, strict=True)
         )
     if sample.complete:
         return problems, None
@@ -53,19 +55,19 @@ def pose_all(work: Work, prepared: Prepared, filtered: Filtered) -> tuple[tuple[
     return whole.problems, whole
 
 
-def search_all(work: Work, prepared: Prepared, problems: Sequence[Problem]) -> tuple[Search, ...]:
+def search_all(work: Work, libraries: Sequence[Library], problems: Sequence[Problem]) -> tuple[Search, ...]:
     """Return the search for each target: every support found, and the candidates ranked.
 
     Args:
         work: whose study says who proposes and how candidates are ranked.
-        prepared: the libraries, which know what their rules removed.
+        libraries: one a target, which know what their rules removed.
         problems: one a target.
 
     Raises:
         NoModelError: no candidate of a target is fit to be a relation.
     """
     study, searches = work.study, []
-    for problem, library in zip(problems, prepared.libraries, strict=True):
+    for problem, library in zip(problems, libraries, strict=True):
         with work.stage("regression"):
             found = swept(work, problem)
         with work.stage("selection"):
@@ -112,33 +114,6 @@ def draw_anew(work: Work, searches: Sequence[Search], chosen: Chosen) -> tuple[S
     return tuple(drawn)
 
 
-def pose_forms(
-    work: Work,
-    prepared: Prepared,
-    filtered: Filtered,
-    problems: Sequence[Problem],
-    searches: Sequence[Search],
-    proposals: Sequence[tuple[Chosen, Model]],
-) -> tuple[Posed, ...]:
-    """Return the forms that compete, mechanisms first, each with its candidates and where to begin.
-
-    Args:
-        work: whose study says how.
-        prepared: the mechanisms.
-        filtered: the records and their signals.
-        problems: of the relations, one a target.
-        searches: of the relations, one a target.
-        proposals: of the regression, the best first.
-
-    Raises:
-        InputError: a tie names no candidate of the relations.
-    """
-    study, records, signals = work.study, filtered.records, filtered.signals
-    mechanisms = [mechanisms_form(study, f, m, records, signals) for f, m in prepared.mechanisms.items()]
-    relations = [relations_form(study, problems, searches, proposals)] if problems else []
-    return (*mechanisms, *relations)
-
-
 def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | None:
     """Return what the likelihood of the recorded trajectory leads to in one form; None where no start can be followed.
 
@@ -152,14 +127,12 @@ def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | No
             filtered.records,
             filtered.signals,
             posed.mechanisms,
-            posed.starts,
-            posed.plain,
-            posed.rival,
-            lambda: posed.proposal,
+            Starts(posed.starts, posed.plain, posed.rival, lambda: posed.proposal),
             work.study.signals.differentiator,
             work.study.likelihood,
             work.monitor,
             work.workers,
             [name for name, i in work.study.inputs.items() if i.delay in ("auto", "estimate")],
             [name for name, i in work.study.inputs.items() if i.hold == "auto"],
+            posed.constants,
         )

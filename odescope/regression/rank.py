@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -23,6 +23,7 @@ def told_apart(
     coordinates: Sequence[Coordinate],
     inputs: Sequence[Input],
     rng: np.random.Generator,
+    spans: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[tuple[Mechanism, ...], tuple[tuple[Mechanism, tuple[Mechanism, ...]], ...]]:
     """Return the mechanisms that are no combinations of others, and those left out with what they are combinations of.
 
@@ -33,9 +34,10 @@ def told_apart(
         mechanisms: what they add to the relations is compared, all relations stacked.
         coordinates: relation i is that of the i-th.
         inputs: as the mechanisms name them.
-        rng: draws the states, inputs and targets.
+        rng: draws the states, inputs, targets and constants.
+        spans: ranges of the constants that the mechanisms name.
     """
-    values = _values(mechanisms, coordinates, inputs, rng)
+    values = _values(mechanisms, coordinates, inputs, rng, spans or {})
     simple_first = sorted(range(len(mechanisms)), key=lambda k: mechanisms[k].size)
     points, examined = _finite(values, simple_first)
     if not examined:
@@ -54,6 +56,7 @@ def _values(
     coordinates: Sequence[Coordinate],
     inputs: Sequence[Input],
     rng: np.random.Generator,
+    spans: Mapping[str, tuple[float, float]],
 ) -> FloatArray:
     """Return what the mechanisms add, (mechanisms, relations, points), at random points."""
     angles = {c.name for c in coordinates if c.angle}
@@ -61,12 +64,15 @@ def _values(
     reach = np.array([np.pi if name in angles else REACH for name in names])
     count = SPARE * POINTS * len(mechanisms)
     points = rng.uniform(-1.0, 1.0, (len(names), count)) * reach[:, None]
+    drawn = [rng.uniform(low, high, count) for low, high in spans.values()]
     added = [
         Combination.of((p.share, p.product.expanded) for p in m.parts if p.relation == r)
         for m in mechanisms
         for r in range(len(coordinates))
     ]
-    return evaluate(write_tape(names, added), points).reshape(len(mechanisms), len(coordinates), count)
+    return evaluate(write_tape([*names, *spans], added), np.vstack([points, *drawn])).reshape(
+        len(mechanisms), len(coordinates), count
+    )
 
 
 def _finite(values: FloatArray, order: Sequence[int]) -> tuple[BoolArray, list[int]]:

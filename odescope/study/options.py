@@ -15,7 +15,7 @@ from odescope.library.defaults import check_basis, default_library, default_rule
 from odescope.library.functions import FUNCTIONS
 from odescope.library.lagrangian import lagrangian
 from odescope.library.mechanism import Mechanism
-from odescope.library.parse import Definition, Scope
+from odescope.library.parse import Definition, Scope, parse_term
 from odescope.library.reactions import reactions
 from odescope.library.rules import AnyRule
 from odescope.library.ties import tied
@@ -38,6 +38,8 @@ else:
     from odescope.regression.rows import AnyRows
     from odescope.signals.differentiators import AnyDifferentiator
 
+
+ANY_SCALE = (0.3, 3.0)  # where a constant is drawn from whose range the data will say
 
 LeftOut = tuple[tuple[Mechanism, tuple[Mechanism, ...]], ...]  # each with what it is a combination of
 Mechanisms = tuple[tuple[Mechanism, ...], LeftOut]  # candidates, and those left out
@@ -114,6 +116,9 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     Lagrange's equations compete with relations where there are several coordinates, all of order 2. `ties` are linear
     equalities between coefficients, see `odescope.library.ties`.
 
+    `parameters` are constants within functions, such as v0 in "tanh(x_dot/v0)", each with the range that it is looked
+    for in, or "scale" for one from the data.
+
     `functions` defines functions of one's own, as `"drag(v)" = "v*abs(v)"`. With `coupled`, every relation may hold
     every target; without, its own alone. "auto" couples the default library of several angles: a chain of pendulums has
     short relations between its accelerations, and long explicit ones.
@@ -135,6 +140,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     reactions: tuple[str, ...] | None = None
     molecules: Annotated[int, msgspec.Meta(ge=1, le=4)] = 2
     ties: tuple[str, ...] = ()
+    parameters: dict[str, tuple[float, float] | Literal["scale"]] = {}
 
     def __post_init__(self) -> None:
         if self.form not in ("auto", *get_args(Form)):
@@ -146,6 +152,14 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             raise InputError(
                 'form = "reactions" needs [library] reactions, such as ["S + E -> C"], or a composition of the species'
             )
+        for name, span in self.parameters.items():
+            if not (name.isidentifier() and name.isascii()):
+                raise InputError(f"[library.parameters] {name!r} is no name: use letters, digits and underscores")
+            if span != "scale" and not (np.isfinite(span).all() and span[0] < span[1]):
+                raise InputError(
+                    f"[library.parameters] {name} wants a range with its lower end first, such as [0.1, 10.0], or"
+                    f' "scale" for one from the data; {list(span)!r} came'
+                )
         if self.degree < 1:
             raise InputError(f"degree must be at least 1, got {self.degree}")
         if self.terms is not None and self.basis is not None:
@@ -281,7 +295,10 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         """Return the names and functions that the texts of the library may use."""
         coordinates, inputs, functions = self.measured(), self.driven(), self.library.functions
         names = [n for c in coordinates for n in (*c.states, c.target)] + [i.name for i in inputs]
-        return Scope.of(names, [_definition(head, body) for head, body in functions.items()])
+        for name in self.library.parameters:
+            if name in names or name in FUNCTIONS or name in functions or name == "identity":
+                raise InputError(f"[library.parameters] {name!r} is taken by a state, an input or a function")
+        return Scope.of(names, [_definition(head, body) for head, body in functions.items()], self.library.parameters)
 
     def mechanisms(self, form: Form) -> Mechanisms:
         """Return the mechanisms of Lagrange's equations or of reactions, and those left out as combinations of others.
@@ -308,7 +325,8 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
                 composition=options.composition,
                 molecules=options.molecules,
             )
-        return told_apart(tied(found, options.ties, self.scope()), coordinates, inputs, np.random.default_rng(0))
+        spans = {name: ANY_SCALE if span == "scale" else span for name, span in options.parameters.items()}
+        return told_apart(tied(found, options.ties, self.scope()), coordinates, inputs, np.random.default_rng(0), spans)
 
     def candidates(self, target: str) -> Library:
         """Return the library of one target.
@@ -327,6 +345,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             linear = default_rules((), targets, (), scope) if options.rules else ()
             library = Library.of((*options.basis, *targets), scope).powers(options.degree)
             library = library.thin(of_its_own if options.rules is None else (*options.rules, *linear), scope)
+            library = library.with_single((parse_term(b, scope) for b in options.basis), options.parameters)
         elif options.preset == "paper":
             library = Library.of(paper_basis(coordinates, inputs), scope).powers(4)
             library = library.thin(paper_rules(coordinates, inputs, target), scope)

@@ -8,6 +8,7 @@ from scipy.optimize import least_squares
 from odescope.library.mechanism import candidates_of
 from odescope.likelihood.refine import refine
 from odescope.likelihood.search import LikelihoodSearch
+from odescope.likelihood.settings import Start, Starts
 from odescope.model.assembled import coefficients_of
 from odescope.model.relation import Relation, RelationTerm
 from odescope.pipeline.joint_models import forward
@@ -77,7 +78,8 @@ def refined(held, coefficients, seed=2, budget=60.0):
     mechanisms = candidates_of([problem.terms], signals.targets)
     begun, other = (coefficients_of(mechanisms, r) for r in (start(problem, coefficients), [forward(problem)]))
     options = LikelihoodSearch(budget=budget)
-    found = refine(records, signals, mechanisms, [begun, other], begun, None, lambda: None, Spectral(), options)
+    starts = Starts([Start(begun), Start(other)], Start(begun))
+    found = refine(records, signals, mechanisms, starts, Spectral(), options)
     return columns, signals, found
 
 

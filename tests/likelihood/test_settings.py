@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from small_systems import SPRING_STEP
 
+from odescope.library.constants import Constant
 from odescope.library.mechanism import Mechanism, candidate
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
@@ -17,7 +18,7 @@ from odescope.recordings.coordinate import Coordinate
 
 # phi_ddot = -8 sin(phi) - 0.2 phi_dot - 1.5 tanh(phi_dot/w) + 2 u, u late and phi read with an offset.
 COORDINATES = (Coordinate("phi", 2, angle=True),)
-FRAME = Frame.of(COORDINATES, ["u"], {"w": 0.15})
+FRAME = Frame.of(COORDINATES, ["u"], {"w": Constant("w", 0.15, 150.0, 0.15, optional=True)})
 TERMS = (("phi_ddot", "1", 1.0), (None, "sin(phi)", 8.0), (None, "phi_dot", 0.2), (None, "tanh(phi_dot/w)", 1.5))
 SETTINGS = (("offset", "phi"), ("delay", "u"), ("constant", "w"))
 

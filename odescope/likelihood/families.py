@@ -1,0 +1,89 @@
+"""Terms with free constants in a search: where to begin, and the scores of absent ones over a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from odescope.arrays import FloatArray, IntArray
+from odescope.library.constants import grid_of
+from odescope.likelihood.evidence import project
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.search_space import SearchSpace
+
+STEPS = 6  # of a fit that says which start promises most
+FEW = 4  # parameters a relation of a start that a search adds to
+
+
+def best_on_grid(
+    space: SearchSpace, here: Fit, scores: FloatArray, defect_std: FloatArray
+) -> tuple[FloatArray, dict[int, Mapping[int, float]]]:
+    """Return the scores with those of absent terms at their best constants, and the coefficients of these constants.
+
+    A constant that some present term names is known; the others are where a term scores most, less what they have to
+    earn as parameters.
+
+    Args:
+        space: candidates and data.
+        here: where the search stands.
+        scores: (mechanisms,) of all that is absent, constants nominal.
+        defect_std: (n,) standard deviations of the defects between segments.
+    """
+    scores, begin = scores.copy(), dict[int, Mapping[int, float]]()
+    groups = dict[frozenset[str], list[int]]()
+    for k, m in enumerate(space.mechanisms):
+        idle = frozenset(name for name, c in space.needed.items() if name in m.names and c not in here.present)
+        if idle and k not in here.present:
+            groups.setdefault(idle, []).append(k)
+    for idle, members in groups.items():
+        own = np.array([space.needed[name] for name in sorted(idle)], dtype=np.int64)
+        constants = [space.frame.constants[name] for name in sorted(idle)]
+        best = np.full(len(members), -np.inf)
+        for values in grid_of(constants):
+            coefficients = [c.coefficient(values[c.name]) for c in constants]
+            found = _scores_at(space, here, np.array(members), own, np.array(coefficients), defect_std)
+            for place in np.flatnonzero(found > best):
+                begin[members[place]] = dict(zip(own.tolist(), coefficients, strict=True))
+            best = np.maximum(best, found)
+        scores[members] = np.maximum(best - space.penalty[own].sum(), 0.0)
+    return scores, begin
+
+
+def _scores_at(
+    space: SearchSpace,
+    here: Fit,
+    members: IntArray,
+    constants: IntArray,
+    coefficients: FloatArray,
+    defect_std: FloatArray,
+) -> FloatArray:
+    """Return the scores of absent members, their constants at these coefficients; none where they have no values."""
+    theta = here.theta.copy()
+    theta[constants] = coefficients
+    among = np.union1d(np.union1d(here.present, members), constants)
+    free = np.setdiff1d(among, np.union1d(here.held, constants))
+    places = np.searchsorted(among, free)
+    expansion = space.evaluator.expand(space.program(among), theta[among], places, here.x0, defect_std)
+    if expansion is None or not expansion.finite:
+        return np.full(len(members), -np.inf)
+    present = np.isin(free, here.free)
+    rest = project(expansion.information, expansion.gradient[None], present)
+    found: FloatArray = rest.scores(rest.left)[np.searchsorted(free[~present], members)]
+    return found
+
+
+def promising(space: SearchSpace, begun: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return the starts that fit best in loose segments, as fitted there: two of few terms, and the best of all.
+
+    Constants that are a little off ask for terms in regression, and a search hardly drops these again, because the
+    constants cannot move while they are there. From few terms it adds what is missing, with the constants free.
+    """
+    loose = np.full_like(space.segments.spread, np.inf)
+    fits = [space.fit(t, np.flatnonzero(t), space.segments.initial, loose, iterations=STEPS) for t in begun]
+    ranked = sorted((f for f in fits if f is not None), key=lambda f: f.cost + space.price(f))
+    best = dict[tuple[int, ...], Fit]()
+    for found in ranked:
+        best.setdefault(tuple(found.present.tolist()), found)
+    few = [k for k, f in best.items() if len(f.free) <= FEW * space.relations]
+    return [best[k].theta for k in dict.fromkeys((*few[:2], *list(best)[:1]))] or list(begun[:1])
