@@ -30,6 +30,7 @@ from odescope.selection.ranking import rank
 from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
 from odescope.signals.estimate import Signals, estimate_signals
 from odescope.signals.filling import filled
+from odescope.signals.gated import Reasons, reasons_of
 from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, gate_outliers, settle_clipping
 from odescope.study.options import Form, Mechanisms, Study
 from odescope.study.pieces import versions
@@ -100,7 +101,8 @@ class Filtered:
 
     `sample` holds the records as they were recorded, `undelayed` those less outliers, `records` those with inputs as
     late as they act; recordings shorter than `shortest` seconds are gone from all, and `left_out` counts them. `lead`
-    is dropped at the ends for the sake of delays, in seconds.
+    is dropped at the ends for the sake of delays, in seconds. `gated` says of each sample in `undelayed` why it does
+    not count, where samples were gated.
     """
 
     sample: Sample
@@ -112,6 +114,7 @@ class Filtered:
     delays: dict[str, Delay]
     clipping: Clipping | None
     outliers: dict[str, int]
+    gated: Reasons
     shortest: float
     left_out: int
 
@@ -124,11 +127,14 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     """
     study, sample = work.study, prepared.sample
     outliers, clipping = dict[str, int](), None
+    gated: Reasons = {}
     with work.stage("signals"):
         records = filled(sample.records, study.measured(), study.signals.differentiator)
     if study.signals.outliers == "gate":
         with work.stage("signals"):
-            records, outliers = gate_outliers(records, study.measured(), study.signals.differentiator)
+            before = records
+            records, outliers = gate_outliers(before, study.measured(), study.signals.differentiator)
+            gated = reasons_of(before, records, [c for c in study.measured() if outliers[c.name]])
     if study.signals.outliers == "clip":
         with work.stage("signals"):
             records, outliers, clipping = _clipped(study, records)
@@ -151,9 +157,10 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
         if left_out:  # a piece of an oscillation has no derivative worth fitting
             sample = sample.without([not kept for kept in long])
             records, undelayed = (Records(tuple(compress(r, long))) for r in (records, undelayed))
+            gated = {name: tuple(compress(found, long)) for name, found in gated.items()}
             signals = _signals(study, records, inputs)
     return Filtered(
-        sample, undelayed, records, signals, inputs, lead, delays, clipping, outliers,
+        sample, undelayed, records, signals, inputs, lead, delays, clipping, outliers, gated,
         shortest if any(long) else 0.0, left_out,
     )  # fmt: skip
 

@@ -23,6 +23,7 @@ STEPS = 0.25  # root mean squares of the motion from sample to sample: what is n
 SIGNAL_LEFT = 0.5  # correlation of neighbours in what a filter leaves, beyond which that is no noise
 PULLED = 0.25  # of what it is off, that a wrong sample is at least off a filter that is not robust
 MOST = 0.3  # of the samples of a coordinate: where more are far off, none is usual
+USUAL = 0.95  # of the steps between samples are no leaps of outliers
 PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
 ROUNDS = 8
@@ -152,7 +153,7 @@ def _saturated(columns: Sequence[FloatArray]) -> list[BoolArray]:
     found = []
     for y in columns:
         far, pace = np.zeros(len(y), dtype=np.bool_), np.abs(np.diff(y))
-        usual = float(np.sqrt(np.mean(pace**2)))
+        usual = float(np.sqrt(np.mean(np.minimum(pace, np.quantile(pace, USUAL)) ** 2)))
         for end in (high, low):
             edges = np.flatnonzero(np.diff(np.concatenate([[False], y == end, [False]]).astype(np.int8)))
             for first, stop in zip(edges[::2], edges[1::2], strict=True):
