@@ -32,6 +32,7 @@ from odescope.signals.estimate import Signals, estimate_signals
 from odescope.signals.filling import filled
 from odescope.signals.gated import Reasons, reasons_of
 from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, gate_outliers, settle_clipping
+from odescope.signals.slow_sensors import without_repeats
 from odescope.study.options import Form, Mechanisms, Study
 from odescope.study.pieces import versions
 
@@ -128,13 +129,15 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     study, sample = work.study, prepared.sample
     outliers, clipping = dict[str, int](), None
     gated: Reasons = {}
+    gating, differentiator = study.signals.outliers == "gate", study.signals.differentiator
     with work.stage("signals"):
-        records = filled(sample.records, study.measured(), study.signals.differentiator)
-    if study.signals.outliers == "gate":
+        measured = without_repeats(sample.records, study.measured()) if gating else sample.records
+        records = filled(measured, study.measured(), differentiator)
+    if gating:
         with work.stage("signals"):
-            before = records
-            records, outliers = gate_outliers(before, study.measured(), study.signals.differentiator)
-            gated = reasons_of(before, records, [c for c in study.measured() if outliers[c.name]])
+            records = gate_outliers(records, study.measured(), differentiator)[0]
+            gated = reasons_of(sample.records, records, study.measured())
+            outliers = {name: sum(int(np.count_nonzero(found)) for found in of) for name, of in gated.items()}
     if study.signals.outliers == "clip":
         with work.stage("signals"):
             records, outliers, clipping = _clipped(study, records)

@@ -1,7 +1,7 @@
 """What each sample is that the gate takes out: what was done to it tells what it should be called."""
 
 import numpy as np
-from test_gate import NOISE, X, motion
+from test_gate import X, motion
 
 from odescope.pipeline.gate import gated_scores
 from odescope.recordings.record import Record, Records
