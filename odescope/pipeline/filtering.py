@@ -24,7 +24,7 @@ from odescope.recordings.checks import check_channels
 from odescope.recordings.coordinate import Input
 from odescope.recordings.periods import at_one_period
 from odescope.recordings.readers import records_from
-from odescope.recordings.record import Records, less_offsets
+from odescope.recordings.record import Records, in_radians, less_offsets
 from odescope.regression.problem import pose
 from odescope.selection.ranking import rank
 from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
@@ -67,7 +67,8 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         if data is None:
             sample = open_recordings(study.data, study.layout(), None if store is None else kept_in(store, study))
         else:
-            sample = Sample(data if isinstance(data, Records) else records_from(data, study.layout()))
+            own = data if isinstance(data, Records) else records_from(data, study.layout())
+            sample = Sample(Records.of(in_radians(run, study.degrees) for run in own))
         sample = replace(sample, records=at_one_period(sample.records, study.layout().held))
         check_channels(sample.records, study.measured(), study.driven())
     with work.stage("library"):

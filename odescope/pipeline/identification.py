@@ -30,6 +30,7 @@ from odescope.pipeline.joint_models import Search
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.work import Work
+from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Records
 from odescope.selection.ranking import Candidate
@@ -103,7 +104,9 @@ class Identification:
             searches = self.searches
             dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
         judged = None if self.refinement is None else doubts(self.refinement, self.model.targets)
-        return (*notes_of(self.model.scores, dependent, judged), *(u.note for u in tables(self.study)[1]))
+        units = [f"{name} was recorded in degrees: here it is in radians" for name in sorted(self.study.degrees)]
+        units += degrees_hints(self.records, self.study.measured())
+        return (*notes_of(self.model.scores, dependent, judged), *units, *(u.note for u in tables(self.study)[1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

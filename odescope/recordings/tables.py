@@ -62,9 +62,10 @@ def _raw_runs(
 ) -> Iterator[RawRun]:
     """Yield the run of each label and its row indices (n,); `before` rows of the file come before the table."""
     found = {label: numbers(columns[label], label, source) for label in dict(layout.columns).values()}
-    values = np.column_stack([found[column] for _, column in layout.columns])
+    factors = [np.pi / 180.0 if name in layout.degrees else 1.0 for name in layout.names]
+    values = np.column_stack([found[column] for _, column in layout.columns]) * factors
     time = None if layout.time is None else times(columns[layout.time], layout.time, source)
-    units = dict(layout.units)
+    units = dict(layout.units) | dict.fromkeys(layout.degrees, "rad")
     counted = np.arange(len(values), dtype=np.float64) * (layout.sample_period or 0.0)
     for label, rows in groups:
         yield RawRun(
