@@ -16,9 +16,10 @@ from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
 from odescope.model.simulation import Trajectory, simulate
 from odescope.recordings.layout import Layout
-from odescope.recordings.readers import column_names, read_records
+from odescope.recordings.readers import column_names, read_records, read_times
 from odescope.recordings.record import Record
 
+NEAR = 0.75  # sample periods from the regular times: rows of the next piece are further away
 TIME_NAMES = ("t", "time", "Time", "T", "TIME")
 
 
@@ -31,6 +32,8 @@ def free_runs(
     initial: list[str],
 ) -> tuple[str, list[str]]:
     """Return the simulated states, as sensors would read them, as CSV text, and notes on runs that ended early.
+
+    There is one row for each row of the data, whatever its time stamp.
 
     Each recording starts from its own first sample: from the states given as NAME=VALUE, the rest fitted to the first
     stretch of the measured coordinates. Angles that were identified from degrees are read and written in degrees.
@@ -62,7 +65,7 @@ def free_runs(
         held=frozenset(i.name for i in model.inputs if i.hold == "zero"),
         recording=recording,
     )
-    records = read_records([data_path], layout)
+    records, stamps = read_records([data_path], layout), read_times(data_path, layout)
     out, notes = io.StringIO(), []
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow((*(() if recording is None else (recording,)), time or "t", *model.states))
@@ -70,12 +73,32 @@ def free_runs(
     for run in records:
         label = () if recording is None else (_label(run, data_path, recording),)
         result = _free_run(model, run, given, sensors)
-        for t, row in zip(result.t.tolist(), sensors.read(result.states).tolist(), strict=True):
+        own, states = _at_the_rows(result, run, stamps.get(run.source, run.t))
+        for t, row in zip(own.tolist(), sensors.read(states).tolist(), strict=True):
             writer.writerow((*label, repr(t), *map(repr, row)))
         if result.ended:
             where = f" of recording {label[0]}" if label else ""
             notes.append(f"the free run{where} ended early, at {len(result.t)} of {len(run)} samples: {result.ended}")
     return out.getvalue(), notes
+
+
+def _at_the_rows(result: Trajectory, run: Record, stamps: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the times (n,) of the rows that a record was made of, in the file's order, and the states (n, m) there.
+
+    Args:
+        result: a free run on the record's regular times.
+        run: the record.
+        stamps: times of the rows of its recording.
+    """
+    near = NEAR * run.sample_period
+    last = result.t[-1] + (near if result.ended is None else 0.0)
+    own = stamps[(stamps >= run.t[0] - near) & (stamps <= last)]
+    if len(result.t) < 2 or np.array_equal(own, result.t):
+        return result.t, result.states
+    from scipy.interpolate import CubicSpline
+
+    states: FloatArray = CubicSpline(result.t - run.t[0], result.states)(own - run.t[0])
+    return own, states
 
 
 def _label(run: Record, data: Path, recording: str) -> str:

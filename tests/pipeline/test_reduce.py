@@ -20,16 +20,6 @@ from odescope.pipeline.sample import LEAST_ROWS, SAMPLED, rows_in_memory
 from odescope.study.options import Driven, Filtering, Measured
 
 
-@pytest.fixture(scope="module")
-def log():
-    return long_log()
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory, log):
-    return written(tmp_path_factory.mktemp("log"), log)
-
-
 # what comes out
 
 

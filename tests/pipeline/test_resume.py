@@ -22,16 +22,6 @@ from odescope.pipeline.store import Reduced, Store
 from odescope.study.options import Filtering
 
 
-@pytest.fixture(scope="module")
-def log():
-    return long_log()
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory, log):
-    return written(tmp_path_factory.mktemp("log"), log)
-
-
 @pytest.fixture
 def counted(monkeypatch):
     from contextlib import contextmanager
