@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 from machines import until
-from reduce_cases import CHUNKS, Counted, coefficients, long_log, study_of, written
+from reduce_cases import CHUNKS, Counted, coefficients, study_of
 
 from odescope import Derivatives
 from odescope.errors import InputError, Stopped
