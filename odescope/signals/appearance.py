@@ -14,6 +14,14 @@ AT_AN_END = 0.25  # of the samples at the largest or smallest value are no chanc
 
 def appearance(columns: Sequence[FloatArray]) -> str:
     """Return what the samples (N,) of the records look like, and what to do about it."""
+    return telling(columns) or (
+        "it looks like noise with outliers: look whether the column is the right one and the sensor is connected;"
+        ' [signals] outliers = "clip" keeps all samples'
+    )
+
+
+def telling(columns: Sequence[FloatArray]) -> str | None:
+    """Return what is wrong with the samples (N,) of the records and what to do about it, if their values show that."""
     joined = np.concatenate(columns)
     levels, low, high = np.unique(joined), float(joined.min()), float(joined.max())
     if len(levels) <= FEW:
@@ -24,7 +32,4 @@ def appearance(columns: Sequence[FloatArray]) -> str:
             f"{100.0 * part:.0f} % stand at {low:.6g} or {high:.6g}, where its range ends: record with a wider range,"
             " or move less"
         )
-    return (
-        "it looks like noise with outliers: look whether the column is the right one and the sensor is connected;"
-        ' [signals] outliers = "clip" keeps all samples'
-    )
+    return None

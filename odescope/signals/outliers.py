@@ -24,7 +24,8 @@ STEPS = 0.25  # root mean squares of the motion from sample to sample: what is n
 SIGNAL_LEFT = 0.5  # correlation of neighbours in what a filter leaves, beyond which that is no noise
 PULLED = 0.25  # of what it is off, that a wrong sample is at least off a filter that is not robust
 MOST = 0.5  # of the samples of a coordinate: where more are far off, none is usual
-USUAL = 0.95  # of the steps between samples are no leaps of outliers
+USUAL = 0.95  # of the steps between samples that differ are no leaps of outliers
+COUNTS = 1.5  # of a sensor: what runs into the end of its range comes by more a sample
 PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
 ROUNDS = 8
@@ -154,12 +155,19 @@ def _saturated(columns: Sequence[FloatArray]) -> list[BoolArray]:
     found = []
     for y in columns:
         far, pace = np.zeros(len(y), dtype=np.bool_), np.abs(np.diff(y))
-        usual = float(np.sqrt(np.mean(np.minimum(pace, np.quantile(pace, USUAL)) ** 2)))
+        if not pace.any():
+            found.append(far)
+            continue
+        moves = pace[pace > 0.0]
+        usual = float(np.sqrt(np.mean(np.minimum(pace, np.quantile(moves, USUAL)) ** 2)))
+        # An encoder that comes to rest moves by single counts; a switch, whose only step is its range, has none.
+        count = float(moves.min()) if moves.min() < 0.1 * (high - low) else 0.0
+        least = max(STEPS * usual, COUNTS * count)
         for end in (high, low):
             edges = np.flatnonzero(np.diff(np.concatenate([[False], y == end, [False]]).astype(np.int8)))
             for first, stop in zip(edges[::2], edges[1::2], strict=True):
                 around = np.concatenate([pace[max(first - 2, 0) : first], pace[stop - 1 : stop + 1]])
-                if stop - first >= PLATEAU and len(around) and around.mean() > STEPS * usual:
+                if stop - first >= PLATEAU and len(around) and around.mean() > least:
                     far[first:stop] = True
         found.append(far)
     return found

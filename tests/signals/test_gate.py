@@ -87,6 +87,13 @@ def test_a_switch_is_told_from_a_position():
         gated(t, np.sign(x))
 
 
+def test_a_mechanism_that_rests_at_an_end_most_of_the_time_is_not_saturated():
+    t, _ = motion()
+    moves = np.maximum(np.sin(2 * np.pi * 0.05 * t) - 0.8, 0.0) ** 3  # comes to rest smoothly
+    far, _, _ = gated(t, 1e-3 * np.round(100.0 * moves / 1e-3))
+    assert not far.any()
+
+
 def test_one_leap_does_not_hide_that_a_sensor_is_saturated():
     t, x = motion()
     measured = np.minimum(x + 1e-3 * np.random.default_rng(6).standard_normal(len(t)), 1.1)
