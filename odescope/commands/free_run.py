@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,10 @@ from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
 from odescope.model.simulation import Trajectory, simulate
 from odescope.recordings.layout import Layout
-from odescope.recordings.readers import column_names, read_records
+from odescope.recordings.readers import column_names, read_records, read_times
 from odescope.recordings.record import Record
 
+NEAR = 0.75  # sample periods from the regular times: rows of the next piece are further away
 TIME_NAMES = ("t", "time", "Time", "T", "TIME")
 
 
@@ -31,8 +33,10 @@ def free_runs(
 ) -> tuple[str, list[str]]:
     """Return the simulated states, as sensors would read them, as CSV text, and notes on runs that ended early.
 
+    There is one row for each row of the data, whatever its time stamp.
+
     Each recording starts from its own first sample: from the states given as NAME=VALUE, the rest fitted to the first
-    stretch of the measured coordinates.
+    stretch of the measured coordinates. Angles that were identified from degrees are read and written in degrees.
 
     Args:
         model_path: a model file.
@@ -50,29 +54,51 @@ def free_runs(
     columns = _columns(model, needed=len(given) < len(model.states))
     if sample_period is None and time is None:
         time = _time_column(model, data_path)
+    known = model.provenance.get("degrees")
+    degrees = frozenset(c.name for c in model.coordinates if isinstance(known, list) and c.name in known)
     layout = Layout(
         time=time,
         sample_period=sample_period,
         columns=columns,
         angles=frozenset(c.name for c in model.coordinates if c.angle and c.name in dict(columns)),
+        degrees=degrees & set(dict(columns)),
         held=frozenset(i.name for i in model.inputs if i.hold == "zero"),
         recording=recording,
     )
-    records = read_records([data_path], layout)
+    records, stamps = read_records([data_path], layout), read_times(data_path, layout)
     out, notes = io.StringIO(), []
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow((*(() if recording is None else (recording,)), time or "t", *model.states))
-    offsets = {c.name: c.offset for c in model.coordinates}
-    read = np.array([offsets.get(s, 0.0) for s in model.states])  # what sensors read more than states
+    sensors = _Sensors.of(model, degrees)
     for run in records:
         label = () if recording is None else (_label(run, data_path, recording),)
-        result = _free_run(model, run, given, read)
-        for t, row in zip(result.t.tolist(), (result.states + read).tolist(), strict=True):
+        result = _free_run(model, run, given, sensors)
+        own, states = _at_the_rows(result, run, stamps.get(run.source, run.t))
+        for t, row in zip(own.tolist(), sensors.read(states).tolist(), strict=True):
             writer.writerow((*label, repr(t), *map(repr, row)))
         if result.ended:
             where = f" of recording {label[0]}" if label else ""
             notes.append(f"the free run{where} ended early, at {len(result.t)} of {len(run)} samples: {result.ended}")
     return out.getvalue(), notes
+
+
+def _at_the_rows(result: Trajectory, run: Record, stamps: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the times (n,) of the rows that a record was made of, in the file's order, and the states (n, m) there.
+
+    Args:
+        result: a free run on the record's regular times.
+        run: the record.
+        stamps: times of the rows of its recording.
+    """
+    near = NEAR * run.sample_period
+    last = result.t[-1] + (near if result.ended is None else 0.0)
+    own = stamps[(stamps >= run.t[0] - near) & (stamps <= last)]
+    if len(result.t) < 2 or np.array_equal(own, result.t):
+        return result.t, result.states
+    from scipy.interpolate import CubicSpline
+
+    states: FloatArray = CubicSpline(result.t - run.t[0], result.states)(own - run.t[0])
+    return own, states
 
 
 def _label(run: Record, data: Path, recording: str) -> str:
@@ -81,15 +107,36 @@ def _label(run: Record, data: Path, recording: str) -> str:
     return label.removesuffix(")")
 
 
-def _free_run(model: Model, run: Record, given: dict[str, float], read: FloatArray) -> Trajectory:
+@dataclass(frozen=True, eq=False)
+class _Sensors:
+    """What sensors read of states (n,): so much more, in units of so many radians or of one."""
+
+    offset: FloatArray
+    unit: FloatArray
+
+    @staticmethod
+    def of(model: Model, degrees: frozenset[str]) -> _Sensors:
+        offsets = {c.name: c.offset for c in model.coordinates}
+        turned = {s for c in model.coordinates if c.name in degrees for s in c.states}
+        return _Sensors(
+            np.array([offsets.get(s, 0.0) for s in model.states]),
+            np.array([np.pi / 180.0 if s in turned else 1.0 for s in model.states]),
+        )
+
+    def read(self, states: FloatArray) -> FloatArray:
+        found: FloatArray = (states + self.offset) / self.unit
+        return found
+
+    def state(self, k: int, reading: float) -> float:
+        return float(reading * self.unit[k] - self.offset[k])
+
+
+def _free_run(model: Model, run: Record, given: dict[str, float], sensors: _Sensors) -> Trajectory:
     start: FloatArray
-    if len(given) == len(model.states):
-        start = np.array([given[s] for s in model.states]) - read
-    else:
-        start = initial_state(model, run)
-        for name, value in given.items():
-            k = model.states.index(name)
-            start[k] = value - read[k]
+    start = np.empty(len(model.states)) if len(given) == len(model.states) else initial_state(model, run)
+    for name, value in given.items():
+        k = model.states.index(name)
+        start[k] = sensors.state(k, value)
     inputs = np.array([run.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(run)).T
     return simulate(model, run.t, np.ascontiguousarray(inputs), start)
 

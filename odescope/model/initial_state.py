@@ -10,8 +10,9 @@ from scipy.optimize import least_squares
 from odescope.arrays import FloatArray
 from odescope.model.model import Model
 from odescope.model.simulation import drive, follow
-from odescope.recordings.record import Record, less_offsets
+from odescope.recordings.record import Record, Records, less_offsets
 from odescope.signals.differentiators import Differentiator, Spectral
+from odescope.signals.filling import filled, measured_derivatives
 
 STRETCH = 4  # periods of the lowest cutoff
 LEAST_SAMPLES = 16
@@ -32,7 +33,7 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
     """Return the state (n,) at the first sample.
 
     Filtered values and derivatives start it; then the measured coordinates of a short first stretch are fitted by the
-    model's own free run.
+    model's own free run; values that nobody measured have no part in that.
 
     Args:
         model: its coordinates and inputs are columns of the record.
@@ -42,7 +43,8 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
     """
     record = less_offsets(record, model.coordinates)
     period = record.sample_period
-    found = {c.name: differentiator.derivatives([record.column(c.name)], period, c.order) for c in model.coordinates}
+    (record,) = filled(Records.of(record), model.coordinates, differentiator)
+    found = {c.name: measured_derivatives(Records.of(record), c, differentiator) for c in model.coordinates}
     first = {c.derivative(k): found[c.name].values[0][k, 0] for c in model.coordinates for k in range(c.order)}
     start = np.array([first[s] for s in model.states])
     if all(c.order == 1 for c in model.coordinates) and all(d.noise == 0.0 for d in found.values()):
@@ -51,6 +53,9 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
     shortest = min(max(round(STRETCH / (lowest * period)), LEAST_SAMPLES, 4 * len(start)), len(record))
     weights = np.array([1.0 / max(found[c.name].noise, 1e-9 * _size(record, c.name)) for c in model.coordinates])
     measured = np.column_stack([record.column(c.name) for c in model.coordinates])
+    counts = np.column_stack([record.counted(c.name) for c in model.coordinates])
+    enough = np.flatnonzero(np.cumsum(np.count_nonzero(counts, axis=1)) >= LEAST_SAMPLES)
+    shortest = max(shortest, int(enough[0]) + 1 if len(enough) else len(record))
     inputs = np.array([record.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(record)).T
     driven = drive(model.inputs, record.t, inputs)
     place = [model.states.index(c.name) for c in model.coordinates]
@@ -63,8 +68,8 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
             run = follow(model, t, inside, trial)
             off = np.full((length, len(place)), np.nan)
             if run.ended is None:
-                off = (run.states[:, place] - measured[:length]) * weights
-            return off.ravel()
+                off = (run.states[:, place] - measured[:length]) * weights * np.sqrt(counts[:length])
+            return off[counts[:length] > 0.0]
 
         return _fit(misfit, state, size)
 

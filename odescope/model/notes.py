@@ -12,6 +12,7 @@ from odescope.model.scores import (
     Doubts,
     EnergyScore,
     FormScore,
+    GatedScore,
     Likelihood,
     ModelScores,
     PathScore,
@@ -24,6 +25,12 @@ UNSIGNED = 1e-6  # of the largest power dissipated: less is rounding
 IMBALANCE = 0.1  # of the energy turned over: less is what noise of the velocities makes
 LOOSE = 1.0  # standard error over coefficient of a kinetic term that another Lagrangian could do without
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
+REASONS = {
+    "saturated": ("is saturated", "are saturated"),
+    "repeated": ("repeats the one before", "repeat the one before"),
+    "late": ("was read late", "were read late"),
+    "outlier": ("is an outlier", "are outliers"),
+}
 FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
 
 
@@ -128,8 +135,22 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
         gain = "" if between.gain is None else f": {between.gain:,.0f} in log-likelihood over linear"
         yield f"{name} is {acts} between samples{gain}"
     for name, count in scores.outliers.items():
-        if count:
-            yield f"{count} samples of {name} are outliers, late reads or saturated: they do not count"
+        if count and name in scores.gated:
+            yield f"{count} samples of {name} do not count: {_listed([_gated(g) for g in scores.gated[name]])}"
+        elif count:
+            yield f"{count} samples of {name} are far from the filtered signal: they were clipped"
+
+
+def _gated(found: GatedScore) -> str:
+    """Return in words how many samples were gated for one reason, and when they were taken."""
+    one, several = REASONS.get(found.reason, (found.reason, found.reason))
+    several_recordings = any(part.recording > 1 for part in found.ranges)
+    told = []
+    for part in found.ranges:
+        at = f"{part.begin:.6g} s" if part.samples == 1 else f"{part.begin:.6g} to {part.end:.6g} s"
+        told.append(f"{at} of recording {part.recording}" if several_recordings else at)
+    told += [f"{found.more} more ranges"] if found.more else []
+    return f"{found.samples} {one if found.samples == 1 else several} ({', '.join(told)})"
 
 
 def _of_time(found: TimeScore) -> Iterator[str]:

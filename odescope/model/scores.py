@@ -132,6 +132,27 @@ class HoldScore(msgspec.Struct, frozen=True):
     gain: Number
 
 
+class GatedRange(msgspec.Struct, frozen=True):
+    """A range of time with samples that do not count, in seconds from the start of a recording, counted from 1."""
+
+    recording: int
+    begin: float
+    end: float
+    samples: int
+
+
+class GatedScore(msgspec.Struct, frozen=True):
+    """Samples of a coordinate that do not count, for one reason: "saturated", "repeated", "late" or "outlier".
+
+    `ranges` holds those with most samples, `more` counts the others.
+    """
+
+    reason: str
+    samples: int
+    ranges: tuple[GatedRange, ...]
+    more: int
+
+
 class Streamed(msgspec.Struct, frozen=True):
     """How much was read of a log that does not fit in memory, and how many portions the ranking saw."""
 
@@ -159,7 +180,8 @@ class TimeScore(msgspec.Struct, frozen=True):
 class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     """All that was found out about a model; what a stage did not find is absent.
 
-    `left_out` counts recordings too short to use, `outliers` the samples of each coordinate that were clipped.
+    `left_out` counts recordings too short to use, `outliers` the samples of each coordinate that were gated or
+    clipped; of those that were gated `gated` says why, and when they were taken.
     """
 
     targets: dict[str, TargetScore] = {}
@@ -167,6 +189,7 @@ class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     likelihood: Likelihood | None = None
     left_out: int = 0
     outliers: dict[str, int] = {}
+    gated: dict[str, tuple[GatedScore, ...]] = {}
     delays: dict[str, DelayScore] = {}
     offsets: dict[str, OffsetScore] = {}
     time: TimeScore | None = None

@@ -166,10 +166,12 @@ def provenance(study: Study, signals: Signals, whole: Whole | None) -> dict[str,
     """
     columns: dict[str, Json] = dict(study.layout().columns)
     channels: dict[str, Json] = {c.name: {"noise": c.noise, "cutoff_hz": c.cutoff} for c in signals.channels}
+    degrees: Json = [name for name in columns if name in study.degrees]
     return {
         "odescope": version("odescope"),
         "time": study.data.time,
         "columns": columns,
+        **({"degrees": degrees} if degrees else {}),
         "channels": channels,
         "recordings": len(signals.columns) if whole is None else whole.recordings,
         "seed": study.random.seed,

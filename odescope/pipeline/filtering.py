@@ -25,13 +25,15 @@ from odescope.recordings.checks import check_channels
 from odescope.recordings.coordinate import Input
 from odescope.recordings.periods import at_one_period
 from odescope.recordings.readers import records_from
-from odescope.recordings.record import Records, less_offsets
+from odescope.recordings.record import Records, in_radians, less_offsets
 from odescope.regression.problem import pose
 from odescope.selection.ranking import rank
 from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
 from odescope.signals.estimate import Signals, estimate_signals
 from odescope.signals.filling import filled
+from odescope.signals.gated import Reasons, reasons_of
 from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, gate_outliers, settle_clipping
+from odescope.signals.slow_sensors import without_repeats
 from odescope.study.options import Form, Mechanisms, Study
 from odescope.study.pieces import versions
 
@@ -72,7 +74,8 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         if data is None:
             sample = open_recordings(study.data, study.layout(), None if store is None else kept_in(store, study))
         else:
-            sample = Sample(data if isinstance(data, Records) else records_from(data, study.layout()))
+            own = data if isinstance(data, Records) else records_from(data, study.layout())
+            sample = Sample(Records.of(in_radians(run, study.degrees) for run in own))
         sample = replace(sample, records=at_one_period(sample.records, study.layout().held))
         check_channels(sample.records, study.measured(), study.driven())
     with work.stage("library"):
@@ -107,7 +110,8 @@ class Filtered:
 
     `sample` holds the records as they were recorded, `undelayed` those less outliers, `records` those with inputs as
     late as they act; recordings shorter than `shortest` seconds are gone from all, and `left_out` counts them. `lead`
-    is dropped at the ends for the sake of delays, in seconds.
+    is dropped at the ends for the sake of delays, in seconds. `gated` says of each sample in `undelayed` why it does
+    not count, where samples were gated.
     """
 
     sample: Sample
@@ -119,6 +123,7 @@ class Filtered:
     delays: dict[str, Delay]
     clipping: Clipping | None
     outliers: dict[str, int]
+    gated: Reasons
     shortest: float
     left_out: int
 
@@ -131,11 +136,16 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     """
     study, sample = work.study, prepared.sample
     outliers, clipping = dict[str, int](), None
+    gated: Reasons = {}
+    gating, differentiator = study.signals.outliers == "gate", study.signals.differentiator
     with work.stage("signals"):
-        records = filled(sample.records, study.measured(), study.signals.differentiator)
-    if study.signals.outliers == "gate":
+        measured = without_repeats(sample.records, study.measured()) if gating else sample.records
+        records = filled(measured, study.measured(), differentiator)
+    if gating:
         with work.stage("signals"):
-            records, outliers = gate_outliers(records, study.measured(), study.signals.differentiator)
+            records = gate_outliers(records, study.measured(), differentiator)[0]
+            gated = reasons_of(sample.records, records, study.measured())
+            outliers = {name: sum(int(np.count_nonzero(found)) for found in of) for name, of in gated.items()}
     if study.signals.outliers == "clip":
         with work.stage("signals"):
             records, outliers, clipping = _clipped(study, records)
@@ -159,9 +169,10 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
         if left_out:  # a piece of an oscillation has no derivative worth fitting
             sample = sample.without([not kept for kept in long])
             records, undelayed = (Records(tuple(compress(r, long))) for r in (records, undelayed))
+            gated = {name: tuple(compress(found, long)) for name, found in gated.items()}
             signals = _signals(study, records, inputs)
     return Filtered(
-        sample, undelayed, records, signals, inputs, lead, delays, clipping, outliers,
+        sample, undelayed, records, signals, inputs, lead, delays, clipping, outliers, gated,
         shortest if any(long) else 0.0, left_out,
     )  # fmt: skip
 

@@ -24,15 +24,18 @@ from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.competition import Regressed, Winner, adopted, compete, regress
 from odescope.pipeline.evaluation import domain, free_run, provenance, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
+from odescope.pipeline.gate import gated_scores
 from odescope.pipeline.inputs import hold_scores
 from odescope.pipeline.joint_models import Search
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.work import Work
+from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Records
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
+from odescope.signals.gated import Reasons
 from odescope.study.options import LeftOut, Study
 from odescope.study.pieces import tables
 
@@ -43,7 +46,7 @@ class Identification:
 
     `seconds` is the time of each stage, `memory` the most that the process had held, in bytes, when it ended;
     `left_out` are mechanisms that no data could tell from others; `searched` are the inputs as they were known before
-    the likelihood stage, which may find delays.
+    the likelihood stage, which may find delays; `gated` says why a sample of a record does not count.
     """
 
     study: Study
@@ -57,6 +60,7 @@ class Identification:
     memory: dict[str, int | None] = field(default_factory=dict)
     left_out: LeftOut = ()
     searched: tuple[Input, ...] = ()
+    gated: Reasons = field(default_factory=dict)
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the equations, how far to trust them, and the notes."""
@@ -100,7 +104,9 @@ class Identification:
             searches = self.searches
             dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
         judged = None if self.refinement is None else doubts(self.refinement, self.model.targets)
-        return (*notes_of(self.model.scores, dependent, judged), *(u.note for u in tables(self.study)[1]))
+        units = [f"{name} was recorded in degrees: here it is in radians" for name in sorted(self.study.degrees)]
+        units += degrees_hints(self.records, self.study.measured())
+        return (*notes_of(self.model.scores, dependent, judged), *units, *(u.note for u in tables(self.study)[1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,6 +181,7 @@ def _identified(work: Work, data: Records | Table | Sequence[Table] | None, stor
             work.memory,
             left_out,
             filtered.inputs,
+            filtered.gated,
         )
 
     if regressed.model is not None:
@@ -216,6 +223,7 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         told,
         left_out=filtered.left_out,
         outliers=filtered.outliers,
+        gated=gated_scores(filtered.undelayed, filtered.gated),
         time=time_score(sample.records, study.measured()),
         delays=_delays(filtered, winner),
         offsets=_offsets(winner),

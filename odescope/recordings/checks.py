@@ -13,6 +13,7 @@ from odescope.recordings.record import Records, within
 
 LARGEST_VALUE = 1e30  # products of a few such values would overflow
 DEGREES = frozenset({"deg", "degs", "degree", "degrees", "°"})
+TURNS = 2.0  # that an angle in radians spans, from which on it may be one in degrees
 
 
 def check_channels(records: Records, coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> None:
@@ -59,8 +60,8 @@ def _check_unique(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) ->
 
 def _check_angle(angle: Coordinate, records: Records) -> None:
     for unit in (angle.unit, records.runs[0].units[records.names.index(angle.name)]):  # all runs have the same
-        if unit is not None and unit.strip().casefold() in DEGREES:
-            raise InputError(_in_degrees(f"angle {angle.name!r} has the unit {unit!r}"))
+        if unit is not None and is_degrees(unit):
+            raise InputError(_in_degrees(f"angle {angle.name!r} has the unit {unit!r}", angle.name))
     for run in records:
         check_radians(angle.name, run.column(angle.name), run.source)
 
@@ -91,13 +92,42 @@ def check_radians(name: str, column: FloatArray, source: str) -> None:
         raise InputError(
             _in_degrees(
                 f"angle {name!r} jumps by about 360{within(source)} ({len(rows)} times, first from "
-                f"{column[rows[0]]:.6g} to {column[rows[0] + 1]:.6g}), so it looks like degrees"
+                f"{column[rows[0]]:.6g} to {column[rows[0] + 1]:.6g}), so it looks like degrees",
+                name,
             )
         )
 
 
-def _in_degrees(what: str) -> str:
-    return f"{what}, but angles are in radians here: multiply the column by pi/180"
+def _in_degrees(what: str, name: str) -> str:
+    return (
+        f'{what}, but angles are in radians here: give unit = "deg" in [coordinates.{name}] of a study, or multiply the'
+        " column by pi/180"
+    )
+
+
+def is_degrees(unit: str | None) -> bool:
+    """Return whether a unit is degrees."""
+    return unit is not None and unit.strip().casefold() in DEGREES
+
+
+def degrees_hints(records: Records, coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """Return a sentence for each angle that goes so far to and fro, within 360, that it may be in degrees.
+
+    Args:
+        records: as they were recorded.
+        coordinates: what was measured; those in radians for sure have the unit "rad".
+    """
+    said = []
+    for c in (c for c in coordinates if c.angle and c.unit is None):
+        columns = [run.column(c.name) for run in records]
+        span = max(float(np.ptp(y)) for y in columns)
+        returns = all(abs(y[-1] - y[0]) < 0.5 * np.ptp(y) for y in columns)
+        if span > TURNS * 2.0 * np.pi and returns and max(float(np.abs(y).max()) for y in columns) <= 360.0:
+            said.append(
+                f"{c.name} goes {span / (2.0 * np.pi):.3g} turns to and fro as radians; if it is in degrees, give"
+                f' unit = "deg" in [coordinates.{c.name}], and "rad" if not'
+            )
+    return tuple(said)
 
 
 def _constant(column: FloatArray) -> bool:

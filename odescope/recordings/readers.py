@@ -6,13 +6,16 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
+from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.recordings.chunks import Chunk, DataFile
 from odescope.recordings.formats import PARQUET, opened
 from odescope.recordings.frames import frame_columns
 from odescope.recordings.layout import Layout
 from odescope.recordings.record import Records, Stretch
-from odescope.recordings.tables import check_rows, stretches
+from odescope.recordings.tables import check_rows, row_times, stretches
 
 
 def read_records(files: Sequence[Path], layout: Layout) -> Records:
@@ -67,6 +70,23 @@ def _read_file(path: Path, layout: Layout) -> tuple[Stretch, ...]:
     with opened(path) as kind:
         columns = kind.read(path, layout)
     return tuple(stretches(columns, layout, path.name))
+
+
+def read_times(file: Path, layout: Layout) -> dict[str, FloatArray]:
+    """Return the times (n,) of the rows of each recording as the file has them, by the source of its records.
+
+    Rows without a time are left out.
+
+    Raises:
+        InputError: the file is unreadable, or its columns do not serve.
+    """
+    found: dict[str, FloatArray] = {}
+    for path in find_files([file]):
+        with opened(path) as kind:
+            columns = kind.read(path, layout)
+        for source, t in row_times(columns, layout, path.name):
+            found[source] = np.concatenate([found[source], t]) if source in found else t
+    return found
 
 
 def survey(path: Path, layout: Layout) -> DataFile:

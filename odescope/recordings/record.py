@@ -192,6 +192,16 @@ def less_offsets(record: Record, coordinates: Iterable[Coordinate]) -> Record:
     return replace(record, values=record.values - np.array([shift.get(name, 0.0) for name in record.names]))
 
 
+def in_radians(record: Record, angles: Iterable[str]) -> Record:
+    """Return a record with the named angles in radians; one whose unit is that already stays as it is."""
+    columns = [k for k, name in enumerate(record.names) if name in set(angles) and record.units[k] != "rad"]
+    values, units = record.values.copy(), list(record.units)
+    for k in columns:
+        values[:, k] *= np.pi / 180.0
+        units[k] = "rad"
+    return replace(record, values=values, units=tuple(units)) if columns else record
+
+
 def within(source: str) -> str:
     """Say where, for the end of a message, if that is known."""
     return f" in {source}" if source else ""

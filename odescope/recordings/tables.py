@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from odescope.arrays import IntArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
 from odescope.recordings.angles import unwrap
 from odescope.recordings.chunks import Chunk
@@ -57,14 +57,36 @@ def check_rows(rows: int, source: str) -> None:
         raise InputError(f"{source} holds column names but no rows of data")
 
 
+def row_times(columns: Columns, layout: Layout, source: str) -> Iterator[tuple[str, FloatArray]]:
+    """Yield the source of each recording of a table, and the times (n,) of its rows that have one.
+
+    Args:
+        columns: the used columns of the table.
+        layout: what they mean; it names the column of the time.
+        source: where the table came from, for messages.
+    """
+    if layout.time is None:
+        return
+    labels, codes = recording_codes(columns, layout, source)
+    time = times(columns[layout.time], layout.time, source)
+    for k, label in enumerate(labels):
+        own = time[codes == k]
+        yield _source(source, layout, label), own[np.isfinite(own)]
+
+
+def _source(source: str, layout: Layout, label: str) -> str:
+    return f"{source} ({layout.recording} {label})" if layout.recording is not None else source
+
+
 def _raw_runs(
     columns: Columns, layout: Layout, source: str, groups: Iterable[tuple[str, IntArray]], before: int
 ) -> Iterator[RawRun]:
     """Yield the run of each label and its row indices (n,); `before` rows of the file come before the table."""
     found = {label: numbers(columns[label], label, source) for label in dict(layout.columns).values()}
-    values = np.column_stack([found[column] for _, column in layout.columns])
+    factors = [np.pi / 180.0 if name in layout.degrees else 1.0 for name in layout.names]
+    values = np.column_stack([found[column] for _, column in layout.columns]) * factors
     time = None if layout.time is None else times(columns[layout.time], layout.time, source)
-    units = dict(layout.units)
+    units = dict(layout.units) | dict.fromkeys(layout.degrees, "rad")
     counted = np.arange(len(values), dtype=np.float64) * (layout.sample_period or 0.0)
     for label, rows in groups:
         yield RawRun(
@@ -72,7 +94,7 @@ def _raw_runs(
             values=values[rows],
             names=layout.names,
             units=tuple(units.get(name) for name in layout.names),
-            source=f"{source} ({layout.recording} {label})" if layout.recording is not None else source,
+            source=_source(source, layout, label),
             rows=before + rows + 1,
             labels=tuple(column for _, column in layout.columns),
         )

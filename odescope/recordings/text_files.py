@@ -27,6 +27,7 @@ BLOCK_BYTES = 1 << 20  # what counting lines reads at once
 MARK_ROWS = 8192  # the place of every so-manieth row is kept: part of a file is read from the one before it
 TELLING_MARKS = 8  # so many times MARK_ROWS rows are parsed at once to find the decimal mark
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE | re.ASCII)
+DATE = re.compile(r"\s*\d{1,4}[-./]\d{1,2}[-./]\d{1,4}\b", re.ASCII)
 RAGGED = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
@@ -293,6 +294,8 @@ def _refuse_cells(file: TextFile, label: str, cells: Sequence[str], rows: list[i
     more = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
     units = rows == [0] and file.first == 0
     hint = "delete that line if it holds units or a comment" if units else "empty cells and NaN count as missing"
+    if DATE.match(cells[rows[0]]):
+        hint = "dates are read as 2024-01-31 12:00:00.5, the year first"
     raise InputError(f"column {label!r} in {file.path.name} has cells that are not numbers ({shown}{more}); {hint}")
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-Role = Literal["recorded", "estimated", "truth", "model", "refitted"]
+Role = Literal["recorded", "gated", "estimated", "truth", "model", "refitted"]
 Count = Annotated[int, msgspec.Meta(ge=0)]
 Points = tuple[float | None, ...]
 

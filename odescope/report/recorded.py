@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.pipeline.identification import Identification
 from odescope.recordings.record import Records
 from odescope.report.data import Chart, CoordinateRow, InputRow, Line, Panel, Periodogram, Recorded, Role, Run
@@ -19,6 +19,7 @@ WIDE, CLOSE, WHOLE = 640, 360, 960  # pixels of the wide and the close view, and
 MOST_PANELS = 8  # of one figure
 MOST_RUNS = 12  # rows of the table
 CLOSE_PERIODS = 40.0  # of the highest cutoff, and at most a fifth of the longest recording
+BEYOND = 0.5  # of the height of the line: where samples further off are marked
 CLOSE_UP = "close-up: time (s)"
 Truth = Mapping[str, FloatArray]  # name of a state or target -> its true samples, one a sample of the only recording
 
@@ -159,23 +160,39 @@ def signals_chart(result: Identification) -> Chart:
     panels = []
     for name in (*(c.name for c in signals.coordinates), *(i.name for i in signals.inputs)):
         samples = [run.column(name) for run in result.records]
-        there = [run.counted(name) > 0.0 for run in result.records]
-        at, y = ([x[m] for x, m in zip(xs, there, strict=True)] for xs in (raw, samples))
-        wide = [line_of("recorded", "recorded", at, y, WIDE)]
+        gone = result.gated.get(name) or tuple(np.zeros(len(y), dtype=np.int64) for y in samples)
+        there = [(run.counted(name) > 0.0) & (g == 0) for run, g in zip(result.records, gone, strict=True)]
+        wide = [line_of("recorded", "recorded", _those(raw, there), _those(samples, there), WIDE)]
         close = []
         if name in signals.states:
             filtered = [c[signals.row(name)] for c in signals.columns]
             wide.append(line_of("filtered", "estimated", kept, filtered, WIDE))
-            rest = [_at(t, x, k) - f for t, x, k, f in zip(raw, samples, kept, filtered, strict=True)]
-            close.append(line_of("removed", "recorded", kept, rest, CLOSE))
+            at = [_nearest(t, k) for t, k in zip(raw, kept, strict=True)]
+            counts = [m[n] for m, n in zip(there, at, strict=True)]
+            rest = [y[n] - f for y, n, f in zip(samples, at, filtered, strict=True)]
+            close.append(line_of("removed", "recorded", _those(kept, counts), _those(rest, counts), CLOSE))
+            far = [g > 0 for g in gone]
+            if any(f.any() for f in far):
+                shown = _at_the_edge(_those(samples, far), _those(samples, there))
+                wide.append(line_of("does not count", "gated", _those(raw, far), shown, WIDE))
         panels.append(Panel(label=label[name], wide=tuple(wide), close=tuple(close)))
     return chart(clock.label, panels, "removed by the filter, over time (s)")
 
 
-def _at(time: FloatArray, samples: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Return the samples at times that are among those of the record, to rounding."""
-    nearest = np.minimum(np.searchsorted(time, wanted - 0.25 * (time[1] - time[0])), len(time) - 1)
-    found: FloatArray = samples[nearest]
+def _those(columns: Sequence[FloatArray], chosen: Sequence[BoolArray]) -> list[FloatArray]:
+    return [column[those] for column, those in zip(columns, chosen, strict=True)]
+
+
+def _at_the_edge(marks: Sequence[FloatArray], others: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return marks (n,), those at the edge of the panel that are so far off that they would press the line flat."""
+    joined = np.concatenate(others)
+    beyond = BEYOND * float(np.ptp(joined))
+    return [np.clip(y, joined.min() - beyond, joined.max() + beyond) for y in marks]
+
+
+def _nearest(time: FloatArray, wanted: FloatArray) -> IntArray:
+    """Return the samples (n,) whose times are the wanted ones, to rounding."""
+    found: IntArray = np.minimum(np.searchsorted(time, wanted - 0.25 * (time[1] - time[0])), len(time) - 1)
     return found
 
 

@@ -12,6 +12,7 @@ from odescope.errors import InputError, NoModelError
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 from odescope.recordings.periods import PERIODS_DIFFER
 from odescope.recordings.record import Record, Records, Stretch, within
+from odescope.signals.appearance import telling
 from odescope.signals.differentiators import Derivatives, Differentiator, derivatives_like
 from odescope.signals.filling import measured_derivatives
 from odescope.signals.noise import rounding_error
@@ -103,7 +104,7 @@ def estimate_signals(
         floors.append(rounding_error([run.column(c.name)[run.counted(c.name) == 1.0] for run in records]))
         derivatives = measured_derivatives(records, c, differentiator)
         found.append(replace(derivatives, noise=max(derivatives.noise, floors[-1])))
-        _check_signal(c, found[-1], period)
+        _check_signal(records, c, found[-1], period)
     stride = max(1, int(1.0 / (period * OVERSAMPLING * max(d.cutoff for d in found)))) if decimate else 1
     names = (*state_names(coordinates), *(c.target for c in coordinates), *(i.name for i in inputs))
     channels = tuple(
@@ -215,15 +216,17 @@ def _common_period(records: Records) -> float:
     return float(np.median(periods))
 
 
-def _check_signal(coordinate: Coordinate, found: Derivatives, period: float) -> None:
+def _check_signal(records: Records, coordinate: Coordinate, found: Derivatives, period: float) -> None:
     # Within each record: what differs between records that stand still says nothing of how they move.
     kept = np.concatenate([v[0] - v[0].mean() for v in found.values])
     # White noise alone leaves this much in the cosines below the cutoff and the cubic.
     bins = sum(2.0 * v.shape[1] * period * found.cutoff + 4.0 for v in found.values)
     alone = found.noise**2 * bins / len(kept)
     if kept.var() < SIGNAL_OVER_NOISE * alone:
+        advice = telling([run.column(coordinate.name) for run in records]) or (
+            "record longer, excite it more, or measure it better"
+        )
         raise NoModelError(
             "signals",
-            f"{coordinate.name} holds nothing above its noise (standard deviation {found.noise:.3g}): record longer,"
-            " excite it more, or measure it better",
+            f"{coordinate.name} holds nothing above its noise (standard deviation {found.noise:.3g}): {advice}",
         )

@@ -15,6 +15,7 @@ from odescope.arrays import BoolArray, FloatArray, robust_deviation
 from odescope.errors import NoModelError
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, Stretch
+from odescope.signals.appearance import appearance
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.filling import filled
 
@@ -22,7 +23,9 @@ FAR = 5.0  # standard deviations beyond which a sample says nothing of the signa
 STEPS = 0.25  # root mean squares of the motion from sample to sample: what is nearer may be a kink of the signal
 SIGNAL_LEFT = 0.5  # correlation of neighbours in what a filter leaves, beyond which that is no noise
 PULLED = 0.25  # of what it is off, that a wrong sample is at least off a filter that is not robust
-MOST = 0.3  # of the samples of a coordinate: where more are far off, none is usual
+MOST = 0.5  # of the samples of a coordinate: where more are far off, none is usual
+USUAL = 0.95  # of the steps between samples that differ are no leaps of outliers
+COUNTS = 1.5  # of a sensor: what runs into the end of its range comes by more a sample
 PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
 ROUNDS = 8
@@ -100,11 +103,11 @@ def gate_outliers(
         measured = [n[:, column] > 0.0 for n in counts]
         far = [f & m for f, m in zip(_far(records, c, differentiator), measured, strict=True)]
         found[c.name] = sum(int(f.sum()) for f in far)
-        if found[c.name] > MOST * sum(int(m.sum()) for m in measured):
+        if found[c.name] >= MOST * sum(int(m.sum()) for m in measured):
             raise NoModelError(
                 "signals",
-                f"{found[c.name]} of {records.samples} samples of {c.name} are far from any smooth signal, or"
-                " at the end of the sensor's range: look whether it holds what it should",
+                f"{found[c.name]} of {records.samples} samples of {c.name} are at the end of the sensor's range or far"
+                f" from any smooth signal: {appearance([run.column(c.name) for run in records])}",
             )
         for n, f in zip(counts, far, strict=True):
             n[f, column] = 0.0
@@ -152,12 +155,19 @@ def _saturated(columns: Sequence[FloatArray]) -> list[BoolArray]:
     found = []
     for y in columns:
         far, pace = np.zeros(len(y), dtype=np.bool_), np.abs(np.diff(y))
-        usual = float(np.sqrt(np.mean(pace**2)))
+        if not pace.any():
+            found.append(far)
+            continue
+        moves = pace[pace > 0.0]
+        usual = float(np.sqrt(np.mean(np.minimum(pace, np.quantile(moves, USUAL)) ** 2)))
+        # An encoder that comes to rest moves by single counts; a switch, whose only step is its range, has none.
+        count = float(moves.min()) if moves.min() < 0.1 * (high - low) else 0.0
+        least = max(STEPS * usual, COUNTS * count)
         for end in (high, low):
             edges = np.flatnonzero(np.diff(np.concatenate([[False], y == end, [False]]).astype(np.int8)))
             for first, stop in zip(edges[::2], edges[1::2], strict=True):
                 around = np.concatenate([pace[max(first - 2, 0) : first], pace[stop - 1 : stop + 1]])
-                if stop - first >= PLATEAU and len(around) and around.mean() > STEPS * usual:
+                if stop - first >= PLATEAU and len(around) and around.mean() > least:
                     far[first:stop] = True
         found.append(far)
     return found

@@ -20,6 +20,7 @@ from odescope.library.reactions import reactions
 from odescope.library.rules import AnyRule
 from odescope.library.ties import tied
 from odescope.likelihood.search import LikelihoodSearch
+from odescope.recordings.checks import is_degrees
 from odescope.recordings.coordinate import Coordinate, Hold, Input
 from odescope.recordings.gaps import Gaps
 from odescope.recordings.layout import Layout
@@ -65,7 +66,7 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A measured coordinate; its name is its key in the study."""
+    """A measured coordinate; its name is its key in the study. An angle of the unit "deg" is converted to radians."""
 
     column: str | None = None
     order: int = 1
@@ -231,6 +232,11 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     likelihood: LikelihoodSearch = LikelihoodSearch()
     random: Random = Random()
 
+    @property
+    def degrees(self) -> frozenset[str]:
+        """The angles that were recorded in degrees; in the equations they are in radians."""
+        return frozenset(name for name, c in self.coordinates.items() if c.angle and is_degrees(c.unit))
+
     def measured(self) -> tuple[Coordinate, ...]:
         """Return the coordinates.
 
@@ -242,7 +248,10 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         for name, c in self.coordinates.items():
             if self.data.time is not None and (c.column or name) == self.data.time:
                 raise InputError(f"coordinate {name!r} reads the column {self.data.time!r}, which is the time")
-        found = tuple(Coordinate(name, c.order, c.angle, c.cyclic, c.unit) for name, c in self.coordinates.items())
+        found = tuple(
+            Coordinate(name, c.order, c.angle, c.cyclic, "rad" if name in self.degrees else c.unit)
+            for name, c in self.coordinates.items()
+        )
         names = [n for c in found for n in (*c.states, c.target)] + list(self.inputs)
         for name in names:
             if names.count(name) > 1:
@@ -269,6 +278,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             columns=tuple((name, c.column or name) for name, c in named),
             units=tuple((name, c.unit) for name, c in named if c.unit is not None),
             angles=frozenset(name for name, c in self.coordinates.items() if c.angle),
+            degrees=self.degrees,
             held=frozenset(name for name, i in self.inputs.items() if i.hold == "zero"),
             recording=self.data.recording,
             gaps=self.data.gaps,

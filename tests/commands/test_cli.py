@@ -240,6 +240,7 @@ def test_an_angle_in_degrees_is_told_by_its_jumps(odescope):
     message = odescope.refused("identify", "s.toml")
     assert "angle 'theta' jumps by about 360" in message
     assert "degrees" in message
+    assert 'unit = "deg" in [coordinates.theta]' in message
     assert "pi/180" in message
 
 

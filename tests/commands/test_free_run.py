@@ -238,3 +238,22 @@ def test_logs_that_cannot_drive_the_model(simulated, log, part):
     with pytest.raises(InputError) as caught:
         simulated(oscillator_model(), log)
     assert part in str(caught.value)
+
+
+@pytest.mark.parametrize("spoilt", ["irregular", "lost", "doubled and swapped"])
+def test_there_is_one_row_for_each_row_of_the_file(simulated, spoilt):
+    log = oscillator(600)
+    exact = linear(A, B, np.array([1.0, 0.5]), log["t"], log["u"], held=False)
+    rows = np.arange(600)
+    if spoilt == "irregular":
+        stamps = log["t"] + 0.02 * np.random.default_rng(1).uniform(-0.3, 0.3, 600)
+        log = {"t": stamps, "x": np.interp(stamps, log["t"], log["x"]), "u": np.interp(stamps, log["t"], log["u"])}
+        exact = np.column_stack([np.interp(stamps, 0.02 * rows, state) for state in exact.T])
+    else:
+        rows = rows[np.r_[0:50, 60:600]] if spoilt == "lost" else np.insert(rows, [101, 201], [100, 200])
+        if spoilt != "lost":
+            rows[[300, 301]] = rows[[301, 300]]
+        log, exact = {name: column[rows] for name, column in log.items()}, exact[rows]
+    found, _ = simulated(oscillator_model(), log, initial=["x=1", "x_dot=0.5"])
+    assert np.array_equal(found["t"].astype(float), log["t"])
+    assert np.abs(numbers(found, "x", "x_dot") - exact).max() < 0.02 * np.ptp(exact)

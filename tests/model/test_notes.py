@@ -14,6 +14,8 @@ from odescope.model.scores import (
     EnergyScore,
     FormScore,
     FreeRun,
+    GatedRange,
+    GatedScore,
     Likelihood,
     ModelScores,
     PathScore,
@@ -79,6 +81,19 @@ def test_what_happened_to_the_data_is_said_in_the_order_of_the_stages():
     assert [note.split()[0] for note in notes] == ["2", "120,000", "u", "w", "4"]
     assert notes[2] == "u acts 0.0234 s after it was recorded (standard error 0.0001 s)"
     assert notes[3] == "w acts 0.5 s after it was recorded"
+
+
+def test_samples_that_do_not_count_are_told_with_reason_and_time():
+    saturated = GatedScore("saturated", 20, (GatedRange(1, 1.25, 1.5, 12), GatedRange(1, 3.0, 3.25, 8)), 0)
+    (line,) = said(ModelScores(outliers={"x": 20}, gated={"x": (saturated,)}))
+    assert line == "20 samples of x do not count: 20 are saturated (1.25 to 1.5 s, 3 to 3.25 s)"
+    late = GatedScore("late", 1, (GatedRange(2, 0.125, 0.125, 1),), 0)
+    many = GatedScore("outlier", 9, (GatedRange(1, 1.0, 2.0, 4), GatedRange(3, 5.0, 6.0, 3)), 2)
+    (line,) = said(ModelScores(outliers={"x": 10}, gated={"x": (late, many)}))
+    assert line == (
+        "10 samples of x do not count: 1 was read late (0.125 s of recording 2) and 9 are outliers (1 to 2 s of"
+        " recording 1, 5 to 6 s of recording 3, 2 more ranges)"
+    )
 
 
 def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():

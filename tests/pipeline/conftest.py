@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from identification_cases import load_bench
+from reduce_cases import long_log, written
 
 from odescope.commands.demo import simulate_log
 
@@ -12,6 +13,16 @@ from odescope.commands.demo import simulate_log
 def log():
     log = simulate_log(0, 1)
     return {"t": log.t, "x": log.measured[:, 0], "phi": log.measured[:, 1], "u": log.force}
+
+
+@pytest.fixture(scope="module")
+def lengthy():
+    return long_log()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, lengthy):
+    return written(tmp_path_factory.mktemp("log"), lengthy)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
-from reduce_cases import CHUNKS, LITTLE, ROWS, SCHEMA, coefficients, long_log, study_of, written
+from reduce_cases import CHUNKS, LITTLE, ROWS, SCHEMA, coefficients, study_of
 
 from odescope.errors import InputError
 from odescope.likelihood.search import LikelihoodSearch
@@ -18,17 +18,6 @@ from odescope.model.scores import Streamed
 from odescope.pipeline.identification import identify
 from odescope.pipeline.sample import LEAST_ROWS, SAMPLED, rows_in_memory
 from odescope.study.options import Driven, Filtering, Measured
-
-
-@pytest.fixture(scope="module")
-def log():
-    return long_log()
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory, log):
-    return written(tmp_path_factory.mktemp("log"), log)
-
 
 # what comes out
 
@@ -67,13 +56,13 @@ def test_the_likelihood_follows_the_sample(folder):
     assert result.model.scores.streamed == Streamed(rows=ROWS, portions=CHUNKS, sampled=SAMPLED)
 
 
-def test_clipping_and_delays_reach_every_chunk(tmp_path, log):
+def test_clipping_and_delays_reach_every_chunk(tmp_path, lengthy):
     rng = np.random.default_rng(3)
-    struck = log["x"].copy()
+    struck = lengthy["x"].copy()
     hit = rng.random(ROWS) < 0.01
     struck[hit] += rng.choice([-3.0, 3.0], hit.sum())
-    late = np.concatenate([np.zeros(5), log["u"][:-5]])  # recorded 0.1 s late: it acts 0.1 s before
-    parquet.write_table(pa.table({**log, "x": struck, "u": late}), tmp_path / "log.parquet")
+    late = np.concatenate([np.zeros(5), lengthy["u"][:-5]])  # recorded 0.1 s late: it acts 0.1 s before
+    parquet.write_table(pa.table({**lengthy, "x": struck, "u": late}), tmp_path / "log.parquet")
     options = {"inputs": {"u": Driven(delay=-0.1)}, "signals": Filtering(outliers="clip")}
     found = coefficients(identify(study_of(tmp_path / "log.parquet", **options)))
     assert found.keys() == {"x_ddot", "x", "x_dot", "u"}
@@ -81,8 +70,8 @@ def test_clipping_and_delays_reach_every_chunk(tmp_path, log):
 
 
 @pytest.mark.parametrize("gaps", ["split", "bridge"])
-def test_gaps_between_and_within_chunks(tmp_path, log, gaps):
-    table = pa.table(log).take(np.delete(np.arange(ROWS), [*range(6000, 6004), 30_000, *range(70_000, 77_000)]))
+def test_gaps_between_and_within_chunks(tmp_path, lengthy, gaps):
+    table = pa.table(lengthy).take(np.delete(np.arange(ROWS), [*range(6000, 6004), 30_000, *range(70_000, 77_000)]))
     parquet.write_table(table, tmp_path / "log.parquet")
     study = study_of(tmp_path / "log.parquet")
     with pytest.raises(InputError, match="gap"):
@@ -92,10 +81,10 @@ def test_gaps_between_and_within_chunks(tmp_path, log, gaps):
     assert [found[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.01)
 
 
-def test_a_log_of_two_periods_that_lacks_rows_and_was_read_with_jitter(tmp_path, log):
+def test_a_log_of_two_periods_that_lacks_rows_and_was_read_with_jitter(tmp_path, lengthy):
     rng = np.random.default_rng(5)
     there = rng.random(ROWS) > 0.02
-    read = {**log, "t": log["t"] + 0.1 * 0.02 * rng.standard_normal(ROWS)}
+    read = {**lengthy, "t": lengthy["t"] + 0.1 * 0.02 * rng.standard_normal(ROWS)}
     fine = np.flatnonzero(there[:90_000])
     parquet.write_table(pa.table({n: c[fine] for n, c in read.items()}), tmp_path / "fine.parquet")
     parquet.write_table(pa.table({n: c[90_000::2] for n, c in read.items()}), tmp_path / "coarse.parquet")
@@ -106,10 +95,10 @@ def test_a_log_of_two_periods_that_lacks_rows_and_was_read_with_jitter(tmp_path,
     assert [coefficients(found)[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.01)
 
 
-def test_a_recording_that_is_no_number_somewhere_is_refused_by_name(tmp_path, log):
-    x = log["x"].copy()
+def test_a_recording_that_is_no_number_somewhere_is_refused_by_name(tmp_path, lengthy):
+    x = lengthy["x"].copy()
     x[61_234] = np.inf
-    parquet.write_table(pa.table({**log, "x": x}), tmp_path / "log.parquet")
+    parquet.write_table(pa.table({**lengthy, "x": x}), tmp_path / "log.parquet")
     with pytest.raises(InputError, match=r"'x' is not a finite number in data row 61235 in log\.parquet"):
         identify(study_of(tmp_path / "log.parquet"))
 
@@ -170,13 +159,13 @@ print(peak_bytes(), result.model.provenance["recordings"], *(t.text for t in res
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="peaks of a process alone are told by Linux")
-def test_memory_is_bounded_by_the_setting_however_long_the_log(tmp_path, log):
+def test_memory_is_bounded_by_the_setting_however_long_the_log(tmp_path, lengthy):
     peaks, memory = [], LITTLE + 10.0  # a column more
     for recordings in (1, 8):
         with parquet.ParquetWriter(tmp_path / "log.parquet", pa.schema(SCHEMA)) as writer:
             for k in range(recordings):  # all in one row group each, far larger than a chunk
-                noisy = log["x"] + 0.01 * np.random.default_rng(k).standard_normal(ROWS)
-                writer.write_table(pa.table({**log, "x": noisy, "run": np.full(ROWS, k)}, schema=pa.schema(SCHEMA)))
+                noisy = lengthy["x"] + 0.01 * np.random.default_rng(k).standard_normal(ROWS)
+                writer.write_table(pa.table({**lengthy, "x": noisy, "run": np.full(ROWS, k)}, schema=pa.schema(SCHEMA)))
         (tmp_path / "study.toml").write_text(
             f'[data]\nfiles = ["{(tmp_path / "log.parquet").as_posix()}"]\ntime = "t"\nrecording = "run"\n'
             f"memory = {memory}\n[coordinates.x]\norder = 2\n[inputs.u]\n"

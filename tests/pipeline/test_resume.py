@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 from machines import until
-from reduce_cases import CHUNKS, Counted, coefficients, long_log, study_of, written
+from reduce_cases import CHUNKS, Counted, coefficients, study_of
 
 from odescope import Derivatives
 from odescope.errors import InputError, Stopped
@@ -20,16 +20,6 @@ from odescope.pipeline.identification import identify
 from odescope.pipeline.reduce import reduce_all
 from odescope.pipeline.store import Reduced, Store
 from odescope.study.options import Filtering
-
-
-@pytest.fixture(scope="module")
-def log():
-    return long_log()
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory, log):
-    return written(tmp_path_factory.mktemp("log"), log)
 
 
 @pytest.fixture

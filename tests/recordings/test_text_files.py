@@ -139,6 +139,7 @@ def test_missing_cells_are_gaps(tmp_path, cell):
         ("0.0,1.5,-2e3\n1,2,3\n", "first line holds numbers, where column names are expected"),
         ("t,x,x,force\n1,2,3,4\n", "has 2 columns named 'x'"),
         ("t,x,force\n1,2,3\n\n2,2\n", r"line 4 of run1.csv has 2 cells where the header has 3"),
+        ("t,x,force\n31.01.2024 12:00:00,2,3\n", r"line 2: .* dates are read as 2024-01-31 12:00:00.5, the year first"),
         ("t,x,force\ns,m,N\n1,2,3\n2,3,4\n", r"'t' .* not numbers \(line 2: 's'\); delete that line"),
         (
             "\nt,x,force\n1,2,3\n\n2,1e,4\n3,a,4\n4,0x1,4\n5,?,4\n",

@@ -56,6 +56,35 @@ def test_recorded_lines_pass_through_the_samples_and_miss_no_peak(result):
         assert np.std(error) < 0.9e-4  # less than the noise that was added
 
 
+def test_samples_that_do_not_count_are_marked_and_do_not_press_the_lines_flat():
+    data, _ = samples()
+    data = data | {"x": data["x"].copy()}
+    far = {300: 0.5, 900: -0.4, 1500: 1e4}
+    for k, by in far.items():
+        data["x"][k] += by
+    study = odescope.Study(
+        data=odescope.Data(time="t"),
+        coordinates={"x": odescope.Measured(), "y": odescope.Measured()},
+        inputs={"u": odescope.Driven()},
+        likelihood=odescope.LikelihoodSearch(enabled=False),
+    )
+    result = odescope.identify(study, data)
+    assert [n for n in result.notes if "samples of x do not count" in n and "outliers" in n]
+    figure = report.plot_signals(result)
+    panel = next(ax for ax in figure.axes if ax.get_ylabel().startswith("x"))
+    drawn = {line.get_label(): line.get_data() for line in panel.get_lines()}
+    t, value = drawn["does not count"]
+    assert {300, 900, 1500} <= set(np.rint(t / 0.02).astype(int))
+    at = {int(k): y for k, y in zip(np.rint(t / 0.02), value, strict=True)}
+    assert at[300] == pytest.approx(data["x"][300], abs=1e-3)
+    low, high = panel.get_ylim()
+    assert low < at[1500] < high
+    assert np.ptp(drawn["recorded"][1]) > 0.4 * (high - low)
+    assert not set(far) & set(np.rint(drawn["recorded"][0] / 0.02).astype(int))
+    removed = next(line for ax in figure.axes for line in ax.get_lines() if line.get_label() == "removed")
+    assert np.abs(removed.get_ydata()).max() < 0.3
+
+
 def test_the_cutoff_and_the_floor_part_the_spectrum(result):
     """Noise of 1e-4 at 50 Hz stands at 2 s^2 dt = 4e-10 a hertz; the three sines that drive end at 0.7 Hz."""
     for panel in report.plot_spectra(result).axes:

@@ -77,8 +77,31 @@ def test_a_signal_without_noise_whose_acceleration_jumps_keeps_all_its_samples()
 def test_where_most_of_a_channel_stands_at_its_ends_there_is_nothing_to_go_by():
     t, x = motion()
     measured = np.clip(x, -0.25, 0.25)
-    with pytest.raises(NoModelError, match="of x are far from any smooth signal, or at the end of the sensor's range"):
+    with pytest.raises(NoModelError, match=r"of 6000 samples of x .* % stand at -0\.25 or 0\.25, where its range ends"):
         gated(t, measured)
+
+
+def test_a_switch_is_told_from_a_position():
+    t, x = motion()
+    with pytest.raises(NoModelError, match=r"it holds 2 levels only \(-1, 1\), as a switch does"):
+        gated(t, np.sign(x))
+
+
+def test_a_mechanism_that_rests_at_an_end_most_of_the_time_is_not_saturated():
+    t, _ = motion()
+    moves = np.maximum(np.sin(2 * np.pi * 0.05 * t) - 0.8, 0.0) ** 3  # comes to rest smoothly
+    far, _, _ = gated(t, 1e-3 * np.round(100.0 * moves / 1e-3))
+    assert not far.any()
+
+
+def test_one_leap_does_not_hide_that_a_sensor_is_saturated():
+    t, x = motion()
+    measured = np.minimum(x + 1e-3 * np.random.default_rng(6).standard_normal(len(t)), 1.1)
+    flat = measured == 1.1
+    measured[3000] = -1e4
+    assert not flat[3000]
+    far, _, _ = gated(t, measured)
+    assert np.mean(far[flat]) > 0.9
 
 
 @pytest.mark.parametrize("step", [2 * np.pi / 4096, 0.01, 3e-4])

@@ -101,13 +101,16 @@ def early_pictures(
 def _signals(observed: Observed) -> Picture:
     names = ", ".join(c.name for c in observed.recorded.coordinates)
     drivers = ", ".join(d.name for d in observed.recorded.inputs)
+    gated = any(line.role == "gated" for panel in observed.recorded.chart.panels for line in panel.wide)
     return Picture(
         "signals",
         "data",
         f"Line plots over time of {names} as recorded and filtered"
         + (f", and of the input {drivers}" if drivers else "")
         + ", and of what the filter removed",
-        "Left: what was recorded (broad, grey) and what the filter kept (narrow, blue). Right, on its own scale:"
+        "Left: what was recorded (broad, grey) and what the filter kept (narrow, blue)"
+        + (", and the samples that do not count (crosses; at the edge, where they are far off)" if gated else "")
+        + ". Right, on its own scale:"
         " what the"
         " filter removed. It should be shapeless noise of even breadth; bursts where the motion turns sharply mean that"
         " the cutoff is too low." + _left_out(observed.recorded.chart),

@@ -32,6 +32,14 @@ LONGEST = 40  # characters of a label
 
 LINES: dict[Role, dict[str, Any]] = {
     "recorded": {"color": "#b4b8bf", "linewidth": 1.6, "zorder": 1.8},
+    "gated": {
+        "color": VERMILLION,
+        "linestyle": "none",
+        "marker": "x",
+        "markersize": 3.2,
+        "markeredgewidth": 0.8,
+        "zorder": 2.6,
+    },
     "estimated": {"color": BLUE, "linewidth": 1.0, "zorder": 2.0},
     "truth": {"color": BLACK, "linewidth": 0.9, "linestyle": (0, (1, 1.6)), "zorder": 2.2},
     "model": {"color": VERMILLION, "linewidth": 1.1, "linestyle": (0, (4, 1.6)), "zorder": 2.4},

@@ -1,0 +1,59 @@
+"""The samples that the gate takes for not measured, and what each of them is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, get_args
+
+import numpy as np
+
+from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Records
+from odescope.signals.outliers import PLATEAU
+
+Reason = Literal["saturated", "repeated", "late", "outlier"]
+REASONS: tuple[Reason, ...] = get_args(Reason)
+
+Reasons = Mapping[str, tuple[IntArray, ...]]  # by coordinate, one (N,) a record: 0 counts, k is REASONS[k - 1]
+
+
+def reasons_of(before: Records, after: Records, coordinates: Sequence[Coordinate]) -> Reasons:
+    """Return why each sample was gated.
+
+    Saturated are five or more in a row at an end of the range; repeated is what equals the sample before it exactly,
+    late what lies between the signal one sample earlier and now; any other is an outlier.
+
+    Args:
+        before: the records that the gate was given.
+        after: those that it gave back, with the signal in the place of what it took out.
+        coordinates: what was measured.
+    """
+    found = {}
+    for c in coordinates:
+        recorded, signal = ([run.column(c.name) for run in records] for records in (before, after))
+        ends = min(float(y.min()) for y in recorded), max(float(y.max()) for y in recorded)
+        gone = [(a.counted(c.name) > 0.0) & (b.counted(c.name) == 0.0) for a, b in zip(before, after, strict=True)]
+        found[c.name] = tuple(_reason(*of, ends) for of in zip(recorded, signal, gone, strict=True))
+    return found
+
+
+def _reason(recorded: FloatArray, signal: FloatArray, gone: BoolArray, ends: tuple[float, float]) -> IntArray:
+    """Return the reason of each sample (N,) of one record, 0 where it counts."""
+    earlier, previous = np.concatenate([signal[:1], signal[:-1]]), np.concatenate([[np.nan], recorded[:-1]])
+    kinds = (
+        _plateaus(gone & np.isin(recorded, ends)),
+        recorded == previous,
+        (recorded - earlier) * (recorded - signal) < 0.0,
+    )
+    reason: IntArray = np.where(gone, np.select(kinds, (1, 2, 3), 4), 0).astype(np.int64)
+    return reason
+
+
+def _plateaus(inside: BoolArray) -> BoolArray:
+    """Return where (N,) so many samples follow each other that they are no chance."""
+    found = np.zeros(len(inside), dtype=np.bool_)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+        found[first:stop] = stop - first >= PLATEAU
+    return found

@@ -1,0 +1,55 @@
+"""A sensor that is read more often than it measures: the rows that repeat its last value say nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from odescope.arrays import BoolArray, FloatArray
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.local_spline import fit_smooth
+from odescope.recordings.record import Record, Records
+
+FEWEST = 32  # new values of which a rhythm is told
+REGULAR = 0.95  # of the repeats are as long as the usual one, or a row shorter or longer
+UNLIKE = 0.25  # of the steps may be of the least size: those of an encoder that turns slowly all are
+
+
+def without_repeats(records: Records, coordinates: Sequence[Coordinate]) -> Records:
+    """Return records in which the repeated values of a slow sensor count as not measured.
+
+    The sensor is slow where its value changes every so many rows, by steps of many sizes: those of an encoder that
+    turns slowly are of one. Single repeats are left to the gate.
+
+    Args:
+        records: uniformly sampled.
+        coordinates: what was measured.
+    """
+    slow = [c.name for c in coordinates if _is_slow([run.column(c.name) for run in records])]
+    return Records.of(_less_repeats(run, slow) for run in records) if slow else records
+
+
+def _is_slow(columns: Sequence[FloatArray]) -> bool:
+    """Tell whether the values (N,) of all records change in a rhythm of two rows or more, and by how much they like."""
+    lengths = np.concatenate([np.diff(np.flatnonzero(np.diff(y))) for y in columns])
+    if len(lengths) < FEWEST or np.median(lengths) < 2.0:
+        return False
+    steps = np.concatenate([np.abs(np.diff(y)) for y in columns])
+    steps = steps[steps > 0.0]
+    regular = np.mean(np.abs(lengths - np.median(lengths)) <= 1.0)
+    return bool(regular >= REGULAR and np.mean(steps < 1.5 * steps.min()) <= UNLIKE)
+
+
+def _less_repeats(run: Record, slow: Sequence[str]) -> Record:
+    counts = np.ones_like(run.values) if run.counts is None else run.counts.copy()
+    values, rows = run.values.copy(), np.arange(len(run), dtype=np.float64)
+    for name in slow:
+        k = run.names.index(name)
+        new: BoolArray = np.concatenate([[True], np.diff(values[:, k]) != 0.0]) & (counts[:, k] > 0.0)
+        counts[~new, k] = 0.0
+        if np.count_nonzero(new) > 1:  # a staircase would tell a filter of frequencies that are not there
+            smooth = fit_smooth(rows[new], values[new, k], counts[new, k])
+            values[~new, k] = smooth(np.clip(rows, rows[new][0], rows[new][-1]))[~new]
+    return replace(run, values=values, counts=counts)

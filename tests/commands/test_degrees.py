@@ -1,0 +1,108 @@
+"""Angles in degrees: converted where a study says so, pointed out where the log looks like it."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from logs import pendulum, write
+
+from odescope.recordings.checks import degrees_hints
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Record, Records, in_radians
+from odescope.study.options import Data, Driven, LikelihoodSearch, Measured, Study
+
+STUDY = """[data]
+files = ["pend.csv"]
+time = "t"
+[likelihood]
+enabled = false
+[coordinates.theta]
+order = 2
+angle = true
+unit = "deg"
+[inputs.u]
+"""
+
+
+def log():
+    t, theta, u = pendulum().values()
+    return {"t": t, "theta": np.mod(np.rad2deg(theta), 360.0), "u": u}
+
+
+def test_an_angle_in_degrees_is_converted_and_simulated_in_degrees(odescope):
+    write("pend.csv", log())
+    Path("s.toml").write_text(STUDY)
+    ended = odescope("identify", "s.toml")
+    assert ended.code == 0
+    assert "theta was recorded in degrees: here it is in radians" in ended.err
+    model = json.loads(Path("s/model.json").read_text())
+    assert model["coordinates"][0]["unit"] == "rad"
+    found = {t["term"]: t["coefficient"] for t in model["relations"][0]["terms"]}
+    assert found["sin(theta)"] == pytest.approx(9.81, rel=0.02)
+    assert found["u"] == pytest.approx(-1.0, rel=0.02)
+    start = np.rad2deg([3.0, 2.0]).tolist()
+    initial = [f"--initial=theta={start[0]!r}", f"--initial=theta_dot={start[1]!r}"]
+    assert odescope("simulate", "s/model.json", "pend.csv", "--out", "run.csv", *initial).code == 0
+    header, *rows = csv.reader(Path("run.csv").read_text().splitlines())
+    assert header == ["t", "theta", "theta_dot"]
+    run = np.array(rows, dtype=float)
+    assert run[0, 1:] == pytest.approx(start)
+    off = np.mod(run[:200, 1] - log()["theta"][:200] + 180.0, 360.0) - 180.0
+    assert np.abs(off).max() < 1.0
+    assert odescope("simulate", "s/model.json", "pend.csv", "--out", "own.csv").code == 0  # a start of its own
+    own = np.loadtxt("own.csv", delimiter=",", skiprows=1)
+    assert own[0, 1:] == pytest.approx(start, abs=3.0)
+
+
+def test_the_study_that_was_resolved_says_degrees_again(odescope):
+    write("pend.csv", log())
+    Path("s.toml").write_text(STUDY)
+    assert odescope("identify", "s.toml").code == 0
+    Path("again.toml").write_text(Path("s/study.toml").read_text().replace("../", ""))
+    assert odescope("identify", "again.toml").code == 0
+    assert (
+        json.loads(Path("again/model.json").read_text())["relations"]
+        == (json.loads(Path("s/model.json").read_text())["relations"])
+    )
+
+
+def test_records_in_memory_are_converted_once():
+    t = 0.1 * np.arange(50)
+    run = Record(t, np.column_stack([10.0 * t, t]), ("theta", "x"), ("deg", "m"))
+    once = in_radians(run, {"theta"})
+    assert once.units == ("rad", "m")
+    np.testing.assert_allclose(once.column("theta"), np.deg2rad(10.0 * t))
+    np.testing.assert_array_equal(once.column("x"), t)
+    assert in_radians(once, {"theta"}) is once
+
+
+def test_only_angles_are_converted():
+    study = Study(
+        data=Data(time="t"),
+        coordinates={"a": Measured(unit="Deg", angle=True), "b": Measured(unit="deg")},
+        inputs={"c": Driven(unit="deg")},
+        likelihood=LikelihoodSearch(enabled=False),
+    )
+    assert study.layout().degrees == {"a"}
+    assert [c.unit for c in study.measured()] == ["rad", "deg"]
+    assert study.driven()[0].unit == "deg"
+
+
+@pytest.mark.parametrize(
+    ("angle", "unit", "hinted"),
+    [
+        (lambda t: 60.0 * np.sin(t), None, True),
+        (lambda t: 60.0 * np.sin(t), "rad", False),
+        (lambda t: 3.0 * np.sin(t), None, False),
+        (lambda t: 20.0 * t, None, False),  # turns on and on
+        (lambda t: 900.0 * np.sin(t), None, False),
+    ],
+)
+def test_a_range_that_degrees_would_have_is_pointed_out(angle, unit, hinted):
+    t = 0.01 * np.arange(1000)
+    records = Records.of(Record(t, angle(t)[:, None], ("phi",)))
+    said = degrees_hints(records, [Coordinate("phi", 2, angle=True, unit=unit)])
+    assert bool(said) is hinted
+    assert all('unit = "deg" in [coordinates.phi]' in line for line in said)

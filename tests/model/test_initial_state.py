@@ -1,0 +1,46 @@
+"""The state at the first sample, from what was measured alone."""
+
+import numpy as np
+import pytest
+from simulation_cases import X, build, free
+
+from odescope.model.initial_state import initial_state
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Record
+
+TIME = 0.01 * np.arange(1500)
+POSITION = build(
+    [Coordinate("x", order=2)],
+    [],
+    [("x_ddot", "1", 1.0), (None, "x", 9.0), (None, "x_dot", 0.3)],
+)
+STARTS = [("x_dot", np.array([2.0]), build([X], [], [("x_dot", "1", 1.0), (None, "x", 0.5)]))]
+STARTS += [("x_ddot", np.array([0.7, -1.5]), POSITION)]
+
+
+@pytest.mark.parametrize(("target", "truth", "model"), STARTS, ids=lambda value: value if type(value) is str else "")
+def test_values_that_nobody_measured_do_not_count(target, truth, model):
+    rng = np.random.default_rng(3)
+    clean = free(model, TIME, truth).column("x")
+    measured = clean + 1e-3 * rng.standard_normal(len(TIME))
+    lost = rng.random(len(TIME)) < 0.3
+    lost[20:45] = True
+    lost[0] = False
+    measured[lost] = measured[lost] + 0.5  # whatever stands there
+    counts = np.where(lost, 0.0, 1.0)[:, None]
+    found = initial_state(model, Record(TIME, measured[:, None], ("x",), counts=counts))
+    assert found == pytest.approx(truth, abs=5e-3)
+    assert np.abs(initial_state(model, Record(TIME, measured[:, None], ("x",))) - truth).max() > 5e-2
+
+
+def test_a_mean_of_several_samples_counts_as_much():
+    model, truth = POSITION, np.array([0.7, -1.5])
+    clean, rng = free(model, TIME, truth).column("x"), np.random.default_rng(4)
+    counts = np.where(np.arange(len(TIME)) % 2 == 0, 1.0, 100.0)
+    off = []
+    for _ in range(8):
+        x = (clean + 0.05 * rng.standard_normal(len(TIME)) / np.sqrt(counts))[:, None]
+        runs = (Record(TIME, x, ("x",), counts=c) for c in (counts[:, None], None))
+        off.append([np.abs(initial_state(model, run) - truth).max() for run in runs])
+    known, unknown = np.mean(off, axis=0)
+    assert known < unknown

@@ -1,0 +1,39 @@
+"""Where the samples are that were gated: a few ranges of time, and how many more."""
+
+import numpy as np
+import pytest
+
+from odescope.pipeline.gate import TOLD, gated_scores
+from odescope.recordings.record import Record, Records
+
+PERIOD, COUNT = 0.01, 1000
+
+
+def scores(*gated):
+    """Gate samples of so many recordings as outliers; time begins at 3 s."""
+    t = 3.0 + PERIOD * np.arange(COUNT)
+    records = Records.of(Record(t, np.sin(t)[:, None], ("x",)) for _ in gated)
+    return gated_scores(records, {"x": tuple(4 * np.isin(np.arange(COUNT), g) for g in gated)})
+
+
+def test_ranges_hold_all_samples_and_part_where_they_are_far_from_each_other():
+    (score,) = scores([40, 42, 45, 200, 203, 206, 209, 900])["x"]
+    assert (score.reason, score.samples, score.more) == ("outlier", 8, 0)
+    assert [part.samples for part in score.ranges] == [3, 4, 1]
+    ends = [(part.begin, part.end) for part in score.ranges]
+    assert ends == [pytest.approx(e) for e in ((0.40, 0.45), (2.0, 2.09), (9.0, 9.0))]
+
+
+def test_of_many_recordings_those_with_most_are_told_and_the_others_counted():
+    (score,) = scores(*([10 * j for j in range(k)] for k in (2, 5, 0, 3, 4, 1)))["x"]
+    assert [(part.recording, part.samples) for part in score.ranges] == [(2, 5), (4, 3), (5, 4)]
+    assert (len(score.ranges), score.more, score.samples) == (TOLD, 2, 15)
+
+
+def test_what_is_regularly_apart_is_one_range():
+    (score,) = scores(range(0, COUNT, 10))["x"]
+    assert [part.samples for part in score.ranges] == [100]
+
+
+def test_nothing_is_said_of_a_coordinate_that_counts_throughout():
+    assert scores([], []) == {}
