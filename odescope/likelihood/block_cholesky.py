@@ -10,7 +10,7 @@ import numpy as np
 from odescope.parallel.kernels import kernel
 
 
-@kernel()
+@kernel("contract")
 def eliminate(sums, x0, joined, defect_std, damping):
     """Eliminate the initial states: block-tridiagonal Cholesky with the parameters as border.
 
@@ -25,52 +25,19 @@ def eliminate(sums, x0, joined, defect_std, damping):
         damping: added to 1 it multiplies the diagonal (Levenberg-Marquardt).
     """
     segments, n = x0.shape
-    width = sums.gradient.shape[1]
-    p = width - n
-    last, jacobian = sums.last, sums.jacobian
-    diagonal = sums.hessian.copy()
-    rhs = sums.gradient.copy()
-    lower = np.zeros((segments, n, n))  # couples segment j + 1 (rows) to j (columns)
-    cost = 0.0
-    for j in range(segments - 1):
-        if not joined[j]:
-            continue
-        for i in range(n):
-            w = 1.0 / (defect_std[i] * defect_std[i])
-            d = last[j, i] - x0[j + 1, i]
-            cost += w * d * d
-            for c in range(width):
-                jc = jacobian[j, i, c]
-                rhs[j, c] += w * d * jc
-                for b in range(width):
-                    diagonal[j, c, b] += w * jc * jacobian[j, i, b]
-            diagonal[j + 1, i, i] += w
-            rhs[j + 1, i] -= w * d
-            for c in range(n):
-                lower[j, i, c] -= w * jacobian[j, i, c]
-            for c in range(p):
-                diagonal[j + 1, i, n + c] -= w * jacobian[j, i, n + c]
-                diagonal[j + 1, n + c, i] -= w * jacobian[j, i, n + c]
+    p = sums.gradient.shape[1] - n
     reduced, reduced_g = np.zeros((p, p)), np.zeros(p)
-    for j in range(segments):
-        for c in range(p):
-            reduced_g[c] += rhs[j, n + c]
-            for b in range(p):
-                reduced[c, b] += diagonal[j, n + c, n + b]
-        for i in range(n):
-            diagonal[j, i, i] *= 1.0 + damping
+    factor, border = np.empty((segments, n, n)), np.empty((segments, n, p + 1))
+    carry = np.zeros((segments, n, n))  # couples segment j + 1 (rows) to j (columns)
+    cost = _assemble(sums, x0, joined, defect_std, factor, border, carry, reduced, reduced_g)
     for c in range(p):
         reduced[c, c] *= 1.0 + damping
-    # Forward: factor each block, solve for its border and right-hand side, pass the rest on.
-    factor = np.zeros((segments, n, n))
-    border = np.zeros((segments, n, p + 1))
-    carry = np.zeros((segments, n, n))
     log_det = 0.0
+    # Forward: factor each block, solve for its border and right-hand side, pass the rest on.
     for j in range(segments):
-        block = diagonal[j, :n, :n].copy()
-        edge = np.empty((n, p + 1))
-        edge[:, :p] = diagonal[j, :n, n:]
-        edge[:, p] = rhs[j, :n]
+        block, edge = factor[j], border[j]
+        for i in range(n):
+            block[i, i] *= 1.0 + damping
         if j > 0 and joined[j - 1]:
             for i in range(n):
                 for m in range(n):
@@ -83,34 +50,76 @@ def eliminate(sums, x0, joined, defect_std, damping):
             for k in range(i + 1):
                 total = block[i, k]
                 for m in range(k):
-                    total -= factor[j, i, m] * factor[j, k, m]
-                if i == k:
-                    if not total > 0.0:
-                        return cost, reduced, reduced_g, factor, border, carry, 0.0, False
-                    factor[j, i, i] = np.sqrt(total)
-                    log_det += 2.0 * np.log(factor[j, i, i])
+                    total -= block[i, m] * block[k, m]
+                if i > k:
+                    block[i, k] = total / block[k, k]
+                elif not total > 0.0:
+                    return cost, reduced, reduced_g, factor, border, carry, 0.0, False
                 else:
-                    factor[j, i, k] = total / factor[j, k, k]
-        for c in range(p + 1):
-            for i in range(n):
-                total = edge[i, c]
-                for m in range(i):
-                    total -= factor[j, i, m] * border[j, m, c]
-                border[j, i, c] = total / factor[j, i, i]
+                    block[i, i] = np.sqrt(total)
+                    log_det += 2.0 * np.log(block[i, i])
+            block[i, i + 1 :] = 0.0
+            for m in range(i):
+                for k in range(p + 1):
+                    edge[i, k] -= block[i, m] * edge[m, k]
+            edge[i] /= block[i, i]
         if j + 1 < segments and joined[j]:
             for r in range(n):
                 for i in range(n):
-                    total = lower[j, r, i]
                     for m in range(i):
-                        total -= factor[j, i, m] * carry[j, r, m]
-                    carry[j, r, i] = total / factor[j, i, i]
-        for c in range(p):
-            for i in range(n):
-                bc = border[j, i, c]
-                reduced_g[c] -= bc * border[j, i, p]
-                for b in range(p):
-                    reduced[c, b] -= bc * border[j, i, b]
+                        carry[j, r, i] -= block[i, m] * carry[j, r, m]
+                    carry[j, r, i] /= block[i, i]
+        for i in range(n):
+            for c in range(p):
+                reduced_g[c] -= edge[i, c] * edge[i, p]
+                bc = edge[i, c]
+                for b in range(c + 1):
+                    reduced[c, b] -= bc * edge[i, b]
+    for c in range(p):
+        reduced[:c, c] = reduced[c, :c]
     return cost, reduced, reduced_g, factor, border, carry, log_det, True
+
+
+@kernel("contract")
+def _assemble(sums, x0, joined, defect_std, factor, border, carry, reduced, reduced_g):
+    """Write the blocks of the whole system, lower triangles of the parameters' alone; return the defects' cost."""
+    segments, n = x0.shape
+    p, cost = reduced.shape[0], 0.0
+    for j in range(segments):
+        hessian, gradient = sums.hessian[j], sums.gradient[j]
+        for i in range(n):
+            factor[j, i] = hessian[i, :n]
+            border[j, i, :p] = hessian[i, n:]
+            border[j, i, p] = gradient[i]
+        for c in range(p):
+            reduced_g[c] += gradient[n + c]
+            for b in range(c + 1):
+                reduced[c, b] += hessian[n + c, n + b]
+    for j in range(segments - 1):
+        if not joined[j]:
+            continue
+        for r in range(n):
+            w, row = 1.0 / (defect_std[r] * defect_std[r]), sums.jacobian[j, r]
+            d, along = sums.last[j, r] - x0[j + 1, r], row[n:]
+            cost += w * d * d
+            for i in range(n):
+                weighted = w * row[i]
+                for k in range(n):
+                    factor[j, i, k] += weighted * row[k]
+                for c in range(p):
+                    border[j, i, c] += weighted * along[c]
+                border[j, i, p] += weighted * d
+                carry[j, r, i] = -weighted
+            factor[j + 1, r, r] += w
+            for c in range(p):
+                border[j + 1, r, c] -= w * along[c]
+            border[j + 1, r, p] -= w * d
+            for c in range(p):
+                weighted = w * along[c]
+                reduced_g[c] += weighted * d
+                for b in range(c + 1):
+                    reduced[c, b] += weighted * along[b]
+    return cost
 
 
 @kernel()

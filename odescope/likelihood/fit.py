@@ -17,6 +17,7 @@ ITERATIONS = 40
 CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit
 LARGEST_DAMPING = 1e8
 RUNAWAY = 1e10  # times the largest coefficient at first: what is held is nothing, all others grow without end
+SAME = 0.01  # of its rise: a failed step whose cost is this near to that of the one before was hardly damped
 CLOSING = 3  # steps more, at most, that close the defects which a long step left open
 
 
@@ -148,7 +149,7 @@ def fit(
         defect_std: (n,) standard deviations of the defects between segments, infinite for independent segments.
         iterations: steps at most.
     """
-    damping, converged = 1e-4, False
+    damping, more, failed, converged = 1e-4, 10.0, np.inf, False
     present = np.arange(len(program.mechanisms))
     descent = _Descent(evaluator, program, np.setdiff1d(present, held), defect_std)
     here = descent.at(theta, x0)
@@ -160,12 +161,13 @@ def fit(
         fall = -np.inf if trial is None else here.expansion.cost - trial.expansion.cost
         converged = abs(fall) < (CONVERGED if fall >= 0.0 else CONVERGED * 1e-3)
         if trial is not None and fall >= 0.0:
-            here = trial
+            here, more, failed = trial, 10.0, np.inf
             damping = max(damping / 10.0, 1e-9)
             if np.abs(here.theta).max(initial=0.0) > RUNAWAY * largest:
                 break
         else:
-            damping *= 10.0
+            more = 10.0 * more if abs(fall + failed) < SAME * abs(fall) else 10.0
+            damping, failed = damping * more, -fall
         if converged or damping > LARGEST_DAMPING:
             break
     end = here.expansion

@@ -5,13 +5,13 @@ docs/method.md, Inputs between samples.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.evidence import between, in_blocks
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.search_space import SearchSpace
@@ -20,6 +20,9 @@ from odescope.recordings.coordinate import Hold
 DEAREST = 10.0  # fall of the cost, in residual variances, that makes another hold credible, and
 SURE = 3.0  # standard deviations of that fall between blocks of the record: misfit is no white noise
 TRIAL_STEPS = 4  # of a refit, at most
+
+Structure = tuple[FloatArray, IntArray]  # coefficients to begin with, and the numbers of what is present
+Trial = tuple[SearchSpace, Fit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +71,13 @@ def _chosen(choice: HoldChoice, j: int, name: str) -> HoldChoice:
     space, found = choice.space, choice.fit
     late = [k for k, m in enumerate(space.mechanisms) if m.kind == "delay" and m.place == name]
     delayed, now = bool(np.isin(late, found.present).any()), holds_of(space)[j]
-    trials = _trials(space, found, j, late, delayed)
+    at_once, later = _structures(found, late)
+    trials = _trials(space, found, j, [at_once, later] if delayed else [at_once], {})
     if now not in trials:
         return choice
     best = max(trials, key=lambda h: _fall(trials[h], trials[now]))
     if best != now and late and not delayed:
-        trials = _trials(space, found, j, late, True)
+        trials = _trials(space, found, j, [later], trials)
         best = max(trials, key=lambda h: _fall(trials[h], trials[now]))
     if best != now and not _credible(trials[best], trials[now]):
         best = now
@@ -84,17 +88,18 @@ def _chosen(choice: HoldChoice, j: int, name: str) -> HoldChoice:
     return HoldChoice(*trials[best], gains)
 
 
-def _trials(
-    space: SearchSpace, found: Fit, j: int, late: list[int], delayed: bool
-) -> dict[Hold, tuple[SearchSpace, Fit]]:
-    """Return the structure fitted under every hold of input j, without its delay and, if asked, with one."""
-    loose, holds = np.full_like(space.segments.spread, np.inf), holds_of(space)
+def _structures(found: Fit, late: list[int]) -> tuple[Structure, Structure]:
+    """Return the structure without the delay of an input, and with one."""
     at_once = found.theta.copy()
     at_once[late] = 0.0
-    structures = [(at_once, np.setdiff1d(found.present, late))]
-    if delayed:
-        structures.append((found.theta, np.union1d(found.present, late)))
-    trials = dict[Hold, tuple[SearchSpace, Fit]]()
+    return (at_once, np.setdiff1d(found.present, late)), (found.theta, np.union1d(found.present, late))
+
+
+def _trials(
+    space: SearchSpace, found: Fit, j: int, structures: Sequence[Structure], known: dict[Hold, Trial]
+) -> dict[Hold, Trial]:
+    """Return the best fit of some structures, and of those known already, under every hold of input j."""
+    loose, holds, trials = np.full_like(space.segments.spread, np.inf), holds_of(space), dict(known)
     for hold in get_args(Hold):
         other = space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
         for theta, present in structures:
@@ -110,13 +115,13 @@ def _scale(space: SearchSpace, found: Fit) -> float:
     return max(found.data_cost / freedom, 1e-12)
 
 
-def _fall(better: tuple[SearchSpace, Fit], worse: tuple[SearchSpace, Fit]) -> float:
+def _fall(better: Trial, worse: Trial) -> float:
     """Return how much the priced cost of one is lower, in units of the better one's residual variance."""
     (space, found), (_, other) = better, worse
     return (other.cost - found.cost) / _scale(space, found) + space.price(other) - space.price(found)
 
 
-def _credible(better: tuple[SearchSpace, Fit], worse: tuple[SearchSpace, Fit]) -> bool:
+def _credible(better: Trial, worse: Trial) -> bool:
     """Say whether the fall of the cost is large, also beside how it differs between blocks of the record."""
     gains = in_blocks((_costs(*worse) - _costs(*better))[:, None]) / _scale(*better)
     spread = float(np.sqrt(between(gains)[0])) if len(gains) > 1 else 0.0

@@ -152,7 +152,11 @@ def _step(here: NoisePoint, least: FloatArray, damping: float) -> tuple[FloatArr
     if not able.any():
         return change, 0.0
     gradient, information = 0.5 * here.gradient[able], 0.25 * here.information[np.ix_(able, able)]
-    root = np.linalg.cholesky(information + np.diag(damping * np.diag(information) + LEAST_BEND * np.abs(gradient)))
+    diagonal = np.abs(np.diag(information))
+    try:
+        root = np.linalg.cholesky(information + np.diag(damping * diagonal + LEAST_BEND * np.abs(gradient)))
+    except np.linalg.LinAlgError:
+        return change, np.inf  # far from any maximum the cost may bend the other way: more damping makes up for it
     box = np.minimum(low[able], -LEAST_BEND), LONGEST - 1.0
     change[able] = lsq_linear(root.T, -np.linalg.solve(root, gradient), box, method="bvls").x
     change = np.maximum(change, low)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.likelihood.add_and_drop import HOPELESS, Moves
+from odescope.likelihood.add_and_drop import GAIN, HOPELESS, Moves
 from odescope.likelihood.evidence import Evidence, in_blocks, project, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
@@ -230,10 +230,15 @@ def _searched_on(
 
 
 def _able(seen: SearchSpace, starts: Sequence[FloatArray]) -> list[Fit]:
-    """Return the starts as fitted, the best first, without those that are hopeless beside it."""
+    """Return the starts as fitted, the best first, each model once, without those that are hopeless beside it."""
     fits = [f for f in (seen.begin(theta, seen.segments.spread) for theta in starts) if f is not None]
     fits.sort(key=lambda f: f.cost)
-    return [f for f in fits if f.cost <= HOPELESS * fits[0].cost]
+    able = list[Fit]()
+    for f in fits:
+        met = any(np.array_equal(f.present, a.present) and f.cost - a.cost < GAIN for a in able)
+        if f.cost <= HOPELESS * fits[0].cost and not met:
+            able.append(f)
+    return able
 
 
 def _search(

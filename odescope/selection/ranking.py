@@ -17,6 +17,7 @@ from odescope.regression.proposers import Support
 from odescope.selection.criterion import penalty
 from odescope.selection.score import Scores, score
 from odescope.selection.sweep import Sweep
+from odescope.selection.unmeasured import FOLLOWS, own_dynamics
 
 
 class Ranking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -103,9 +104,22 @@ def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
             "selection",
             f"the best of {len(ranked)} relations for {problem.target} predicts {max(best.explained, 0.0):.0%} of it on"
             f" held-out data, less than the {options.explain:.0%} asked for ([selection] explain). Either the library"
-            " lacks the right terms, or something that drives the system was not recorded, or there is too much noise",
+            " lacks the right terms, or something that drives the system was not recorded, or a state of it was not"
+            f" measured, or there is too much noise{_higher_order(problem, best)}",
         )
     return Ranked(ranked, tuple(discarded.items()))
+
+
+def _higher_order(problem: Problem, best: Candidate) -> str:
+    """Return what to say where what a relation leaves behaves as a state does; nothing where it does not."""
+    part = own_dynamics(problem, best.xi)
+    if part < FOLLOWS:
+        return ""
+    c = next(c for c in problem.signals.coordinates if c.target == problem.target)
+    return (
+        f". What it leaves has dynamics of its own, though: {part:.0%} of its rate follow from itself and from what was"
+        f" recorded, as for a state that was not measured. Try order = {c.order + 1} for {c.name}"
+    )
 
 
 def _nothing_left(problem: Problem, found: Sweep, discarded: Counter[str]) -> NoModelError:

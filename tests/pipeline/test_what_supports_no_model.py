@@ -11,6 +11,7 @@ from identification_cases import (
     band,
     load_bench,
     noisy,
+    relations,
     runge_kutta,
     study_of,
 )
@@ -94,6 +95,19 @@ def test_a_driver_that_was_not_recorded_leaves_no_model(driven):
     with pytest.raises(NoModelError, match="or something that drives the system was not recorded") as e:
         identify(msgspec.structs.replace(DRIVEN, inputs={}), driven)
     assert e.value.stage == "selection"
+    assert "order" not in str(e.value)
+
+
+def test_a_position_taken_for_a_state_of_first_order_is_told_from_a_driver_that_was_not_recorded():
+    rng, t = np.random.default_rng(5), 0.02 * np.arange(3000)
+    u = band(rng, len(t), 0.02, 0.5)
+    x = runge_kutta(lambda s, v: np.array([s[1], v - 4.0 * s[0] - 0.5 * s[1]]), t, (0.0, 0.0), u)[:, 0]
+    data = {"t": t, "x": noisy(rng, x, 1e-4), "u": u}
+    with pytest.raises(NoModelError, match="Try order = 2 for x"):
+        identify(DRIVEN, data)
+    higher = msgspec.structs.replace(DRIVEN, coordinates={"x": Measured(order=2)})
+    found = relations(identify(higher, data))["x_ddot"]
+    assert [found[term] for term in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.5, -1.0], rel=0.01)
 
 
 def test_a_library_without_the_right_terms_leaves_no_model(driven):
