@@ -56,6 +56,7 @@ def free_runs(
         columns=columns,
         angles=frozenset(c.name for c in model.coordinates if c.angle and c.name in dict(columns)),
         held=frozenset(i.name for i in model.inputs if i.hold == "zero"),
+        inputs=frozenset(i.name for i in model.inputs),
         recording=recording,
     )
     records = read_records([data_path], layout)

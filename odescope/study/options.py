@@ -256,6 +256,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             units=tuple((name, c.unit) for name, c in named if c.unit is not None),
             angles=frozenset(name for name, c in self.coordinates.items() if c.angle),
             held=frozenset(name for name, i in self.inputs.items() if i.hold == "zero"),
+            inputs=frozenset(self.inputs),
             recording=self.data.recording,
             gaps=self.data.gaps,
             jitter=self.data.jitter,
