@@ -63,6 +63,7 @@ def free_runs(
         angles=frozenset(c.name for c in model.coordinates if c.angle and c.name in dict(columns)),
         degrees=degrees & set(dict(columns)),
         held=frozenset(i.name for i in model.inputs if i.hold == "zero"),
+        inputs=frozenset(i.name for i in model.inputs),
         recording=recording,
     )
     records, stamps = read_records([data_path], layout), read_times(data_path, layout)

@@ -59,6 +59,11 @@ class Constant:
         ends = self.coefficient(self.low), self.coefficient(self.high)
         return min(ends), max(ends)
 
+    @property
+    def halved(self) -> Constant:
+        """The constant with half the nominal value, in a range that begins at half the least."""
+        return replace(self, nominal=0.5 * self.nominal, low=0.5 * self.low)
+
     def slope(self, value: float) -> float:
         """Return the derivative of the value with respect to the coefficient."""
         return value if self.relative else self.reach

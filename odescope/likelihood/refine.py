@@ -35,7 +35,7 @@ from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, i
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT, SHORT, Segments, cut_segments
 from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
-from odescope.likelihood.steps import with_fine_steps, with_finer_steps
+from odescope.likelihood.steps import with_fine_steps, with_finer_steps, with_narrow_friction
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
 from odescope.recordings.coordinate import Hold
@@ -185,9 +185,10 @@ def _judged(
     floor: FloatArray,
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
+    fine = space
     if _joined(best):
         space, best = with_finer_steps(space, best)
-        best = without_negligible(space, best)
+        fine, best = with_narrow_friction(space, without_negligible(space, best))
     process, adopted = None, False
     chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
     if not _joined(best) or best.scale > WHITE + chance:
@@ -201,8 +202,8 @@ def _judged(
     else:
         path = _path(space, best)
         if path is not None and terms is not None:
-            path, best = _shortened(space, best, path.chosen_at(terms))
-        found, last, evidence = best.fit, space, _evidence(space, best)
+            path, best = _shortened(fine, best, path.chosen_at(terms))
+        found, last, evidence = best.fit, fine, _evidence(fine, best)
         covariance = found.covariance * best.scale
     return Refinement(
         relations=space.relations_of(found, covariance),

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.library.constants import mechanism_at
+from odescope.library.constants import Constant, mechanism_at
 from odescope.library.expression import Term
 from odescope.library.mechanism import Mechanism, Part, scale_groups
 from odescope.library.product import Product
@@ -131,6 +131,16 @@ class SearchSpace:
     def finer(self, substeps: int) -> SearchSpace:
         """Return the space with so many steps of RK4 a sample."""
         return replace(self, evaluator=Evaluator(self.segments, substeps, self.budget))
+
+    def fixed_constants(self, found: Fit) -> list[str]:
+        """Return the constants within functions that a fit depends on and does not adjust, by name."""
+        present = [self.mechanisms[k] for k in found.present]
+        free = {m.place for m in present if m.kind == "constant"}
+        return [name for name in self.frame.constants if name not in free and any(name in m.names for m in present)]
+
+    def with_constants(self, constants: Mapping[str, Constant]) -> SearchSpace:
+        """Return the space with others in the place of some constants."""
+        return replace(self, frame=replace(self.frame, constants={**self.frame.constants, **constants}))
 
     def program(self, present: IntArray) -> Program:
         """Return the program of these mechanisms alone."""

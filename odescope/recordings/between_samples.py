@@ -1,4 +1,4 @@
-"""What an input does between its samples: band-limited interpolation, and commands that are held over several rows."""
+"""What an input does between its samples: lines, band-limited interpolation, commands held over several rows."""
 
 from __future__ import annotations
 
@@ -40,6 +40,38 @@ def laid_out(samples: FloatArray) -> FloatArray:
     within = fine[: len(fine) - FINER + 1]
     within[1:-1] -= np.diff(within, 2) / 12.0
     return fine
+
+
+def on_polygon(t: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
+    """Return the values (N,) on a uniform grid of the polygon nearest, in least squares, to that through samples (n,).
+
+    Its mean and its first moment about every point of the grid are those of the polygon through the samples: what is
+    slow beside the period sees the same input. Samples that were merely moved to the grid would come a little early or
+    late, and an input that was commanded by a clock with jitter does that together with its own deviation.
+
+    Args:
+        t: (n,) when the input was sampled, increasing; before the first and after the last sample it stays.
+        values: (n,) samples.
+        grid: (N,) on which the polygon is to stand, two points or more.
+    """
+    from scipy.linalg import solveh_banded
+
+    count = len(grid)
+    at = (t - grid[0]) * (count - 1) / (grid[-1] - grid[0])
+    nodes = np.union1d(np.clip(at, 0.0, count - 1.0), np.arange(count))
+    low, high = nodes[:-1], nodes[1:]
+    middle = 0.5 * (low + high)
+    cell = np.minimum(middle.astype(np.int64), count - 2)
+    left, right = np.zeros(count), np.zeros(count)
+    # Simpson's rule: between nodes a polygon times a hat function of the grid is a parabola.
+    for place, share in ((low, 1.0 / 6.0), (middle, 2.0 / 3.0), (high, 1.0 / 6.0)):
+        weighed, away = share * (high - low) * np.interp(place, at, values), place - cell
+        left += np.bincount(cell, weighed * (1.0 - away), count)
+        right += np.bincount(cell + 1, weighed * away, count)
+    gram = np.full((2, count), 2.0 / 3.0)
+    gram[0, [0, -1]], gram[1] = 1.0 / 3.0, 1.0 / 6.0
+    found: FloatArray = solveh_banded(gram, left + right, lower=True)
+    return found
 
 
 def _later(samples: FloatArray, fraction: float) -> FloatArray:

@@ -53,7 +53,7 @@ def sample_numbers(t: FloatArray) -> IntArray:
     return found
 
 
-def read_clock(run: RawRun, rough: frozenset[str]) -> Stamps:
+def read_clock(run: RawRun, rough: frozenset[str], inputs: frozenset[str] = frozenset()) -> Stamps:
     """Return when the samples of a run were taken, and the grid that suits them.
 
     Where the steps have the autocorrelation of a regular clock read with jitter, a line through the stamps, or a smooth
@@ -64,6 +64,8 @@ def read_clock(run: RawRun, rough: frozenset[str]) -> Stamps:
     Args:
         run: in order, its angles unwrapped.
         rough: names of the columns that jump and say nothing of time.
+        inputs: names of the columns that are commanded. Commands may run by the number of the sample, whenever it was
+            taken: whether sampling is regular the others say, if there are any.
     """
     t, numbers = run.t - run.t[0], sample_numbers(run.t)
     origin, period = _line(numbers, t)
@@ -76,7 +78,7 @@ def read_clock(run: RawRun, rough: frozenset[str]) -> Stamps:
     jitters = _autocorrelation(rest, numbers, far) < REGULAR
     taken, jitter = t, 0.0
     if jitters or far.any():
-        moved, own = _told_by_values(t, regular, far, run, rough)
+        moved, own = _told_by_values(t, regular, far, run, rough, inputs)
         if jitters and moved <= TRUE_STAMPS:
             taken, jitter = regular, float(np.std(rest[~far])) / period
         taken = np.where(far, np.where(own > 0.0, t, regular), taken)
@@ -122,13 +124,22 @@ def _drift(rest: FloatArray, numbers: IntArray, period: float) -> FloatArray:
 
 
 def _told_by_values(
-    t: FloatArray, regular: FloatArray, far: BoolArray, run: RawRun, rough: frozenset[str]
+    t: FloatArray, regular: FloatArray, far: BoolArray, run: RawRun, rough: frozenset[str], inputs: frozenset[str]
 ) -> tuple[float, FloatArray]:
     """Return what values say of when samples were taken, at t or at `regular` times.
 
     First the slope of the residuals about smooth curves on the motion between the two: 0 at regular times, 1 at t.
     Then by how much the misfit of each sample (n,) is less at t.
+
+    Args:
+        t: (n,) as recorded.
+        regular: (n,) as a regular clock has them.
+        far: (n,) which samples come late.
+        run: the samples.
+        rough: names of the columns that say nothing of time.
+        inputs: names of those that say nothing of the slope, beside others.
     """
+    silent = inputs if frozenset(run.names) - rough - inputs else frozenset[str]()
     shown = motions = 0.0
     gain = np.zeros(len(t))
     for k in (k for k, name in enumerate(run.names) if name not in rough):
@@ -139,8 +150,9 @@ def _told_by_values(
         rest = y - smooth(at)
         motion = smooth.derivative()(at) * (t - regular)[near]
         noise = max(float(rest @ rest), 1e-300)
-        shown += float(rest @ motion) / noise
-        motions += float(motion @ motion) / noise
+        if run.names[k] not in silent:
+            shown += float(rest @ motion) / noise
+            motions += float(motion @ motion) / noise
         misfit = [(run.values[there, k] - smooth(time[there])) ** 2 for time in (regular, t)]
         gain[there] += (misfit[0] - misfit[1]) / noise
     return (shown / motions if motions > 0.0 else 0.0), gain

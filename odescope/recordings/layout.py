@@ -13,9 +13,10 @@ from odescope.recordings.gaps import Gaps
 class Layout:
     """Which columns of a file mean what, and what to do about gaps and jitter.
 
-    `columns` and `units` are pairs (name in odescope, column in the file) and (name, unit); `angles` and `held` hold
-    names in odescope, `degrees` those of angles to convert to radians; `jitter` is a limit in sample periods, None for
-    none; `time` and `recording` are columns in the file, or `recording` a folder's key (lap=7/a.parquet).
+    `columns` and `units` are pairs (name in odescope, column in the file) and (name, unit); `angles`, `held` and
+    `inputs` hold names in odescope, `degrees` those of angles to convert to radians; `jitter` is a limit in sample
+    periods, None for none; `time` and `recording` are columns in the file, or `recording` a folder's key
+    (lap=7/a.parquet).
 
     Raises:
         InputError: not exactly one of `time` and `sample_period`, no column, a tolerance or period out of range.
@@ -28,6 +29,7 @@ class Layout:
     angles: frozenset[str] = frozenset()
     degrees: frozenset[str] = frozenset()
     held: frozenset[str] = frozenset()
+    inputs: frozenset[str] = frozenset()
     recording: str | None = None
     gaps: Gaps = "bridge"
     jitter: float | None = None
@@ -43,7 +45,7 @@ class Layout:
             raise InputError(f"gaps must be 'bridge', 'split' or 'refuse', got {self.gaps!r}")
         if self.jitter is not None and not 0 <= self.jitter < float("inf"):
             raise InputError(f"jitter must be a number of sample periods, 0 or more, got {self.jitter!r}")
-        for name in (*(name for name, _ in self.units), *self.angles, *self.degrees, *self.held):
+        for name in (*dict(self.units), *self.angles, *self.degrees, *self.held, *self.inputs):
             if name not in self.names:
                 raise InputError(
                     f"the layout names {name!r}, which is not among its columns; {nearest(name, self.names)}"

@@ -128,7 +128,7 @@ def _between_gaps(run: RawRun, chunk: Chunk, layout: Layout) -> Iterator[Stretch
     run = in_order(run)
     rows = run.rows - 1
     for samples in pieces(run, layout.gaps, partial=cut_before or cut_after):
-        record, points = uniform(unwrap(run.take(samples), layout.angles), layout.jitter, layout.held)
+        record, points = uniform(unwrap(run.take(samples), layout.angles), layout.jitter, layout.held, layout.inputs)
         first, last = _own(rows[samples], points, chunk, len(record))
         if first < last:
             begins, ends = not (cut_before and samples[0] == 0), not (cut_after and samples[-1] + 1 == len(rows))

@@ -8,13 +8,19 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
+from odescope.recordings.between_samples import looks_held, on_polygon
 from odescope.recordings.clock import EXACT_PERIODS, read_clock, sample_numbers
 from odescope.recordings.gaps import RawRun
 from odescope.recordings.local_spline import fit_smooth
 from odescope.recordings.record import Record, within
 
 
-def uniform(run: RawRun, jitter: float | None = None, held: frozenset[str] = frozenset()) -> tuple[Record, IntArray]:
+def uniform(
+    run: RawRun,
+    jitter: float | None = None,
+    held: frozenset[str] = frozenset(),
+    inputs: frozenset[str] = frozenset(),
+) -> tuple[Record, IntArray]:
     """Return the record of a run on an exactly uniform time grid, and the grid point (n,) of each of its rows.
 
     Where the deviation of the samples from a grid is rounding (below 1e-6 periods, or within half a tick of the clock
@@ -22,12 +28,14 @@ def uniform(run: RawRun, jitter: float | None = None, held: frozenset[str] = fro
     y - s(t) + s(g), s a smooth curve through its column: white noise stays white and keeps its variance, as no
     interpolation leaves it. Several samples at one point are averaged, `Record.counts` says how many; where there is
     none the value is s(g). A held value fills the interval after it, and its own grid interval is the one that it
-    fills most of.
+    fills most of. An input runs in lines from sample to sample, and is the polygon on the grid that is nearest to them.
 
     Args:
         run: in order, its gaps no longer than a smooth curve bridges, its angles unwrapped; each column has samples.
         jitter: the largest deviation that is accepted, in sample periods; None: any.
         held: names of the columns that keep a value until the next one.
+        inputs: names of the columns that are commanded: they may run by the number of the sample, hold values over
+            several rows, and need not be smooth.
 
     Raises:
         InputError: the least over all uniform grids of the largest deviation of a sample is above `jitter`.
@@ -36,22 +44,27 @@ def uniform(run: RawRun, jitter: float | None = None, held: frozenset[str] = fro
     grid, deviation = _nearest_grid(run.t, numbers)
     period = float(grid[-1] - grid[0]) / (len(grid) - 1)
     if deviation <= EXACT_PERIODS * period or deviation <= 0.5 * _clock_tick(run.t):
-        return on_grid(run, grid[numbers], grid, numbers, held)
+        return on_grid(run, grid[numbers], grid, numbers, held, inputs)
     if jitter is not None and deviation > jitter * period:
         raise InputError(
             f"the sampling is not uniform{within(run.source)}: it deviates by {deviation / period:.3g} sample "
             f"periods from any uniform grid, and the limit is {jitter:.3g}; leave jitter out of [data], or raise it"
         )
-    stamps = read_clock(run, held)
+    stamps = read_clock(run, held, inputs)
     points = np.rint((stamps.t - stamps.origin) / stamps.period).astype(np.int64)
     first = int(points[0])
     grid = stamps.origin + stamps.period * np.arange(first, int(points[-1]) + 1, dtype=np.float64)
     run = replace(run, repairs=replace(run.repairs, jitter=stamps.jitter))
-    return on_grid(run, stamps.t, grid, points - first, held)
+    return on_grid(run, stamps.t, grid, points - first, held, inputs)
 
 
 def on_grid(
-    run: RawRun, t: FloatArray, grid: FloatArray, points: IntArray, held: frozenset[str]
+    run: RawRun,
+    t: FloatArray,
+    grid: FloatArray,
+    points: IntArray,
+    held: frozenset[str],
+    inputs: frozenset[str] = frozenset(),
 ) -> tuple[Record, IntArray]:
     """Return the record of samples that belong to some points of a grid (see `uniform`), and these points.
 
@@ -63,6 +76,7 @@ def on_grid(
         grid: (N,) uniform.
         points: (n,) the point of each, not falling.
         held: names of the columns that keep a value until the next one.
+        inputs: names of the columns that run in lines from sample to sample, if they do not look held.
     """
     measured = ~np.isnan(run.values)
     weights = np.where(measured, 1.0 if run.counts is None else run.counts, 0.0)
@@ -73,7 +87,12 @@ def on_grid(
         there = np.flatnonzero(measured[:, k])
         own = t[there], run.values[there, k], weights[there, k]
         counts[:, k] = np.bincount(points[there], own[2], len(grid))
-        values[:, k] = _held(*own[:2], grid) if name in held else _assigned(*own, grid, points[there])
+        if name in held or (name in inputs and looks_held(own[1])):
+            values[:, k] = _held(*own[:2], grid)
+        else:
+            values[:, k] = _assigned(*own, grid, points[there])
+            if name in inputs:
+                values[:, k] = _in_lines(*own[:2], grid, np.where(counts[:, k] > 0.0, np.nan, values[:, k]))
     some = counts > 0.0
     first, stop = int(some.argmax(axis=0).max()), len(grid) - int(some[::-1].argmax(axis=0).max())
     record = Record(grid, values, run.names, run.units, run.source, counts, run.repairs).part(first, stop)
@@ -100,6 +119,20 @@ def _assigned(t: FloatArray, values: FloatArray, weights: FloatArray, grid: Floa
     # Between samples that are far apart beside others that are close a cubic may go anywhere.
     between = np.clip(curve, values.min() - np.ptp(values), values.max() + np.ptp(values))
     return np.where(there > 0.0, total / np.maximum(there, 1.0), between)
+
+
+def _in_lines(t: FloatArray, values: FloatArray, grid: FloatArray, between: FloatArray) -> FloatArray:
+    """Return an input (N,) on a grid that runs in lines through its samples (n,) and what is known between them.
+
+    Args:
+        t: (n,) when it was sampled.
+        values: (n,) samples.
+        grid: (N,) uniform.
+        between: (N,) values where no sample belongs to a point, NaN elsewhere.
+    """
+    known = ~np.isnan(between)
+    nodes, first = np.unique(np.concatenate([t, grid[known]]), return_index=True)
+    return on_polygon(nodes, np.concatenate([values, between[known]])[first], grid)
 
 
 def _held(t: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:

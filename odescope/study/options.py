@@ -280,6 +280,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             angles=frozenset(name for name, c in self.coordinates.items() if c.angle),
             degrees=self.degrees,
             held=frozenset(name for name, i in self.inputs.items() if i.hold == "zero"),
+            inputs=frozenset(self.inputs),
             recording=self.data.recording,
             gaps=self.data.gaps,
             jitter=self.data.jitter,

@@ -1,9 +1,9 @@
-"""Band-limited interpolation against sines and Fourier series, and commands that are seen to be held."""
+"""Band-limited interpolation against sines and Fourier series, polygons, commands that are seen to be held."""
 
 import numpy as np
 import pytest
 
-from odescope.recordings.between_samples import FINER, REACH, laid_out, looks_held, shifted
+from odescope.recordings.between_samples import FINER, REACH, laid_out, looks_held, on_polygon, shifted
 
 COUNT = 400
 INNER = slice(2 * REACH, COUNT - 2 * REACH)
@@ -64,3 +64,40 @@ def test_a_command_that_changes_every_fifth_row_is_seen_and_others_are_not():
     assert not looks_held(np.round(np.sin(2e-3 * t), 2))  # a slow signal after a converter of 8 bits
     assert not looks_held(np.repeat(levels[:10], 100))  # too few jumps to matter
     assert not looks_held(np.where(t < 500, 0.0, np.sin(0.2 * (t - 500))))
+
+
+def uneven(seed=2, count=120):
+    late = np.random.default_rng(seed).uniform(-0.3, 0.3, count)
+    late[[0, -1]] = 0.0
+    return np.arange(count) + late
+
+
+def test_a_polygon_on_the_grid_stays_and_a_line_is_a_line_however_it_is_sampled():
+    grid, values = 0.25 * np.arange(120) + 7.0, np.random.default_rng(0).standard_normal(120)
+    assert on_polygon(grid, values, grid) == pytest.approx(values, abs=1e-10)
+    t = 0.25 * uneven() + 7.0
+    assert on_polygon(t, 3.0 * t - 2.0, grid) == pytest.approx(3.0 * grid - 2.0, abs=1e-10)
+
+
+def test_the_polygon_on_the_grid_is_that_of_dense_least_squares():
+    t, grid = uneven(), np.arange(120.0)
+    values = np.random.default_rng(1).standard_normal(120)
+    dense = (np.arange(119 * 400) + 0.5) / 400
+    hats = np.maximum(1.0 - np.abs(dense[:, None] - grid), 0.0)
+    wanted = np.linalg.lstsq(hats, np.interp(dense, t, values), rcond=None)[0]
+    assert on_polygon(t, values, grid) == pytest.approx(wanted, abs=1e-4)
+
+
+def test_what_is_slow_sees_the_same_input_and_not_the_one_of_samples_moved_to_the_grid():
+    """Two integrations of commands whose clock jitters: a position, which no moving of single samples gets right."""
+    t, grid = uneven(count=2000), np.arange(2000.0)
+    values = np.sin(0.1 * grid)
+    dense = np.arange(1999 * 20 + 1) / 20
+    moved = np.sin(0.1 * (2.0 * grid - t))
+
+    def position(at, heights):
+        return np.cumsum(np.cumsum(np.interp(dense, at, heights) - np.sin(0.1 * dense))) / 400
+
+    true = position(t, values)
+    left, wrong = (np.abs(position(grid, u) - true).max() for u in (on_polygon(t, values, grid), moved))
+    assert left < 0.05 * wrong

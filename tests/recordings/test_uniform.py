@@ -131,6 +131,23 @@ def test_a_held_value_fills_the_interval_after_it_and_gaps():
     assert np.array_equal(run.column("u"), stairs)
 
 
+def test_commands_say_nothing_of_when_samples_were_taken():
+    """A regular sequence of commands, played by a clock with jitter, would have it that the clock is regular."""
+    t = REGULAR + PERIOD * uneven(5)
+    log = raw(t=t, x=moving(t) + NOISE * normal(6), u=np.sin(2.0 * REGULAR))
+    run, _ = uniform(log, inputs=frozenset({"u"}))
+    assert run.repairs.jitter == 0.0
+    assert np.std(run.column("x") - moving(run.t)) == pytest.approx(NOISE, rel=0.1)
+    assert uniform(log)[0].repairs.jitter > 0.1
+
+
+def test_commands_that_look_held_stay_held_where_sampling_jitters():
+    stairs = np.repeat(np.random.default_rng(9).standard_normal(COUNT // 5), 5)
+    t = REGULAR + PERIOD * uneven(5)
+    run, _ = uniform(raw(t=t, x=moving(t), u=stairs), inputs=frozenset({"u"}))
+    assert np.array_equal(run.column("u"), stairs)
+
+
 def test_the_points_of_rows_are_where_their_samples_went():
     run, points = uniform(raw(t=np.delete(REGULAR, LOST), x=np.delete(REGULAR, LOST)))
     assert np.array_equal(np.flatnonzero(run.counted("x")), points)
