@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from odescope.library.constants import Constant
 from odescope.library.mechanism import Mechanism, candidate
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
@@ -50,7 +51,9 @@ def space(friction=True):
     terms = [(f, t) for f, t, _ in TERMS if friction or "tanh" not in t]
     plain = [candidate(0, Product(f, parse_term(t, scope)), "q_ddot") for f, t in terms]
     setting = [Mechanism("constant", "width of q_dot", "w", (), 0.0)] if friction else []
-    frame = Frame.of(COORDINATES, ["u"], {"w": WIDE} if friction else {})
+    frame = Frame.of(
+        COORDINATES, ["u"], {"w": Constant("w", WIDE, 3000.0 * WIDE, WIDE, optional=True)} if friction else {}
+    )
     return SearchSpace(Evaluator(segments, 8), (*plain, *setting), frame)
 
 
@@ -76,7 +79,7 @@ def test_coefficients_of_a_joint_that_sticks_are_right_once_its_friction_is_narr
     assert np.count_nonzero(wide.fit.theta) == len(TERMS)
     assert worst(wide) > 4.0
     narrow_space, narrow = with_narrow_friction(it, wide)
-    assert narrow_space.frame.constants["w"] < it.frame.constants["w"]
+    assert narrow_space.frame.constants["w"].nominal < it.frame.constants["w"].nominal
     assert narrow.fit.cost < wide.fit.cost
     assert worst(narrow) < 0.5 * worst(wide)
 
