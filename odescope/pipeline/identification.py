@@ -105,7 +105,7 @@ class Identification:
             dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
         judged = None if self.refinement is None else doubts(self.refinement, self.model.targets)
         units = [f"{name} was recorded in degrees: here it is in radians" for name in sorted(self.study.degrees)]
-        if self.refinement is None or not self.refinement.follows:  # laws hold of radians alone
+        if self.refinement is not None and not self.refinement.follows:  # laws hold of radians alone
             units += degrees_hints(self.records, self.study.measured())
         return (*notes_of(self.model.scores, dependent, judged), *units, *(u.note for u in tables(self.study)[1]))
 
