@@ -63,7 +63,7 @@ def found(event: Event) -> str:
     from odescope.model.mechanism_display import mechanisms_text
 
     model = event.result.model
-    made_of, equations = mechanisms_text(model.mechanisms), equation_lines(model, 6)
+    made_of, equations = mechanisms_text(model.shown_mechanisms), equation_lines(model, 6)
     if not made_of:
         return "\n".join(equations)
     heading = "rates of change" if all(c.order == 1 for c in model.coordinates) else "equations of motion"

@@ -42,11 +42,12 @@ class _Mechanism(msgspec.Struct, forbid_unknown_fields=True):
     std_error: float | None
 
 
-class _Parameter(msgspec.Struct, forbid_unknown_fields=True):
+class _Parameter(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     name: str
     value: float
     std_error: float | None
     terms: list[str]
+    written: list[str] = []
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
@@ -93,7 +94,9 @@ def to_json(model: Model) -> str:
     if model.mechanisms:
         file["mechanisms"] = [_Mechanism(m.name, m.kind, m.term, m.coefficient, m.std_error) for m in model.mechanisms]
     if model.parameters:
-        file["parameters"] = [_Parameter(p.name, p.value, p.std_error, list(p.terms)) for p in model.parameters]
+        file["parameters"] = [
+            _Parameter(p.name, p.value, p.std_error, list(p.terms), list(p.written)) for p in model.parameters
+        ]
     return msgspec.json.format(msgspec.json.encode(file), indent=2).decode() + "\n"
 
 
@@ -182,7 +185,7 @@ def _read_mechanism(m: _Mechanism) -> FoundMechanism:
 
 def _read_parameter(p: _Parameter) -> FoundParameter:
     _check_numbers(p.name, p.value, p.std_error)
-    return FoundParameter(p.name, p.value, p.std_error, tuple(p.terms))
+    return FoundParameter(p.name, p.value, p.std_error, tuple(p.terms), tuple(p.written))
 
 
 def _check_numbers(what: str, coefficient: float, std_error: float | None) -> None:

@@ -127,11 +127,13 @@ def mechanism_at(mechanism: Mechanism, values: Mapping[str, float | None]) -> Me
     """
     if not mechanism.names & set(values):
         return mechanism
-    parts = []
+    parts, text = [], mechanism.term
     for p in mechanism.parts:
         share, term = term_at(p.product.term, values)
-        parts.append(replace(p, product=Product(p.product.factor, term), share=p.share * share))
-    return replace(mechanism, parts=merged(parts))
+        product = Product(p.product.factor, term)
+        parts.append(replace(p, product=product, share=p.share * share))
+        text = product.text if mechanism.term == p.product.text and share == 1.0 else text
+    return replace(mechanism, parts=merged(parts), term=text)
 
 
 def term_at(term: Term, values: Mapping[str, float | None]) -> tuple[float, Term]:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 from math import comb
 
 from odescope.errors import InputError, nearest
 from odescope.library.candidates import MAXIMUM_CANDIDATES
 from odescope.library.conservation import moieties_of, species_of
-from odescope.library.expression import Name, Term
+from odescope.library.expression import Call, Combination, Name, Term
 from odescope.library.mechanism import Mechanism, Part
-from odescope.library.parse import MAXIMUM_LENGTH, MAXIMUM_POWER
+from odescope.library.parse import MAXIMUM_LENGTH, MAXIMUM_POWER, Scope, parse_term
 from odescope.library.product import Product
 from odescope.recordings.coordinate import Coordinate, Input
 
@@ -27,24 +27,44 @@ class _Reaction:
 
     reactants: tuple[tuple[str, int], ...]
     products: tuple[tuple[str, int], ...]
+    other_flux: Term | None = None
 
     @property
     def name(self) -> str:
         return f"{_side(self.reactants)} -> {_side(self.products)}".strip()
 
     @property
-    def key(self) -> tuple[frozenset[tuple[str, int]], frozenset[tuple[str, int]]]:
+    def flux(self) -> Term:
+        """The product of the reactants, unless the reaction says otherwise."""
+        mass_action = Term.of((Name(name), count) for name, count in self.reactants)
+        return mass_action if self.other_flux is None else self.other_flux
+
+    @property
+    def key(self) -> tuple[frozenset[tuple[str, int]], frozenset[tuple[str, int]], Term]:
         """The same for reactions that differ only in order."""
-        return frozenset(self.reactants), frozenset(self.products)
+        return frozenset(self.reactants), frozenset(self.products), self.flux
+
+    def saturated(self, name: str) -> _Reaction:
+        """Return the same with a flux that no longer grows where there is much of a reactant, a/(K_a + a) for a."""
+        constant, own = Term(((Name(saturation(name)), 1),)), Term(((Name(name), 1),))
+        level = Call("", Combination.of(((1.0, constant), (1.0, own))))
+        return replace(self, other_flux=self.flux.over(level))
+
+
+def saturation(species: str) -> str:
+    """Return the name of the amount of a species at which half of a saturating flux is reached."""
+    return f"K_{species}"
 
 
 def reactions(
     coordinates: Sequence[Coordinate],
     inputs: Sequence[Input],
+    scope: Scope,
     *,
     named: Sequence[str] | None,
     composition: Mapping[str, str] | None,
     molecules: int = 2,
+    saturating: Sequence[str] = (),
 ) -> tuple[Mechanism, ...]:
     """Return the rate of change of every species, known to stand with coefficient 1, then candidate reactions.
 
@@ -53,16 +73,20 @@ def reactions(
 
     A reaction is written as "S + E -> C", "2 A -> B" or, for two of them, "C <-> P + E". An input may stand on the
     left: it multiplies the flux and is not used up ("u -> S" is an inflow). A side without species is the world
-    outside: "-> S" flows in at a constant rate, "S ->" out or decays.
+    outside: "-> S" flows in at a constant rate, "S ->" out or decays. A flux that is not the product of the reactants
+    follows a colon: "S -> P: S/(K + S)".
 
     Args:
         coordinates: the species, of order 1, one a relation.
         inputs: what drives the system.
+        scope: what fluxes may name.
         named: the reactions to choose from; None or none for all that the composition allows between complexes of so
             many molecules, and every input into every species.
         composition: moieties by species, such as {"S": "s", "C": "2 s e"} (see `moieties_of`); named reactions are
             checked against it, but for those with a side without species.
         molecules: the most on one side of a reaction that is not named.
+        saturating: species of which one molecule's flux may saturate: reactions that use one compete with a flux of
+            theirs over (K + amount), too.
 
     Raises:
         InputError: neither reactions nor a composition are given; one of them cannot be read, names what there is not
@@ -77,7 +101,7 @@ def reactions(
         )
     held = None if composition is None else _held(composition, species)
     if named:
-        found = _distinct([r for text in named for r in _read(text, species, driven)])
+        found = _distinct([r for text in named for r in _read(text, species, driven, scope)])
         if held is not None:
             for reaction in found:
                 _check_balance(reaction, held, driven)
@@ -85,6 +109,10 @@ def reactions(
         assert held is not None
         inflows = (_Reaction(((u, 1),), ((s, 1),)) for u in driven for s in species)
         found = [*_balanced(species, held, molecules), *inflows]
+    for name in saturating:
+        if name not in species:
+            raise InputError(f"[library] saturating names {name!r}, which is no species; {nearest(name, species)}")
+        found += [r.saturated(name) for r in found if r.other_flux is None and (name, 1) in r.reactants]
     rates = (
         Mechanism("term", c.target, c.target, (Part(i, Product(c.target)),), 0.0, known=1.0)
         for i, c in enumerate(coordinates)
@@ -93,11 +121,10 @@ def reactions(
 
 
 def _mechanism(reaction: _Reaction, species: Sequence[str]) -> Mechanism:
-    flux = Term.of((Name(name), count) for name, count in reaction.reactants)
-    used, made = dict(reaction.reactants), dict(reaction.products)
+    flux, used, made = reaction.flux, dict(reaction.reactants), dict(reaction.products)
     gains = [made.get(s, 0) - used.get(s, 0) for s in species]
     parts = tuple(Part(i, Product(None, flux), -float(gain)) for i, gain in enumerate(gains) if gain)
-    size = float(sum(used.values()) + max(len(made) - 1, 0))
+    size = float(sum(used.values()) + max(len(made) - 1, 0) + (reaction.other_flux is not None))
     return Mechanism("reaction", flux.text, "reaction", parts, size, name=reaction.name)
 
 
@@ -168,10 +195,11 @@ def _distinct(found: list[_Reaction]) -> list[_Reaction]:
     return found
 
 
-def _read(text: str, species: Sequence[str], driven: Sequence[str]) -> list[_Reaction]:
+def _read(text: str, species: Sequence[str], driven: Sequence[str], scope: Scope) -> list[_Reaction]:
     """Return the reaction that a text names, or the two where its arrow has two heads."""
     shown = text if len(text) <= 60 else text[:57] + "..."
-    sides = re.split(r"<?->", text) if len(text) <= MAXIMUM_LENGTH else []
+    equation, colon, rate = text.partition(":")
+    sides = re.split(r"<?->", equation) if len(text) <= MAXIMUM_LENGTH else []
     if len(sides) != 2:
         raise InputError(
             f"cannot read the reaction {shown!r}: expected one arrow, '->' or '<->', between sums of species, such as"
@@ -180,7 +208,10 @@ def _read(text: str, species: Sequence[str], driven: Sequence[str]) -> list[_Rea
     left, right = (_complex(side, shown, species, driven) for side in sides)
     if frozenset(left) == frozenset(right):
         raise InputError(f"the reaction {shown!r} changes nothing: its two sides are the same")
-    found = [_Reaction(left, right), _Reaction(right, left)] if "<->" in text else [_Reaction(left, right)]
+    flux = parse_term(rate.strip(), scope) if colon else None
+    if flux is not None and "<->" in equation:
+        raise InputError(f"the reaction {shown!r} goes both ways with one flux: write two reactions, with a flux each")
+    found = [_Reaction(left, right), _Reaction(right, left)] if "<->" in text else [_Reaction(left, right, flux)]
     for reaction in found:
         for name, _ in reaction.products:
             if name in driven:

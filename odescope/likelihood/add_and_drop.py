@@ -79,17 +79,17 @@ class Moves:
         theta[k] = 0.0
         return self.space.fit(theta, here.present[here.present != k], here.x0, self.defect_std, here.strength)
 
-    def having(self, here: Fit, k: int, constants: Mapping[int, float]) -> Fit | None:
+    def having(self, here: Fit, k: int, begin: Mapping[int, float]) -> Fit | None:
         """Return the fit with an absent mechanism.
 
         Args:
             here: the fit without it.
             k: its number.
-            constants: coefficients to begin with, by number.
+            begin: coefficients to begin with, by number.
         """
         present: IntArray = np.union1d(here.present, [k])
         theta = here.theta.copy()
-        theta[[*constants]] = [*constants.values()]
+        theta[[*begin]] = [*begin.values()]
         return self.space.fit(theta, present, here.x0, self.defect_std, here.strength)
 
     def divide(self, here: Fit) -> Fit | None:

@@ -10,6 +10,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.library.constants import grid_of
 from odescope.likelihood.evidence import project
 from odescope.likelihood.fit import Fit
+from odescope.likelihood.gauge import SINGULAR
 from odescope.likelihood.search_space import SearchSpace
 
 STEPS = 6  # of a fit that says which start promises most
@@ -19,7 +20,7 @@ FEW = 4  # parameters a relation of a start that a search adds to
 def best_on_grid(
     space: SearchSpace, here: Fit, scores: FloatArray, defect_std: FloatArray
 ) -> tuple[FloatArray, dict[int, Mapping[int, float]]]:
-    """Return the scores with those of absent terms at their best constants, and the coefficients of these constants.
+    """Return the scores with those of absent terms at their best constants, and where to begin with these, by number.
 
     A constant that some present term names is known; the others are where a term scores most, less what they have to
     earn as parameters.
@@ -42,9 +43,11 @@ def best_on_grid(
         best = np.full(len(members), -np.inf)
         for values in grid_of(constants):
             coefficients = [c.coefficient(values[c.name]) for c in constants]
-            found = _scores_at(space, here, np.array(members), own, np.array(coefficients), defect_std)
+            found, size = _scores_at(space, here, np.array(members), own, np.array(coefficients), defect_std)
             for place in np.flatnonzero(found > best):
-                begin[members[place]] = dict(zip(own.tolist(), coefficients, strict=True))
+                # Where its coefficient is 0 the data say nothing of a term's constants, and a fit could not begin.
+                values_there = zip(own.tolist(), coefficients, strict=True)
+                begin[members[place]] = {members[place]: float(size[place]), **dict(values_there)}
             best = np.maximum(best, found)
         scores[members] = np.maximum(best - space.penalty[own].sum(), 0.0)
     return scores, begin
@@ -57,8 +60,8 @@ def _scores_at(
     constants: IntArray,
     coefficients: FloatArray,
     defect_std: FloatArray,
-) -> FloatArray:
-    """Return the scores of absent members, their constants at these coefficients; none where they have no values."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return scores and estimates of absent members with these constants; none where they have no values."""
     theta = here.theta.copy()
     theta[constants] = coefficients
     among = np.union1d(np.union1d(here.present, members), constants)
@@ -66,11 +69,11 @@ def _scores_at(
     places = np.searchsorted(among, free)
     expansion = space.evaluator.expand(space.program(among), theta[among], places, here.x0, defect_std)
     if expansion is None or not expansion.finite:
-        return np.full(len(members), -np.inf)
+        return np.full(len(members), -np.inf), np.zeros(len(members))
     present = np.isin(free, here.free)
     rest = project(expansion.information, expansion.gradient[None], present)
-    found: FloatArray = rest.scores(rest.left)[np.searchsorted(free[~present], members)]
-    return found
+    places, told = np.searchsorted(free[~present], members), np.maximum(rest.left, SINGULAR)
+    return rest.scores(rest.left)[places], (-rest.slopes.sum(axis=0) / told / rest.scale[~present])[places]
 
 
 def promising(space: SearchSpace, begun: Sequence[FloatArray]) -> list[FloatArray]:

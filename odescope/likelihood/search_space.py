@@ -331,7 +331,9 @@ class SearchSpace:
             found: the fit.
             covariance: (p, p) of its parameters.
         """
-        return stated(*self._as_found(found, covariance))
+        present, theta, whole = self._as_found(found, covariance)
+        values = values_of(present, theta, whole, self.frame.constants)
+        return stated([mechanism_at(m, values) for m in present], theta, whole)
 
     def settings_of(self, found: Fit, covariance: FloatArray) -> FoundSettings:
         """Return the offsets, delays, constants and holds of a fit.

@@ -17,6 +17,7 @@ from odescope.library.constants import Constant, term_at
 from odescope.library.expression import Atom, Call, Combination, Name, Power, Term
 from odescope.library.mechanism import Kind, Mechanism
 from odescope.library.product import Product
+from odescope.library.readable import readable
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.relation import FoundParameter
 from odescope.model.scores import DelayScore, OffsetScore
@@ -221,5 +222,5 @@ def _holding(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the terms that hold a constant, each once: with numbers, and with the names of all constants."""
     terms = dict.fromkeys(p.product.term for m in mechanisms for p in m.parts if name in p.product.term.names)
-    found = {term_at(t, values)[1].text: t.text for t in terms}
+    found = {term_at(t, values)[1].text: readable(t) for t in terms}
     return tuple(found), tuple(found.values())

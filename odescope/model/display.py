@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from html import escape
 
 from odescope.library.expression import signed_sum
-from odescope.library.latex import LATEX, latex_fraction, latex_name, latex_sum
-from odescope.library.mathml import MATHML, math, mathml_fraction, mathml_name, mathml_sum
+from odescope.library.latex import LATEX, latex_fraction, latex_name, latex_number, latex_sum
+from odescope.library.mathml import MATHML, math, mathml_fraction, mathml_name, mathml_number, mathml_sum
 from odescope.library.printer import print_combination, print_product
 from odescope.model.equations import Equation
 from odescope.model.explicit import Quotient
 from odescope.model.mechanism_display import mechanisms_latex, mechanisms_mathml
-from odescope.model.relation import FoundMechanism, Relation, RelationTerm
+from odescope.model.relation import FoundMechanism, FoundParameter, Relation, RelationTerm
+from odescope.model.rounding import rounded
 
 
 def equation_text(equation: Equation) -> str:
@@ -21,6 +22,33 @@ def equation_text(equation: Equation) -> str:
         return f"{equation.target} = {equation.text}"
     left = signed_sum((t.coefficient, t.text) for t in equation.left)
     return f"{left} = {equation.right.text}"
+
+
+def parameters_text(parameters: Sequence[FoundParameter]) -> list[str]:
+    """Return a line of plain text for every constant within functions, its standard error after +-."""
+    return [f"{p.name} = {value}" + (f" +- {error}" if error else "") for p, value, error in _sizes(parameters)]
+
+
+def parameters_latex(parameters: Sequence[FoundParameter]) -> list[str]:
+    """Return the same in LaTeX."""
+    return [
+        f"{latex_name(p.name)} = {latex_number(value)}" + (rf" \pm {latex_number(error)}" if error else "")
+        for p, value, error in _sizes(parameters)
+    ]
+
+
+def parameters_mathml(parameters: Sequence[FoundParameter]) -> list[str]:
+    """Return the same in MathML."""
+    return [
+        f"{mathml_name(p.name)}<mo>=</mo>{mathml_number(value)}"
+        + (f"<mo>±</mo>{mathml_number(error)}" if error else "")
+        for p, value, error in _sizes(parameters)
+    ]
+
+
+def _sizes(parameters: Sequence[FoundParameter]) -> list[tuple[FoundParameter, str, str]]:
+    """Return those that are written by name somewhere, with value and standard error as text."""
+    return [(p, *rounded(p.value, p.std_error)) for p in parameters if p.written]
 
 
 def equation_latex(equation: Equation) -> str:
@@ -70,6 +98,7 @@ def equations_html(
     said: Sequence[str],
     mechanisms: Sequence[FoundMechanism] = (),
     names: Sequence[str] = (),
+    parameters: Sequence[FoundParameter] = (),
 ) -> str:
     """Return mechanisms and equations in MathML, and below them a list of sentences; all text is escaped.
 
@@ -77,23 +106,28 @@ def equations_html(
         equations: of the model, as they are shown.
         said: the sentences.
         mechanisms: of the model.
-        names: its states and inputs, which mechanisms may name.
+        names: its states, inputs and constants, which mechanisms may name.
+        parameters: its constants.
     """
-    formulas = [*mechanisms_mathml(mechanisms, names), *map(equation_mathml, equations)]
+    formulas = [*mechanisms_mathml(mechanisms, names), *map(equation_mathml, equations), *parameters_mathml(parameters)]
     shown = "".join(f"<p>{math(formula)}</p>" for formula in formulas)
     items = "".join(f"<li>{escape(line)}</li>" for line in said)
     return f"<div>{shown}{f'<ul>{items}</ul>' if items else ''}</div>"
 
 
 def equations_latex(
-    equations: Sequence[Equation], mechanisms: Sequence[FoundMechanism] = (), names: Sequence[str] = ()
+    equations: Sequence[Equation],
+    mechanisms: Sequence[FoundMechanism] = (),
+    names: Sequence[str] = (),
+    parameters: Sequence[FoundParameter] = (),
 ) -> str:
     """Return mechanisms and equations as displayed LaTeX, one a line.
 
     Args:
         equations: of the model, as they are shown.
         mechanisms: of the model.
-        names: its states and inputs, which mechanisms may name.
+        names: its states, inputs and constants, which mechanisms may name.
+        parameters: its constants.
     """
-    lines = [*mechanisms_latex(mechanisms, names), *map(equation_latex, equations)]
+    lines = [*mechanisms_latex(mechanisms, names), *map(equation_latex, equations), *parameters_latex(parameters)]
     return "$$\\begin{gathered}\n" + " \\\\\n".join(lines) + "\n\\end{gathered}$$"

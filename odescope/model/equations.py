@@ -6,11 +6,12 @@ the mass matrix.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from odescope.errors import InputError
-from odescope.library.expression import Combination
+from odescope.library.expression import Combination, Term
+from odescope.library.product import Product
 from odescope.model.energy import mass_matrix
 from odescope.model.explicit import Coupled, Quotient, blocks, short_explicit
 from odescope.model.relation import FoundMechanism, Relation
@@ -91,3 +92,22 @@ def _in_scale_of_energies(
         terms = tuple(replace(t, coefficient=scale * t.coefficient, std_error=None) for t in relation.terms)
         scaled.append(Relation(terms))
     return tuple(scaled)
+
+
+def with_names(equation: Equation, written: Mapping[Term, Term]) -> Equation:
+    """Return an equation with the names of constants in its terms.
+
+    Args:
+        equation: with numbers.
+        written: terms with names, by those with numbers.
+    """
+    if not written:
+        return equation
+    if isinstance(equation, Quotient):
+        top, bottom = (
+            Combination(tuple((c, written.get(t, t)) for c, t in part.parts))
+            for part in (equation.numerator, equation.denominator)
+        )
+        return replace(equation, numerator=top, denominator=bottom)
+    terms = (replace(t, product=Product(t.factor, written.get(t.term, t.term))) for t in equation.terms)
+    return Relation(tuple(terms))

@@ -59,7 +59,7 @@ def mechanisms_latex(mechanisms: Sequence[FoundMechanism], names: Sequence[str])
         mechanisms: of the model.
         names: its states and inputs.
     """
-    scope, lines = Scope.of(names), list[str]()
+    scope, lines = Scope.of(names, constants=names), list[str]()
 
     def product(m: FoundMechanism) -> tuple[bool, str]:
         term = _read(m.term, scope)
@@ -87,7 +87,7 @@ def mechanisms_mathml(mechanisms: Sequence[FoundMechanism], names: Sequence[str]
         names: its states and inputs.
         errors: whether standard errors stand in them.
     """
-    scope, formulas = Scope.of(names), list[str]()
+    scope, formulas = Scope.of(names, constants=names), list[str]()
 
     def product(m: FoundMechanism) -> tuple[bool, str]:
         size = _mathml_size(m, errors)

@@ -9,9 +9,12 @@ from functools import cached_property
 import msgspec
 
 from odescope.errors import InputError
+from odescope.library.expression import Term
+from odescope.library.parse import Scope, parse_term
+from odescope.library.readable import readable
 from odescope.library.tape import Tape, write_tape
 from odescope.model.display import equations_html, equations_latex
-from odescope.model.equations import Equation, shown_equations
+from odescope.model.equations import Equation, shown_equations, with_names
 from odescope.model.explicit import Quotient, explicit
 from odescope.model.notes import trust
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation
@@ -95,15 +98,46 @@ class Model:
     @cached_property
     def equations(self) -> tuple[Equation, ...]:
         """The equations as people are shown them, one a target: quotients where these are short, else relations."""
-        return shown_equations(self.relations, self.coordinates, self.inputs, self.mechanisms)
+        shown = shown_equations(self.relations, self.coordinates, self.inputs, self.mechanisms)
+        return tuple(with_names(equation, self._written) for equation in shown)
+
+    @cached_property
+    def shown_mechanisms(self) -> tuple[FoundMechanism, ...]:
+        """The mechanisms as people are shown them, with the names of constants."""
+        written = {term.text: readable(named) for term, named in self._written.items()}
+        return tuple(
+            msgspec.structs.replace(m, term=written.get(m.term, m.term), name=written.get(m.name, m.name))
+            for m in self.mechanisms
+        )
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """What equations and mechanisms may name as they are shown: states, inputs and constants."""
+        return (*self.variables, *(p.name for p in self.parameters))
+
+    @property
+    def named_terms(self) -> tuple[Term, ...]:
+        """The terms that name constants as they are shown."""
+        return tuple(self._written.values())
+
+    @cached_property
+    def _written(self) -> dict[Term, Term]:
+        """Terms with the names of constants, by the terms with numbers that stand in the relations."""
+        plain = Scope.of(self.variables)
+        named = Scope.of(self.variables, constants=[p.name for p in self.parameters])
+        found = dict[Term, Term]()
+        for p in self.parameters:
+            for text, written in zip(p.terms, p.written, strict=False):
+                found[parse_term(text, plain)] = parse_term(written, named)
+        return found
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: mechanisms where there are any, the equations, and how far to trust them."""
-        return equations_html(self.equations, trust(self.scores), self.mechanisms, self.variables)
+        return equations_html(self.equations, trust(self.scores), self.shown_mechanisms, self.names, self.parameters)
 
     def _repr_latex_(self) -> str:
         """Return mechanisms and equations as LaTeX for a notebook."""
-        return equations_latex(self.equations, self.mechanisms, self.variables)
+        return equations_latex(self.equations, self.shown_mechanisms, self.names, self.parameters)
 
 
 def without_delays(model: Model) -> Model:

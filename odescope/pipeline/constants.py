@@ -38,7 +38,7 @@ def constants_of(study: Study, terms: Sequence[Term], signals: Signals) -> tuple
         InputError: no term holds a constant, one holds more than two, or as a plain factor, or has no values on the
             data within the range.
     """
-    spans, found = study.library.parameters, list[Constant]()
+    spans, found = study.parameters, list[Constant]()
     for term in terms:
         named = sorted(term.names & set(spans))
         if len(named) > MOST:

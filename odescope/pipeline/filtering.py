@@ -155,7 +155,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
         with work.stage("delays"):
             # Delays are found with relations, whatever form the model is to have.
             libraries = prepared.libraries or tuple(study.candidates(c.target) for c in study.measured())
-            libraries = tuple(library.without(study.library.parameters) for library in libraries)
+            libraries = tuple(library.without(study.parameters) for library in libraries)
             delays = _delays(work, records, libraries, wanted)
         inputs = tuple(with_delays(inputs, {name: d.seconds for name, d in delays.items()}))
     lead = max((abs(i.delay) for i in inputs), default=0.0) or None

@@ -67,8 +67,9 @@ class Identification:
         return equations_html(
             self.model.equations,
             (*trust(self.model.scores), *self.notes),
-            self.model.mechanisms,
-            self.model.variables,
+            self.model.shown_mechanisms,
+            self.model.names,
+            self.model.parameters,
         )
 
     def _repr_latex_(self) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from odescope.library.mathml import math, mathml_name
 from odescope.library.mechanism import FORCE_ON
 from odescope.library.parse import Scope
-from odescope.model.display import equation_mathml, product_mathml, relation_mathml
+from odescope.model.display import equation_mathml, parameters_mathml, product_mathml, relation_mathml
 from odescope.model.mechanism_display import HEADINGS, by_kind, mechanisms_mathml, reaction_mathml, term_mathml
 from odescope.model.notes import findings, trust
 from odescope.model.relation import FoundMechanism, RelationTerm
@@ -61,8 +61,10 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
     return environment.get_template("page.html.jinja").render(
         r=report,
         model=model,
-        equations=tuple(Markup(math(equation_mathml(e))) for e in model.equations),
-        formulas=tuple(Markup(math(f)) for f in mechanisms_mathml(model.mechanisms, model.variables, errors=False)),
+        equations=tuple(
+            Markup(math(e)) for e in (*map(equation_mathml, model.equations), *parameters_mathml(model.parameters))
+        ),
+        formulas=tuple(Markup(math(f)) for f in mechanisms_mathml(model.shown_mechanisms, model.names, errors=False)),
         mechanisms=_mechanisms(report),
         relations=_relations(report),
         trust=(*trust(model.scores), *found),
@@ -126,12 +128,13 @@ def _mechanisms(report: Report) -> list[tuple[str, list[Row]]]:
     from markupsafe import Markup
 
     model = model_of(report)
-    scope, units = Scope.of(model.variables), mechanism_units(model)
+    scope, units = Scope.of(model.names, constants=model.names), mechanism_units(model)
+    written = dict(zip(model.mechanisms, model.shown_mechanisms, strict=True))
 
     def shown(m: FoundMechanism) -> Markup:
         if m.kind == "reaction":
             return Markup(_small(reaction_mathml(m.name)))
-        term, on = Markup(_small(term_mathml(m.term, scope))), m.name.rpartition(FORCE_ON)[2]
+        term, on = Markup(_small(term_mathml(written[m].term, scope))), m.name.rpartition(FORCE_ON)[2]
         return term + Markup(" on ") + Markup(_small(mathml_name(on))) if m.kind == "force" else term
 
     return [

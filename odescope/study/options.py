@@ -16,7 +16,7 @@ from odescope.library.functions import FUNCTIONS
 from odescope.library.lagrangian import lagrangian
 from odescope.library.mechanism import Mechanism
 from odescope.library.parse import Definition, Scope, parse_term
-from odescope.library.reactions import reactions
+from odescope.library.reactions import reactions, saturation
 from odescope.library.rules import AnyRule
 from odescope.library.ties import tied
 from odescope.likelihood.search import LikelihoodSearch
@@ -40,6 +40,7 @@ else:
     from odescope.signals.differentiators import AnyDifferentiator
 
 
+Span = tuple[float, float] | Literal["scale"]
 ANY_SCALE = (0.3, 3.0)  # where a constant is drawn from whose range the data will say
 
 LeftOut = tuple[tuple[Mechanism, tuple[Mechanism, ...]], ...]  # each with what it is a combination of
@@ -113,7 +114,8 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     `form` is what the candidates are terms of: of "relations" between states, targets and inputs; of the energies,
     dissipation and forces of Lagrange's equations ("lagrangian"), each of which may be named instead of its default; or
-    "reactions", named, or all between complexes of at most so many `molecules` that a `composition` allows. "auto" lets
+    "reactions", named, or all between complexes of at most so many `molecules` that a `composition` allows, with fluxes
+    that saturate in the `saturating` species too. "auto" lets
     Lagrange's equations compete with relations where there are several coordinates, all of order 2. `ties` are linear
     equalities between coefficients, see `odescope.library.ties`.
 
@@ -141,7 +143,8 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     reactions: tuple[str, ...] | None = None
     molecules: Annotated[int, msgspec.Meta(ge=1, le=4)] = 2
     ties: tuple[str, ...] = ()
-    parameters: dict[str, tuple[float, float] | Literal["scale"]] = {}
+    saturating: tuple[str, ...] = ()
+    parameters: dict[str, Span] = {}
 
     def __post_init__(self) -> None:
         if self.form not in ("auto", *get_args(Form)):
@@ -302,14 +305,20 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         fixed = own.terms is not None or own.preset == "paper" or not self.likelihood.enabled
         return ("relations", "lagrangian") if mechanical and not fixed else ("relations",)
 
+    @property
+    def parameters(self) -> dict[str, Span]:
+        """The constants within functions, and where they are looked for: those declared, and those of saturation."""
+        found: dict[str, Span] = {saturation(name): "scale" for name in self.library.saturating}
+        return found | self.library.parameters
+
     def scope(self) -> Scope:
         """Return the names and functions that the texts of the library may use."""
         coordinates, inputs, functions = self.measured(), self.driven(), self.library.functions
         names = [n for c in coordinates for n in (*c.states, c.target)] + [i.name for i in inputs]
-        for name in self.library.parameters:
+        for name in self.parameters:
             if name in names or name in FUNCTIONS or name in functions or name == "identity":
                 raise InputError(f"[library.parameters] {name!r} is taken by a state, an input or a function")
-        return Scope.of(names, [_definition(head, body) for head, body in functions.items()], self.library.parameters)
+        return Scope.of(names, [_definition(head, body) for head, body in functions.items()], self.parameters)
 
     def mechanisms(self, form: Form) -> Mechanisms:
         """Return the mechanisms of Lagrange's equations or of reactions, and those left out as combinations of others.
@@ -332,11 +341,13 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             found = reactions(
                 coordinates,
                 inputs,
+                self.scope(),
                 named=options.reactions,
                 composition=options.composition,
                 molecules=options.molecules,
+                saturating=options.saturating,
             )
-        spans = {name: ANY_SCALE if span == "scale" else span for name, span in options.parameters.items()}
+        spans = {name: ANY_SCALE if span == "scale" else span for name, span in self.parameters.items()}
         return told_apart(tied(found, options.ties, self.scope()), coordinates, inputs, np.random.default_rng(0), spans)
 
     def candidates(self, target: str) -> Library:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from odescope.model.display import equation_latex
+from odescope.model.display import equation_latex, parameters_latex
 from odescope.model.mechanism_display import mechanisms_latex
 from odescope.model.model import Model
 
@@ -13,7 +13,11 @@ def to_latex(model: Model) -> str:
     Coefficients of equations have six significant digits, those of mechanisms as many as their standard errors allow.
     What stands above the arrow of a reaction needs amsmath.
     """
-    lines = [*mechanisms_latex(model.mechanisms, model.variables), *map(equation_latex, model.equations)]
+    lines = [
+        *mechanisms_latex(model.shown_mechanisms, model.names),
+        *map(equation_latex, model.equations),
+        *parameters_latex(model.parameters),
+    ]
     return " \\\\\n".join(lines)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from odescope.library.mathml import math
-from odescope.model.display import equation_mathml
+from odescope.model.display import equation_mathml, parameters_mathml
 from odescope.model.mechanism_display import mechanisms_mathml
 from odescope.model.model import Model
 
@@ -13,7 +13,11 @@ def to_mathml(model: Model) -> str:
 
     Coefficients of equations have six significant digits, those of mechanisms as many as their standard errors allow.
     """
-    formulas = [*mechanisms_mathml(model.mechanisms, model.variables), *map(equation_mathml, model.equations)]
+    formulas = [
+        *mechanisms_mathml(model.shown_mechanisms, model.names),
+        *map(equation_mathml, model.equations),
+        *parameters_mathml(model.parameters),
+    ]
     return "\n".join(math(formula) for formula in formulas)
 
 

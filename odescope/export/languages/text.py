@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
-from odescope.library.expression import Combination
-from odescope.model.display import equation_text
+from odescope.library.expression import Combination, Term
+from odescope.library.readable import readable
+from odescope.model.display import equation_text, parameters_text
 from odescope.model.equations import Equation
 from odescope.model.explicit import Quotient
 from odescope.model.mechanism_display import mechanisms_text
@@ -19,7 +21,7 @@ def to_text(model: Model, digits: int | None = None) -> str:
     Floats round-trip, or are rounded to `digits` significant digits. Where the model is made of mechanisms, these come
     first, in lines that begin with #.
     """
-    lines = [f"# {line}" for line in mechanisms_text(model.mechanisms)]
+    lines = [f"# {line}" for line in mechanisms_text(model.shown_mechanisms)]
     return "\n".join([*lines, *equation_lines(model, digits)])
 
 
@@ -27,9 +29,17 @@ write = to_text
 
 
 def equation_lines(model: Model, digits: int | None = None) -> list[str]:
-    """Return the equations, one a line; see `to_text`."""
+    """Return the equations, one a line, and the constants in them; see `to_text`."""
     equations = model.equations if digits is None else tuple(_rounded(e, digits) for e in model.equations)
-    return [equation_text(e) for e in equations]
+    lines = map(equation_text, equations)
+    return [*(_readable(line, model.named_terms) for line in lines), *parameters_text(model.parameters)]
+
+
+def _readable(line: str, terms: Iterable[Term]) -> str:
+    """Return a line with terms that name constants as a person would type them."""
+    for term in sorted(terms, key=lambda t: -len(t.text)):
+        line = line.replace(term.text, readable(term))
+    return line
 
 
 def _rounded(equation: Equation, digits: int) -> Equation:

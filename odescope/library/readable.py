@@ -1,0 +1,39 @@
+"""Terms as a person would type them: a quotient with a bar, and x**n where the exponent is a constant."""
+
+from __future__ import annotations
+
+from odescope.library.expression import Atom, Call, Combination, Name, Power, Term, signed_sum
+
+
+def readable(term: Term) -> str:
+    """Return a term as text that reads back as the same: x_dot/v0 for v0**-1*x_dot, x**n for exp(n*log(x))."""
+    top = [_raised(atom, power) for atom, power in term.factors if power > 0]
+    bottom = [_raised(atom, -power) for atom, power in term.factors if power < 0]
+    below = "*".join(bottom)
+    over = f"/({below})" if len(bottom) > 1 else f"/{below}" if bottom else ""
+    return ("*".join(top) or "1") + over
+
+
+def _raised(atom: Atom, power: Power) -> str:
+    if isinstance(atom, Name):
+        body = atom.name
+    elif atom.function == "exp" and (found := _exponential(atom.argument)) is not None:
+        body = found if power == 1 else f"({found})"
+    else:
+        inner = signed_sum(((c, readable(t)) for c, t in atom.argument.parts), inverse=True)
+        body = f"{atom.function}({inner})"
+    return body if power == 1 else f"{body}**{power}"
+
+
+def _exponential(argument: Combination) -> str | None:
+    """Return x**n for the argument n*log(x) of an exponential, None for another."""
+    if len(argument.parts) != 1 or argument.parts[0][0] != 1.0:
+        return None
+    logarithms = [a for a, p in argument.parts[0][1].factors if isinstance(a, Call) and a.function == "log" and p == 1]
+    exponents = [a for a, p in argument.parts[0][1].factors if isinstance(a, Name) and p == 1]
+    if len(logarithms) != 1 or len(exponents) != 1 or len(argument.parts[0][1].factors) != 2:
+        return None
+    inner = logarithms[0].argument
+    alone = len(inner.parts) == 1 and inner.parts[0][0] == 1.0
+    base = readable(inner.parts[0][1]) if alone else signed_sum((c, readable(t)) for c, t in inner.parts)
+    return f"{base if base.isidentifier() else f'({base})'}**{exponents[0].name}"
