@@ -59,12 +59,12 @@ def saturation(species: str) -> str:
 def reactions(
     coordinates: Sequence[Coordinate],
     inputs: Sequence[Input],
-    scope: Scope,
     *,
     named: Sequence[str] | None,
     composition: Mapping[str, str] | None,
     molecules: int = 2,
     saturating: Sequence[str] = (),
+    scope: Scope | None = None,
 ) -> tuple[Mechanism, ...]:
     """Return the rate of change of every species, known to stand with coefficient 1, then candidate reactions.
 
@@ -79,7 +79,6 @@ def reactions(
     Args:
         coordinates: the species, of order 1, one a relation.
         inputs: what drives the system.
-        scope: what fluxes may name.
         named: the reactions to choose from; None or none for all that the composition allows between complexes of so
             many molecules, and every input into every species.
         composition: moieties by species, such as {"S": "s", "C": "2 s e"} (see `moieties_of`); named reactions are
@@ -87,6 +86,7 @@ def reactions(
         molecules: the most on one side of a reaction that is not named.
         saturating: species of which one molecule's flux may saturate: reactions that use one compete with a flux of
             theirs over (K + amount), too.
+        scope: what fluxes may name; by default species and inputs.
 
     Raises:
         InputError: neither reactions nor a composition are given; one of them cannot be read, names what there is not
@@ -94,6 +94,7 @@ def reactions(
     """
     species = species_of(coordinates)
     driven = tuple(i.name for i in inputs)
+    scope = Scope.of([*species, *driven]) if scope is None else scope
     if not named and composition is None:
         raise InputError(
             "no reactions are given: give reactions, such as ['S + E -> C'], or the composition of every species, such"

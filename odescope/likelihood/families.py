@@ -77,7 +77,8 @@ def _scores_at(
 
 
 def promising(space: SearchSpace, begun: Sequence[FloatArray]) -> list[FloatArray]:
-    """Return the starts that fit best in loose segments, as fitted there: two of few terms, and the best of all.
+    """Return the starts that fit best in loose segments, as fitted there: the one of fewest terms, the best of
+    few, and the best of all.
 
     Constants that are a little off ask for terms in regression, and a search hardly drops these again, because the
     constants cannot move while they are there. From few terms it adds what is missing, with the constants free.
@@ -89,4 +90,5 @@ def promising(space: SearchSpace, begun: Sequence[FloatArray]) -> list[FloatArra
     for found in ranked:
         best.setdefault(tuple(found.present.tolist()), found)
     few = [k for k, f in best.items() if len(f.free) <= FEW * space.relations]
-    return [best[k].theta for k in dict.fromkeys((*few[:2], *list(best)[:1]))] or list(begun[:1])
+    least = sorted(best, key=len)[:1]
+    return [best[k].theta for k in dict.fromkeys((*least, *few[:1], *list(best)[:1]))] or list(begun[:1])

@@ -140,9 +140,9 @@ def refine(
     seen, outcomes, gains = _held(cut, seen, begun, outcomes, held, monitor, workers)
     if starts.rival is not None:
         outcomes += _searches(seen, [whole(starts.rival)], None, monitor, workers)
-    more = None if any(o.clear for o in outcomes) else starts.further()
+    more = None if any(o.clear for o in outcomes) else starts.further(_constants(seen, outcomes))
     if more is not None:
-        begun = [whole(Start(more)), *begun]
+        begun = [whole(more), *begun]
         outcomes += _searches(seen, begun[:1], None, monitor, workers)
         seen, outcomes, gains = _held(cut, seen, begun, outcomes, held, monitor, workers)
     budget.spent += sum(o.spent for o in outcomes)
@@ -151,6 +151,14 @@ def refine(
         return None
     floor = np.array([c.floor for c in signals.channels]) / np.sqrt(space.segments.block)
     return _judged(partial(cut, holds_of(space)), space, begun, best, len(outcomes), gains, options.terms, floor)
+
+
+def _constants(space: SearchSpace, outcomes: Sequence[Outcome]) -> dict[str, float]:
+    """Return the constants within functions where the best search ended, by name."""
+    if not outcomes:
+        return {}
+    theta = min(outcomes, key=lambda o: o.rank).fit.theta
+    return {name: space.frame.constants[name].at(float(theta[k])) for name, k in space.needed.items()}
 
 
 def _best(

@@ -56,14 +56,14 @@ class Starts:
 
     `plain` are relations that hold their targets bare, if there are any; they are begun from too where one of the
     others cannot be followed, and all candidates are then plain. `rival` are relations that promise more than the
-    first: they are begun from whatever the others end in. `further` gives coefficients to begin from, if it can, and is
-    asked only where none of the others ends clear.
+    first: they are begun from whatever the others end in. `further` gives one more for the constants where the best
+    search ended, if it can, and is asked only where none of the others ends clear.
     """
 
     first: Sequence[Start]
     plain: Start | None = None
     rival: Start | None = None
-    further: Callable[[], FloatArray | None] = lambda: None
+    further: Callable[[Mapping[str, float]], Start | None] = lambda _: None
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,7 +14,7 @@ from odescope.likelihood.refine import Refinement
 from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
 from odescope.model.scores import FormScore
-from odescope.pipeline.constants import Substituted, constants_of, substitute
+from odescope.pipeline.constants import Substituted, constants_of, substitute, substituted_at
 from odescope.pipeline.filtering import Filtered, Prepared
 from odescope.pipeline.forms import Posed, Proposed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
@@ -24,7 +24,7 @@ from odescope.pipeline.stages import Chosen, draw_anew, pose_all, propose, refin
 from odescope.pipeline.work import Work
 from odescope.regression.problem import Problem
 from odescope.signals.estimate import Signals
-from odescope.study.options import Form, LeftOut, Study
+from odescope.study.options import Form, LeftOut
 
 LOST = 0.5  # error of free runs, in standard deviations, of a model that says little of the record
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
@@ -162,7 +162,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         NoModelError: no form has a model.
     """
     contenders = list[_Contender]()
-    forms = _posed(work.study, prepared, filtered, regressed)
+    forms = _posed(work, prepared, filtered, regressed)
     for posed in forms:
         done = [c.refinement for c in contenders if c.refinement is not None]
         if posed.form == "relations" and regressed.model is not None and done:
@@ -192,15 +192,21 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
     return Winner(best.model, best.refinement, best.left_out, scores)
 
 
-def _posed(study: Study, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> tuple[Posed, ...]:
+def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> tuple[Posed, ...]:
     """Return the forms that compete, mechanisms first, each with its candidates and where to begin."""
     records, signals, substituted = filtered.records, filtered.signals, regressed.substituted
+    study, targets = work.study, filtered.signals.targets
+
+    def again(values: Mapping[str, float]) -> Proposed:
+        there = substituted_at(prepared.libraries, substituted.constants, values, targets)
+        return _proposed(_regress_at(work, there, filtered))
+
     forms = [
         mechanisms_form(study, form, library, substituted.constants, records, signals)
         for form, library in prepared.mechanisms.items()
     ]
     if regressed.problems:
-        forms.append(relations_form(study, [_proposed(r) for r in (regressed, *regressed.elsewhere)]))
+        forms.append(relations_form(study, [_proposed(r) for r in (regressed, *regressed.elsewhere)], again))
     return tuple(forms)
 
 

@@ -163,14 +163,23 @@ class Substituted:
         return self.named.get(product, (1.0, product))[1]
 
 
-def _substituted_at(libraries: Sequence[Library], constants: Sequence[Constant], targets: Sequence[str]) -> Substituted:
-    """Return libraries with numbers for constants; of terms that become equal the first stays."""
-    values = {c.name: c.nominal for c in constants}
+def substituted_at(
+    libraries: Sequence[Library], constants: Sequence[Constant], values: Mapping[str, float], targets: Sequence[str]
+) -> Substituted:
+    """Return libraries with numbers for constants; of terms that become equal the first stays.
+
+    Args:
+        libraries: one a target.
+        constants: of these.
+        values: of the constants, by name.
+        targets: that terms may hold.
+    """
+    constants = [replace(c, nominal=values[c.name]) for c in constants]
     named, found = dict[Product, tuple[float, Product]](), list[Library]()
     for library in libraries:
         terms = dict[Term, None]()
         for term in library:
-            share, plain = term_at(term, values)
+            share, plain = term_at(term, dict(values))
             if plain in terms:
                 continue
             terms[plain] = None
@@ -191,4 +200,4 @@ def substitute(
         targets: that terms may hold.
     """
     points = [{c.name: c.nominal for c in constants}, *(grid_of(constants, *COARSE) if libraries else ())]
-    return [_substituted_at(libraries, [replace(c, nominal=v[c.name]) for c in constants], targets) for v in points]
+    return [substituted_at(libraries, constants, values, targets) for values in points]

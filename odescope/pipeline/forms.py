@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import zip_longest
@@ -37,7 +37,7 @@ class Posed:
     `plain` are relations that hold their targets bare, where there are any. `rival` are those of
     relations that promise more than all `starts`, with other target terms. `regression` gives what regression on all
     relations together proposes, where that is not among the starts; it is asked for late, because it takes as long as a
-    search.
+    search. `again` gives what regression proposes at other values of the constants.
     """
 
     form: Form
@@ -48,11 +48,22 @@ class Posed:
     plain: Start | None = None
     rival: Start | None = None
     regression: Callable[[Sequence[Mechanism]], FloatArray | None] = lambda _: None
+    again: Callable[[Mapping[str, float]], Start | None] = lambda _: None
 
     @cached_property
     def at_nominal(self) -> tuple[Mechanism, ...]:
         """The candidates with numbers for constants, as regression takes them."""
         return tuple(mechanism_at(m, {c.name: c.nominal for c in self.constants}) for m in self.mechanisms)
+
+    def further(self, values: Mapping[str, float]) -> Start | None:
+        """Return one more start: what regression says where constants have these values, or of all relations together.
+
+        Of the latter constants are nominal.
+        """
+        there = self.again(values) if values else None
+        if there is not None:
+            return there
+        return None if self.proposal is None else Start(self.proposal)
 
     @cached_property
     def proposal(self) -> FloatArray | None:
@@ -106,12 +117,13 @@ class Proposed:
         return Start(coefficients_of(mechanisms, named), self.substituted.values)
 
 
-def relations_form(study: Study, tried: Sequence[Proposed]) -> Posed:
+def relations_form(study: Study, tried: Sequence[Proposed], again: Callable[[Mapping[str, float]], Proposed]) -> Posed:
     """Return the plain candidates of all targets, begun from what regression proposes and from a forward selection.
 
     Args:
         study: whose ties hold.
         tried: what regression says, at the best numbers for constants first.
+        again: gives what it says at others.
     """
     best = tried[0]
     products = [
@@ -125,6 +137,13 @@ def relations_form(study: Study, tried: Sequence[Proposed]) -> Posed:
     for other in tried if len(tried) > 1 else ():
         proposals = [other.proposals[0][1].relations, other.plain] if other.proposals else []
         starts += [other.start(mechanisms, relations) for relations in (*proposals, other.forward, other.short)]
+    if len(tried) > 1:
+        starts.append(best.start(mechanisms, [Relation(r.terms[:1]) for r in best.forward]))
+
+    def further(values: Mapping[str, float]) -> Start | None:
+        found = again(values)
+        return found.start(mechanisms, found.proposals[0][1].relations) if found.proposals else None
+
     rivals, bare = best.rival, None
     if best.proposals and not any(len(m.parts) > 1 for m in mechanisms):
         bare = best.start(mechanisms, best.plain)
@@ -136,6 +155,7 @@ def relations_form(study: Study, tried: Sequence[Proposed]) -> Posed:
         tuple(starts),
         bare,
         None if rivals is None else best.start(mechanisms, rivals),
+        again=further,
     )
 
 

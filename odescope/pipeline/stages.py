@@ -127,7 +127,7 @@ def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | No
             filtered.records,
             filtered.signals,
             posed.mechanisms,
-            Starts(posed.starts, posed.plain, posed.rival, lambda: posed.proposal),
+            Starts(posed.starts, posed.plain, posed.rival, posed.further),
             work.study.signals.differentiator,
             work.study.likelihood,
             work.monitor,

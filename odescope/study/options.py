@@ -341,11 +341,11 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             found = reactions(
                 coordinates,
                 inputs,
-                self.scope(),
                 named=options.reactions,
                 composition=options.composition,
                 molecules=options.molecules,
                 saturating=options.saturating,
+                scope=self.scope(),
             )
         spans = {name: ANY_SCALE if span == "scale" else span for name, span in self.parameters.items()}
         return told_apart(tied(found, options.ties, self.scope()), coordinates, inputs, np.random.default_rng(0), spans)

@@ -1,0 +1,221 @@
+"""Recovery of laws with constants inside functions, at 1 % noise, constants declared with ranges of one or two decades.
+
+    ./run python bench/families.py --seeds 20 --workers 2
+
+A run is right where every equation has the terms of the truth and no others, constants by name. Over the right ones:
+the worst error of a constant in its standard errors, and how many 95 % intervals of coefficients and constants hold
+the truth. Seconds are those of the processor, median and most.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from threadpoolctl import threadpool_limits
+
+from odescope import NoModelError, identify
+from odescope.model.model import Model
+from odescope.study.options import Candidates, Data, Driven, Measured, Study
+
+NOISE = 0.01  # of the standard deviation of each coordinate
+HEADER = "| system | right | constants, worst, s.e. | coverage | s |\n|---|---:|---:|---:|---:|"
+
+Rate = Callable[[float, np.ndarray, float], Sequence[float]]
+Equation = Mapping[str, float]  # what the terms add up to, which is the target
+
+
+@dataclass(frozen=True)
+class System:
+    """A law, its recordings, and the library that a user would give; `driven` draws an input."""
+
+    rate: Rate
+    starts: Sequence[Sequence[float]]
+    times: np.ndarray
+    names: Sequence[str]
+    order: int
+    library: Candidates
+    truth: Sequence[Equation]
+    constants: Mapping[str, float]
+    driven: Callable[[np.ndarray, np.random.Generator], np.ndarray] | None = None
+    inputs: Mapping[str, Driven] = field(default_factory=dict)
+
+
+def excitation(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    f, phase = rng.uniform(0.1, 1.2, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
+    return 1.2 * np.sin(2.0 * np.pi * np.multiply.outer(t, f) + phase).sum(axis=1)
+
+
+def jacket(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    one, other = rng.uniform(0.0, 2.0 * np.pi, 2)
+    return 330.0 + 30.0 * np.sin(0.15 * t + one) + 15.0 * np.sin(0.4 * t + other)
+
+
+def clock(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return t
+
+
+def _stage(t, x, u):
+    return x[1], u - 4.0 * x[0] - 0.3 * x[1] - 0.8 * np.tanh(x[1] / 0.15)
+
+
+def _forced(t, x, u):
+    return x[1], 1.5 * np.sin(1.37 * u) - 4.0 * x[0] - 0.3 * x[1]
+
+
+def _reactor(t, x, u):
+    reacting = 2e3 * x[0] * np.exp(-3000.0 / x[1])
+    return 0.1 - 0.1 * x[0] - reacting, 100.0 * reacting + 0.3 * (u - x[1])
+
+
+def _hill(t, x, u):
+    raised = x[1] ** 2.5
+    return 2.0 * raised / (0.7**2.5 + raised) - x[0], 1.2 * x[0] - 0.8 * x[1]
+
+
+def _switch(t, x, u):
+    return 1.5 / (1.0 + np.exp(-(x[1] - 0.9) * 6.0)) - x[0], 1.2 * x[0] - 0.8 * x[1]
+
+
+def _enzyme(t, x, u):
+    flux = 1.2 * x[0] / (0.4 + x[0])
+    return 0.1 * x[1] - flux, flux - 0.6 * x[1], 0.5 * x[1]
+
+
+ONE_INPUT = {"u": Driven()}
+THREE = ((0.1, 2.0), (1.5, 0.3), (1.0, 1.0))
+SYSTEMS = {
+    "tanh friction, width": System(
+        _stage, [(0.5, 0.0)], np.arange(0.0, 30.0, 0.01), "x", 2,
+        Candidates(basis=("x", "x_dot", "u", "tanh(x_dot/v0)"), degree=2, parameters={"v0": (0.01, 1.0)}),
+        [{"x": -4.0, "x_dot": -0.3, "u": 1.0, "tanh(x_dot/v0)": -0.8}], {"v0": 0.15}, excitation, ONE_INPUT,
+    ),
+    "sine forcing, frequency": System(
+        _forced, [(0.5, 0.0)], np.arange(0.0, 40.0, 0.02), "x", 2,
+        Candidates(basis=("x", "x_dot", "sin(w*u)", "cos(w*u)"), degree=2, parameters={"w": (0.5, 5.0)}),
+        [{"x": -4.0, "x_dot": -0.3, "sin(u*w)": 1.5}], {"w": 1.37}, clock, ONE_INPUT,
+    ),
+    "Arrhenius reactor, energy": System(
+        _reactor, [(0.8, 330.0)], np.arange(0.0, 120.0, 0.1), "cT", 1,
+        Candidates(basis=("c", "T", "u", "exp(-E/T)"), degree=2, parameters={"E": (500.0, 20000.0)}),
+        [{"1": 0.1, "c": -0.1, "c*exp(-E/T)": -2e3}, {"T": -0.3, "u": 0.3, "c*exp(-E/T)": 2e5}], {"E": 3000.0},
+        jacket, ONE_INPUT,
+    ),
+    "Hill kinetics, exponent and level": System(
+        _hill, THREE, np.arange(0.0, 15.0, 0.05), "ab", 1,
+        Candidates(basis=("a", "b", "b**n/(K**n + b**n)"), degree=2, parameters={"n": (1.0, 5.0), "K": (0.1, 3.0)}),
+        [{"a": -1.0, "b**n/(K**n + b**n)": 2.0}, {"a": 1.2, "b": -0.8}], {"n": 2.5, "K": 0.7},
+    ),
+    "gene switch, slope and threshold": System(
+        _switch, THREE, np.arange(0.0, 15.0, 0.05), "ab", 1,
+        Candidates(
+            basis=("a", "b", "1/(1 + exp(-k*(b - m)))"), degree=2, parameters={"k": (1.0, 20.0), "m": (0.1, 3.0)}
+        ),
+        [{"a": -1.0, "1/(1.0 + exp(-b*k + k*m))": 1.5}, {"a": 1.2, "b": -0.8}], {"k": 6.0, "m": 0.9},
+    ),
+    "enzyme, saturating flux among reactions": System(
+        _enzyme, [(2.0, 0.1, 0.0), (0.5, 1.5, 0.2), (1.0, 2.0, 0.1)], np.arange(0.0, 12.0, 0.05), "SPQ", 1,
+        Candidates(composition={"S": "a", "P": "a", "Q": "a"}, molecules=1, saturating=("S", "P")),
+        [
+            {"P": 0.1, "S/(K_S + S)": -1.2}, {"S/(K_S + S)": 1.2, "P": -0.6}, {"P": 0.5},
+        ], {"K_S": 0.4},
+    ),
+}  # fmt: skip
+
+
+def recorded(system: System, rng: np.random.Generator) -> list[dict[str, np.ndarray]]:
+    """Return noisy recordings."""
+    t, logs = system.times, []
+    for start in system.starts:
+        u = None if system.driven is None else system.driven(t, rng)
+
+        def rate(now, x, u=u):
+            return system.rate(now, x, 0.0 if u is None else float(np.interp(now, t, u)))
+
+        x = solve_ivp(rate, (t[0], t[-1]), start, t_eval=t, rtol=1e-9, atol=1e-11, max_step=2.0 * (t[1] - t[0])).y
+        log = {"t": t, **{name: x[k].copy() for k, name in enumerate(system.names)}}
+        logs.append(log if u is None else log | {"u": u})
+    for name in system.names:
+        size = NOISE * np.concatenate([log[name] for log in logs]).std()
+        for log in logs:
+            log[name] += size * rng.standard_normal(len(t))
+    return logs
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a run: whether the terms are right, errors over standard errors, and seconds of the processor."""
+
+    right: bool
+    constants: tuple[float, ...]
+    scaled: tuple[float, ...]
+    seconds: float
+    said: str
+
+
+def attempt(job: tuple[str, int]) -> Outcome:
+    name, seed = job
+    system = SYSTEMS[name]
+    logs = recorded(system, np.random.default_rng(seed))
+    study = Study(
+        data=Data(time="t"), coordinates={c: Measured(order=system.order) for c in system.names},
+        inputs=dict(system.inputs), library=system.library,
+    )  # fmt: skip
+    begin = time.process_time()
+    with threadpool_limits(1):
+        try:
+            model = identify(study, logs).model
+        except NoModelError as error:
+            return Outcome(False, (), (), time.process_time() - begin, str(error))
+    return judged(system, model, time.process_time() - begin)
+
+
+def judged(system: System, model: Model, seconds: float) -> Outcome:
+    """Return how a model compares with the truth."""
+    written = {t: w for p in model.parameters for t, w in zip(p.terms, p.written, strict=True)}
+    right, scaled = True, list[float]()
+    for relation, target, truth in zip(model.relations, model.targets, system.truth, strict=True):
+        found = {written.get(t.term.text, t.text): t for t in relation.terms if t.text != target}
+        right &= set(found) == set(truth)
+        for term, t in found.items():
+            if term in truth and t.std_error:
+                scaled.append((t.coefficient + truth[term]) / t.std_error)
+    constants = [(p.value - system.constants[p.name]) / p.std_error for p in model.parameters if p.std_error]
+    said = " | ".join(" ".join(f"{t.coefficient:+.4g} {t.text}" for t in r.terms) for r in model.relations)
+    return Outcome(right, tuple(constants), (*scaled, *constants), seconds, said)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--only", nargs="+", default=[], help="beginnings of the names of systems")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--detail", action="store_true", help="print the models that are wrong")
+    args = parser.parse_args()
+    names = [n for n in SYSTEMS if not args.only or n.startswith(tuple(args.only))]
+    print(HEADER)
+    with ProcessPoolExecutor(args.workers) as pool:
+        for name in names:
+            seeds = range(args.first, args.first + args.seeds)
+            outcomes = list(pool.map(attempt, [(name, seed) for seed in seeds]))
+            good = [o for o in outcomes if o.right]
+            worst = max((abs(z) for o in good for z in o.constants), default=np.nan)
+            scaled = np.abs([z for o in good for z in o.scaled])
+            held = f"{100.0 * np.mean(scaled < 1.96):.0f} % of {len(scaled)}" if scaled.size else ""
+            took = [o.seconds for o in outcomes]
+            times = f"{np.median(took):.1f}, {max(took):.1f}"
+            print(f"| {name} | {len(good)}/{len(outcomes)} | {worst:.1f} | {held} | {times} |", flush=True)
+            if args.detail:
+                for seed, o in zip(seeds, outcomes, strict=True):
+                    if not o.right:
+                        print(f"    {seed}: {o.said}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
