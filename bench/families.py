@@ -56,33 +56,36 @@ def jacket(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return 330.0 + 30.0 * np.sin(0.15 * t + one) + 15.0 * np.sin(0.4 * t + other)
 
 
-def clock(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def clock(t: np.ndarray, _: np.random.Generator) -> np.ndarray:
     return t
 
 
-def _stage(t, x, u):
+def _stage(_, x, u):
     return x[1], u - 4.0 * x[0] - 0.3 * x[1] - 0.8 * np.tanh(x[1] / 0.15)
 
 
-def _forced(t, x, u):
+def _forced(_, x, u):
     return x[1], 1.5 * np.sin(1.37 * u) - 4.0 * x[0] - 0.3 * x[1]
 
 
-def _reactor(t, x, u):
+def _reactor(_, x, u):
     reacting = 2e3 * x[0] * np.exp(-3000.0 / x[1])
     return 0.1 - 0.1 * x[0] - reacting, 100.0 * reacting + 0.3 * (u - x[1])
 
 
-def _hill(t, x, u):
+def _hill(*at):
+    x = at[1]
     raised = x[1] ** 2.5
     return 2.0 * raised / (0.7**2.5 + raised) - x[0], 1.2 * x[0] - 0.8 * x[1]
 
 
-def _switch(t, x, u):
+def _switch(*at):
+    x = at[1]
     return 1.5 / (1.0 + np.exp(-(x[1] - 0.9) * 6.0)) - x[0], 1.2 * x[0] - 0.8 * x[1]
 
 
-def _enzyme(t, x, u):
+def _enzyme(*at):
+    x = at[1]
     flux = 1.2 * x[0] / (0.4 + x[0])
     return 0.1 * x[1] - flux, flux - 0.6 * x[1], 0.5 * x[1]
 

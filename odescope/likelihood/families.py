@@ -77,8 +77,7 @@ def _scores_at(
 
 
 def promising(space: SearchSpace, begun: Sequence[FloatArray]) -> list[FloatArray]:
-    """Return the starts that fit best in loose segments, as fitted there: the one of fewest terms, the best of
-    few, and the best of all.
+    """Return the start of fewest terms, the best of few and the best of all, as they are fitted in loose segments.
 
     Constants that are a little off ask for terms in regression, and a search hardly drops these again, because the
     constants cannot move while they are there. From few terms it adds what is missing, with the constants free.

@@ -63,6 +63,11 @@ def _located(message: str, raw: Mapping[str, object]) -> str:
 
 def _explained(message: str) -> str:
     """Say in the words of TOML what msgspec found, with the nearest known key or value."""
+    if "`$.library.parameters" in message:
+        return (
+            "[library.parameters] wants for every constant the ends of its range, the lower first, such as"
+            ' v0 = [0.1, 10.0], or v0 = "scale" for a range from the data'
+        )
     if unknown := _UNKNOWN.search(message):
         path = unknown["path"] or ""
         section = f"[{path}]" if path else "the study"
