@@ -7,7 +7,14 @@ from dataclasses import dataclass
 
 from odescope.model.model import Model
 from odescope.observer.consistency import Consistency, consistency
-from odescope.observer.noise import ObserverNoise, measurement_noise, needs_process_noise, process_noise
+from odescope.observer.noise import (
+    FIT,
+    ObserverNoise,
+    ProcessNoise,
+    measurement_noise,
+    needs_process_noise,
+    process_noise,
+)
 from odescope.observer.process_noise_fit import fit_process_noise
 from odescope.observer.run import Prepared, StateEstimate, run_filter
 from odescope.recordings.record import Record, Records
@@ -44,7 +51,7 @@ def estimate_states(
     model: Model,
     data: Record | Records | Iterable[Record],
     noise: Mapping[str, float] | None = None,
-    process: Mapping[str, float] | None = None,
+    process: ProcessNoise = None,
     smooth: bool = False,
 ) -> StateEstimates:
     """Return the states behind recordings, with standard deviations: extended Kalman filter, or smoother.
@@ -56,20 +63,19 @@ def estimate_states(
         model: whose equations are integrated.
         data: with the coordinates and the inputs of the model.
         noise: standard deviation of a sample, by coordinate; by default as the model was identified.
-        process: standard deviation of what the equations leave out, by target, times the root of a second. By default
-            none where the model follows its own record, else what makes the innovations most likely.
+        process: standard deviation of what the equations leave out, by target, times the root of a second; "fit" for
+            what makes the innovations most likely. By default none where the model follows its own record, else "fit".
         smooth: whether a state rests on later readings, too.
 
     Raises:
         InputError: a column is missing, a name is none of the model's, or the noise of a coordinate is not known.
     """
     measurement = measurement_noise(model, noise)
-    given = None if process is None else process_noise(model, process)
+    fitted = process == FIT or (process is None and needs_process_noise(model))
+    given = process_noise(model, process if isinstance(process, Mapping) else {})
     recordings = [Prepared.of(model, record) for record in Records.of(data)]
-    if given is None:
-        given = process_noise(model, {})
-        if needs_process_noise(model):
-            given = fit_process_noise(recordings, measurement)
+    if fitted:
+        given = fit_process_noise(recordings, measurement)
     return observed(recordings, ObserverNoise(measurement, given), smooth)
 
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from odescope.errors import InputError, nearest
 from odescope.model.model import Model
+
+FIT: Literal["fit"] = "fit"
+ProcessNoise = Mapping[str, float] | Literal["fit"] | None  # by target; what makes a log most likely; the model's own
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from odescope.parallel.kernels import kernel
 STEPS_AN_INTERVAL = 2000  # more than this between two nodes and the prediction has failed
 SQRT_2 = sqrt(2.0)
 PEAK = sqrt(2.0 / np.pi)  # of the slope of the mean sign of a normal deviate, times its standard deviation
+SHARPEST = 0.01  # of what friction does to an edge between two samples: narrower signs are too stiff to follow
 NARROWEST = 1e-12  # of the size of an edge: a width is not nothing
 
 # Coefficients of the stages, their places in a step, and the error estimate (Dormand and Prince 1980).
@@ -155,8 +156,8 @@ def _slope(model, z, q, room, out):
 def set_widths(model, x, p, span, room):
     """Set over which widths the signs are averaged until the next sample.
 
-    That is the standard deviation of what the sign is of, but no less than what friction can do to it until then: of
-    less, samples say nothing, and the equations would be stiff.
+    That is the standard deviation of what the sign is of, but no less than a hundredth of what friction can do to it
+    until then. With a finite width what sticks creeps, by up to about that width; a narrower one takes more steps.
 
     Args:
         model: `Linearised`.
@@ -179,7 +180,7 @@ def set_widths(model, x, p, span, room):
             pull = 0.0
             for i in range(n):
                 pull -= model.edges[s, i] * room.by_sign[i, s]
-            room.widths[s] = max(room.widths[s], pull * span)
+            room.widths[s] = max(room.widths[s], SHARPEST * pull * span)
 
 
 @kernel()
