@@ -202,6 +202,51 @@ def filter_(
     _deliver(text, found.lines, out)
 
 
+@app.command(short_help="Judge models on data that they have not seen.")
+def validate(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="MODEL.json ... [DATA ...]", help="Models, and data that they are run on.")
+    ],
+    data: Annotated[list[Path] | None, typer.Option(help="Data; repeat for more.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the table and a figure.", show_default="none is written")
+    ] = None,
+    noise: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COORDINATE=NUMBER",
+            help="Standard deviation of a sample, for one-step predictions; repeat for more.",
+            show_default="as identified",
+        ),
+    ] = None,
+    time: Annotated[
+        str | None,
+        typer.Option(help="Column that holds the time.", show_default="as identified, else t or time"),
+    ] = None,
+    sample_period: Annotated[
+        float | None, typer.Option(help="Sampling period in seconds, where no column has it.")
+    ] = None,
+    recording: Annotated[str | None, typer.Option(help="Column that splits files into recordings.")] = None,
+) -> None:
+    """Judge models on data that they have not seen: fits of free runs and of one-step predictions, valid times."""
+    from odescope.commands.files import check_writable, refuse_overwriting, write_files
+    from odescope.commands.model_data import TimeColumns
+    from odescope.commands.terminal import say
+    from odescope.commands.validation import FIGURE, TABLE, ValidationFiles, validated, validation_files
+
+    named = ValidationFiles.of(files, data or ())
+    if out is not None:
+        check_writable(out)
+        targets = [out / name for name in (TABLE, f"{FIGURE}.svg", f"{FIGURE}.png")]
+        refuse_overwriting(targets, [*named.models, *named.data])
+    found, models = validated(named, TimeColumns(time, sample_period, recording), noise or ())
+    if out is not None:
+        write_files(out, validation_files(found, next(iter(models.values()))))
+    for note in found.notes:
+        print(f"odescope: {note}", file=sys.stderr)
+    say("".join(f"{line}\n" for line in found.lines))
+
+
 @app.command(short_help="Identify a simulated pendulum on a cart.")
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the log, the study and the results.")] = Path("odescope-demo"),

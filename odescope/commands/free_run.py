@@ -27,7 +27,7 @@ from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
 from odescope.model.simulation import Trajectory, simulate
 from odescope.recordings.record import Record, Records
-from odescope.validation.agreement import agreement
+from odescope.validation.agreement import agreement, turned
 
 
 @dataclass(frozen=True)
@@ -115,10 +115,11 @@ def _fits(model: Model, records: Records, runs: list[Trajectory], measured: Reco
             for piece in measured:
                 there = (piece.t >= run.t[0]) & (piece.t <= run.t[-1]) & (piece.counted(c.name) > 0.0)
                 if piece.source == record.source and there.any():
+                    seen = piece.column(c.name)[there]
                     simulated = np.interp(piece.t[there], run.t, run.states[:, k]) + read[k]
-                    pairs.append((piece.column(c.name)[there], simulated))
+                    pairs.append((seen, turned(simulated, seen) if c.angle else simulated))
         if pairs:
-            yield f"{c.name}: {agreement(pairs, c.angle).told(c.unit)}"
+            yield f"{c.name}: {agreement(pairs).told(c.unit)}"
 
 
 def _free_run(model: Model, run: Record, given: dict[str, float], read: FloatArray) -> Trajectory:

@@ -16,7 +16,7 @@ from odescope.observer.noise import (
     process_noise,
 )
 from odescope.observer.process_noise_fit import fit_process_noise
-from odescope.observer.run import Prepared, StateEstimate, run_filter
+from odescope.observer.run import ReadyRecord, StateEstimate, run_filter
 from odescope.recordings.record import Record, Records
 
 
@@ -73,13 +73,13 @@ def estimate_states(
     measurement = measurement_noise(model, noise)
     fitted = process == FIT or (process is None and needs_process_noise(model))
     given = process_noise(model, process if isinstance(process, Mapping) else {})
-    recordings = [Prepared.of(model, record) for record in Records.of(data)]
+    recordings = [ReadyRecord.of(model, record) for record in Records.of(data)]
     if fitted:
         given = fit_process_noise(recordings, measurement)
     return observed(recordings, ObserverNoise(measurement, given), smooth)
 
 
-def observed(recordings: Sequence[Prepared], noise: ObserverNoise, smooth: bool = False) -> StateEstimates:
+def observed(recordings: Sequence[ReadyRecord], noise: ObserverNoise, smooth: bool = False) -> StateEstimates:
     """Return the states of recordings that are prepared, and how consistent they are.
 
     Args:

@@ -16,7 +16,7 @@ from odescope.observer.prediction import across, make_room, set_inputs, set_widt
 from odescope.parallel.kernels import kernel
 
 
-class Measured(NamedTuple):
+class Readings(NamedTuple):
     """What sensors say.
 
     Shapes: y (N, c) readings less their offsets; variance (N, c) of their noise, infinite where nothing was measured;
@@ -84,11 +84,40 @@ def _update(x, p, m, off, variance, gain, scratch):
 
 
 @kernel()
+def _take(measured, j, x, p, gain, scratch, course):
+    """Take the readings of a sample into the state; return what they add to -2 log of the likelihood.
+
+    Args:
+        measured: the readings.
+        j: number of the sample.
+        x: (n,) is written to.
+        p: (n, n) is written to.
+        gain: (n,) scratch.
+        scratch: (n, n).
+        course: its innovations are written to.
+    """
+    channels, cost = measured.y.shape[1], 0.0
+    for c in range(channels):
+        m = measured.state[c]
+        seen = np.isfinite(measured.variance[j, c])
+        course.innovation[j, c] = _off(measured, j, c, x) if seen else np.nan
+        course.expected[j, c] = np.sqrt(p[m, m] + measured.variance[j, c]) if seen else np.nan
+    course.squared[j] = 0.0
+    for c in range(channels):
+        if np.isfinite(measured.variance[j, c]):
+            off = _off(measured, j, c, x)
+            total = _update(x, p, measured.state[c], off, measured.variance[j, c], gain, scratch)
+            course.squared[j] += off * off / total
+            cost += off * off / total + np.log(2.0 * np.pi * total)
+    return cost
+
+
+@kernel()
 def forward(model, drive, measured, q, start, covariance, scale, rtol, course):
     """Filter a record; return how many samples were reached.
 
     Args:
-        model: `Linearised`.
+        model: `LinearisedModel`.
         drive: its inputs.
         measured: the readings.
         q: (n,) spectral density of the noise in the derivative of every state.
@@ -98,7 +127,7 @@ def forward(model, drive, measured, q, start, covariance, scale, rtol, course):
         rtol: tolerance of a step of the integration.
         course: is written to.
     """
-    n, samples, channels = start.shape[0], measured.y.shape[0], measured.y.shape[1]
+    n, samples = start.shape[0], measured.y.shape[0]
     room = make_room(model, drive.begin.shape[1])
     x, p, gain, scratch = start.copy(), covariance.copy(), np.empty(n), np.empty((n, n))
     keep = course.before.shape[0] == samples
@@ -128,18 +157,7 @@ def forward(model, drive, measured, q, start, covariance, scale, rtol, course):
                 course.transition[j] = phi
         if keep:
             course.before[j], course.spread[j] = x, p
-        for c in range(channels):
-            m = measured.state[c]
-            seen = np.isfinite(measured.variance[j, c])
-            course.innovation[j, c] = _off(measured, j, c, x) if seen else np.nan
-            course.expected[j, c] = np.sqrt(p[m, m] + measured.variance[j, c]) if seen else np.nan
-        course.squared[j] = 0.0
-        for c in range(channels):
-            if np.isfinite(measured.variance[j, c]):
-                off = _off(measured, j, c, x)
-                total = _update(x, p, measured.state[c], off, measured.variance[j, c], gain, scratch)
-                course.squared[j] += off * off / total
-                cost += off * off / total + np.log(2.0 * np.pi * total)
+        cost += _take(measured, j, x, p, gain, scratch, course)
         for i in range(n):
             if not (np.isfinite(x[i]) and p[i, i] >= 0.0):
                 return j

@@ -13,7 +13,7 @@ from odescope.model.model import Model
 from odescope.recordings.coordinate import following_states
 
 
-class Linearised(NamedTuple):
+class LinearisedModel(NamedTuple):
     """Equations A y = b and their derivatives.
 
     `instructions` compute from states, inputs and values of K signs the slots `outputs` (T * T + T,) of A, row by row,
@@ -29,7 +29,7 @@ class Linearised(NamedTuple):
     gradient: IntArray
 
 
-def linearise(model: Model) -> Linearised:
+def linearise(model: Model) -> LinearisedModel:
     """Return a model with the derivatives of its relations."""
     plain = model.switched
     signs = plain.names[len(model.variables) :]
@@ -42,7 +42,7 @@ def linearise(model: Model) -> Linearised:
     tape = write_tape(plain.names, [*plain.entries, *(part for _, _, part in held)])
     outputs, slots = np.split(tape.outputs, [len(plain.entries)])
     places = [(entry, number, int(slot)) for (entry, number, _), slot in zip(held, slots, strict=True)]
-    return Linearised(
+    return LinearisedModel(
         tape.instructions,
         outputs,
         following_states(model.coordinates),

@@ -61,7 +61,7 @@ class Room(NamedTuple):
 
 @kernel()
 def make_room(model, inputs):
-    """Return the scratch that a prediction of a model, `Linearised`, with so many inputs takes."""
+    """Return the scratch that a prediction of a model, `LinearisedModel`, with so many inputs takes."""
     n, signs, targets = model.following.shape[0], model.edges.shape[0], 0
     for i in range(n):
         targets += 1 if model.following[i] < 0 else 0
@@ -160,7 +160,7 @@ def set_widths(model, x, p, span, room):
     until then. With a finite width what sticks creeps, by up to about that width; a narrower one takes more steps.
 
     Args:
-        model: `Linearised`.
+        model: `LinearisedModel`.
         x: (n,) the state.
         p: (n, n) the covariance of its error.
         span: seconds to the next sample.
@@ -207,7 +207,7 @@ def across(model, drive, node, q, scale, rtol, h, room):
     transition by what it does to states of such sizes.
 
     Args:
-        model: `Linearised`.
+        model: `LinearisedModel`.
         drive: the inputs.
         node: at which the interval begins.
         q: (n,) spectral density of the noise in the derivative of every state.

@@ -13,15 +13,15 @@ from scipy.optimize import minimize
 
 from odescope.arrays import FloatArray
 from odescope.observer.noise import ObserverNoise
-from odescope.observer.run import Prepared, negative_log_likelihood
+from odescope.observer.run import ReadyRecord, negative_log_likelihood
 
-LONGEST = 20_000  # samples in all that are looked at
+LONGEST = 8000  # samples in all that are looked at: a spectral density needs no more
 DECADES = tuple(range(-6, 1))  # of a target's size, times the root of a sample period: where the search begins
 EVALUATIONS = 60  # a target
 WORTH = 1.92  # gain of log-likelihood, half of the 95 % point of chi-squared: less is no sign of process noise
 
 
-def fit_process_noise(recordings: Sequence[Prepared], measurement: Mapping[str, float]) -> dict[str, float]:
+def fit_process_noise(recordings: Sequence[ReadyRecord], measurement: Mapping[str, float]) -> dict[str, float]:
     """Return the process noise of every target under which recordings are most likely; all 0 where they ask for none.
 
     Args:

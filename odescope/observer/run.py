@@ -11,8 +11,8 @@ from odescope.model.integration import Drive
 from odescope.model.model import Model
 from odescope.model.simulation import drive
 from odescope.observer.first_state import FirstState, first_state
-from odescope.observer.kernel import Course, Measured, backward, forward
-from odescope.observer.linearised import Linearised, linearise
+from odescope.observer.kernel import Course, Readings, backward, forward
+from odescope.observer.linearised import LinearisedModel, linearise
 from odescope.observer.noise import ObserverNoise
 from odescope.recordings.record import Record, less_offsets
 
@@ -54,14 +54,14 @@ class StateEstimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class ReadyRecord:
     """A recording and its model as the kernels take them.
 
     Shapes: y (N, c) readings less their offsets; counts (N, c) how many samples are behind each.
     """
 
     model: Model
-    equations: Linearised
+    equations: LinearisedModel
     record: Record
     driven: Drive
     y: FloatArray
@@ -70,7 +70,7 @@ class Prepared:
     vague: bool
 
     @staticmethod
-    def of(model: Model, record: Record, start: tuple[FloatArray, FloatArray] | None = None) -> Prepared:
+    def of(model: Model, record: Record, start: tuple[FloatArray, FloatArray] | None = None) -> ReadyRecord:
         """Return a record ready for the filter.
 
         Args:
@@ -85,7 +85,7 @@ class Prepared:
         first = first_state(model, record)
         if start is not None:
             first = FirstState(np.array(start[0], dtype=np.float64), start[1], first.sizes, first.target_sizes)
-        return Prepared(
+        return ReadyRecord(
             model=model,
             equations=linearise(model),
             record=record,
@@ -101,12 +101,12 @@ class Prepared:
         """Which coordinates are angles, (c,)."""
         return np.array([c.angle for c in self.model.coordinates], dtype=np.bool_)
 
-    def part(self, samples: int) -> Prepared:
+    def part(self, samples: int) -> ReadyRecord:
         """Return the first samples alone."""
         if samples >= len(self.record):
             return self
         shorter = self.record.part(0, samples)
-        return Prepared(
+        return ReadyRecord(
             self.model,
             self.equations,
             shorter,
@@ -118,7 +118,7 @@ class Prepared:
         )
 
 
-def run_filter(prepared: Prepared, noise: ObserverNoise, smooth: bool = False) -> StateEstimate:
+def run_filter(prepared: ReadyRecord, noise: ObserverNoise, smooth: bool = False) -> StateEstimate:
     """Return the states of a recording.
 
     Args:
@@ -133,7 +133,7 @@ def run_filter(prepared: Prepared, noise: ObserverNoise, smooth: bool = False) -
     settling = _settling(std, np.sqrt(np.diag(first.covariance)), samples) if prepared.vague else 0
     if smooth:
         kept = Course(*(part if part.shape[0] == 1 else part[:reached] for part in course))
-        backward(Measured(measured.y[:reached], measured.variance[:reached], measured.state, measured.angle), kept)
+        backward(Readings(measured.y[:reached], measured.variance[:reached], measured.state, measured.angle), kept)
     ended = None
     if reached < samples:
         ended = f"the filter ended early, after {reached} of {samples} samples: the equations could not be followed"
@@ -152,13 +152,13 @@ def run_filter(prepared: Prepared, noise: ObserverNoise, smooth: bool = False) -
     )
 
 
-def negative_log_likelihood(prepared: Prepared, noise: ObserverNoise) -> float:
+def negative_log_likelihood(prepared: ReadyRecord, noise: ObserverNoise) -> float:
     """Return -log of the likelihood of a recording, infinite where the filter ends early."""
     _, course, reached = _filtered(prepared, noise, smooth=False)
     return 0.5 * float(course.cost[0]) if reached == len(prepared.record) else float("inf")
 
 
-def _filtered(prepared: Prepared, noise: ObserverNoise, smooth: bool) -> tuple[Measured, Course, int]:
+def _filtered(prepared: ReadyRecord, noise: ObserverNoise, smooth: bool) -> tuple[Readings, Course, int]:
     model, first = prepared.model, prepared.first
     samples, channels = prepared.y.shape
     n = len(model.states)
@@ -166,7 +166,7 @@ def _filtered(prepared: Prepared, noise: ObserverNoise, smooth: bool) -> tuple[M
     there = prepared.counts > 0.0
     variance = np.where(there, sigma**2 / np.where(there, prepared.counts, 1.0), np.inf)
     place = np.array([model.states.index(c.name) for c in model.coordinates], dtype=np.int64)
-    measured = Measured(np.ascontiguousarray(prepared.y), variance, place, prepared.angles)
+    measured = Readings(np.ascontiguousarray(prepared.y), variance, place, prepared.angles)
     following = prepared.equations.following
     density = np.array([noise.process[model.targets[-1 - f]] ** 2 if f < 0 else 0.0 for f in following])
     kept = samples if smooth else 1

@@ -31,35 +31,25 @@ class Agreement:
         return f"{fit}, RMSE {self.rmse:.4g}{f' {unit}' if unit else ''}"
 
 
-def agreement(pairs: Sequence[Pair], angle: bool = False) -> Agreement:
-    """Return the agreement over some runs together; each is compared with its own mean.
-
-    Args:
-        pairs: measured and predicted, samples that were not measured left out.
-        angle: whole turns that a run is off from its first sample on do not count.
-    """
-    errors, spreads = list[FloatArray](), list[FloatArray]()
-    for measured, predicted in pairs:
-        off = _off(measured, predicted, angle)
-        errors.append(off)
-        spreads.append(measured - measured.mean())
-    error, spread = np.concatenate(errors), np.concatenate(spreads)
+def agreement(pairs: Sequence[Pair]) -> Agreement:
+    """Return the agreement over the measured samples of some recordings together, each beside its own mean."""
+    error = np.concatenate([measured - predicted for measured, predicted in pairs])
+    spread = np.concatenate([measured - measured.mean() for measured, _ in pairs])
     size = float(np.linalg.norm(spread))
     fit = 100.0 * (1.0 - float(np.linalg.norm(error)) / size) if size > 0.0 else None
     return Agreement(fit, float(np.sqrt(np.mean(error**2))))
 
 
-def valid_time(t: FloatArray, measured: FloatArray, predicted: FloatArray, angle: bool = False) -> float:
+def valid_time(t: FloatArray, measured: FloatArray, predicted: FloatArray) -> float:
     """Return how long the error stays below 0.3 of the standard deviation of what was measured, in seconds.
 
     Args:
         t: (N,) seconds.
         measured: (N,).
         predicted: (K,) of the first K <= N samples.
-        angle: as for `agreement`.
     """
     reached = len(predicted)
-    off = _off(measured[:reached], predicted, angle) ** 2
+    off = (measured[:reached] - predicted) ** 2
     sums = np.concatenate([[0.0], np.cumsum(off)])
     last = np.arange(1, reached + 1)
     first = np.maximum(last - WINDOW, 0)
@@ -67,6 +57,7 @@ def valid_time(t: FloatArray, measured: FloatArray, predicted: FloatArray, angle
     return float(t[late[0] if late.size else reached - 1] - t[0])
 
 
-def _off(measured: FloatArray, predicted: FloatArray, angle: bool) -> FloatArray:
-    off: FloatArray = measured - predicted
-    return off - 2.0 * np.pi * np.rint(off[0] / (2.0 * np.pi)) if angle and len(off) else off
+def turned(predicted: FloatArray, measured: FloatArray) -> FloatArray:
+    """Return the prediction (K,) of an angle less the whole turns that its first sample is off; measured (N,)."""
+    turns = float(np.rint((predicted[0] - measured[0]) / (2.0 * np.pi)))
+    return predicted - 2.0 * np.pi * turns

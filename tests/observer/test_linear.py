@@ -7,7 +7,7 @@ from scipy.linalg import expm
 
 from odescope.observer.estimate import observed
 from odescope.observer.noise import ObserverNoise
-from odescope.observer.run import Prepared
+from odescope.observer.run import ReadyRecord
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.record import Record
 
@@ -70,7 +70,7 @@ def test_a_linear_model_is_the_textbook_filter_and_smoother(q):
     t, u, y, counts = irregular()
     start = np.array([0.3, -0.2]), np.array([[0.5, 0.1], [0.1, 2.0]])
     record = Record(t, np.column_stack([y, u]), ("x", "u"), counts=np.column_stack([counts, np.ones(len(t))]))
-    prepared = Prepared.of(oscillator(), record, start)
+    prepared = ReadyRecord.of(oscillator(), record, start)
     noise = ObserverNoise({"x": 0.05}, {"x_ddot": q})
     means, spreads, smooth, smooth_spread, before, priors = kalman(t, y, u, 0.05, q, *start, counts)
     for found, mean, spread in (
@@ -94,7 +94,7 @@ def test_the_likelihood_is_that_of_the_readings_together():
     counts = np.maximum(counts, 1.0)
     start, q = (np.zeros(2), np.diag([1.0, 1.0])), 0.4
     record = Record(t, np.column_stack([y, u]), ("x", "u"), counts=np.column_stack([counts, np.ones(30)]))
-    (run,) = observed([Prepared.of(oscillator(), record, start)], ObserverNoise({"x": 0.05}, {"x_ddot": q})).runs
+    (run,) = observed([ReadyRecord.of(oscillator(), record, start)], ObserverNoise({"x": 0.05}, {"x_ddot": q})).runs
     mean, covariance = [start[0]], np.zeros((60, 60))
     covariance[:2, :2] = start[1]
     for j in range(1, 30):
@@ -121,7 +121,7 @@ def test_an_offset_and_a_delay_are_the_models():
     start, noise = (np.zeros(2), np.eye(2)), ObserverNoise({"x": 0.1}, {"x_ddot": 0.2})
     plain = Record(t, np.column_stack([y, late]), ("x", "u"))
     other = Record(t, np.column_stack([y + 0.7, u]), ("x", "u"))
-    (expected,) = observed([Prepared.of(oscillator(), plain, start)], noise).runs
-    (found,) = observed([Prepared.of(oscillator(delay=0.1, offset=0.7), other, start)], noise).runs
+    (expected,) = observed([ReadyRecord.of(oscillator(), plain, start)], noise).runs
+    (found,) = observed([ReadyRecord.of(oscillator(delay=0.1, offset=0.7), other, start)], noise).runs
     np.testing.assert_allclose(found.states, expected.states, rtol=0, atol=1e-8)
     np.testing.assert_allclose(found.std, expected.std, rtol=0, atol=1e-9)
