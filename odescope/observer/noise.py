@@ -64,7 +64,7 @@ def needs_process_noise(model: Model) -> bool:
 def _identified(model: Model, name: str) -> float:
     """Return the noise of a coordinate when the model was identified, with what the likelihood found beyond; 0 if none.
 
-    What a model that follows its record leaves over is noise of the sensors, too.
+    What a model leaves over that follows its record without process noise is noise of the sensors, too.
     """
     channels = model.provenance.get("channels")
     channel = channels.get(name) if isinstance(channels, dict) else None
@@ -72,8 +72,7 @@ def _identified(model: Model, name: str) -> float:
     if isinstance(noise, bool) or not isinstance(noise, int | float) or not np.isfinite(noise):
         return 0.0
     likelihood = None if model.scores is None else model.scores.likelihood
-    follows = likelihood is not None and likelihood.follows
-    variance = likelihood.residual_variance if likelihood is not None and follows else None
+    variance = None if likelihood is None or likelihood.process_noise is not None else likelihood.residual_variance
     return float(noise) * float(np.sqrt(max(1.0, variance or 1.0)))
 
 

@@ -70,7 +70,7 @@ def test_a_log_without_process_noise_is_not_given_any():
 def test_a_model_that_does_not_follow_its_own_record_has_its_process_noise_fitted():
     scores = ModelScores(
         likelihood=Likelihood(
-            follows=False,
+            follows=True,  # with the process noise that was found
             residual_variance=9.0,
             gap=None,
             finished=True,
@@ -86,6 +86,27 @@ def test_a_model_that_does_not_follow_its_own_record_has_its_process_noise_fitte
     found = estimate_states(model, log(rng, t, states, 0.02))
     assert found.noise.measurement == {"phi": 0.02}
     assert found.noise.process["phi_ddot"] == pytest.approx(0.3, rel=0.3)
+
+
+def test_what_a_model_without_process_noise_leaves_over_is_noise_of_the_sensors():
+    left = Likelihood(
+        follows=True,
+        residual_variance=4.0,
+        gap=0.0,
+        finished=True,
+        starts=1,
+        process_noise=None,
+        trail=(),
+        hints=(),
+    )
+    provenance = {"channels": {"phi": {"noise": 0.01, "cutoff_hz": 3.0}}}
+    model = replace(PENDULUM, scores=ModelScores(likelihood=left), provenance=provenance)
+    rng = np.random.default_rng(7)
+    t, states = swing(rng, 400)
+    found = estimate_states(model, log(rng, t, states, 0.02))
+    assert found.noise.measurement == {"phi": pytest.approx(0.02)}
+    assert found.noise.process == {"phi_ddot": 0.0}
+    assert found.consistency.squared == pytest.approx(1.0, abs=0.2)
 
 
 def test_noise_that_is_wrong_and_a_model_that_is_wrong_are_told():
