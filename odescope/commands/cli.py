@@ -177,7 +177,7 @@ def filter_(
         typer.Option(
             metavar="TARGET=NUMBER | fit",
             help="What the equations leave out, times the root of a second; repeat for more.",
-            show_default="none, or fit where the model does not follow its own record",
+            show_default="as the model's errors ask for",
         ),
     ] = None,
     time: Annotated[

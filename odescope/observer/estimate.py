@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from odescope.model.model import Model
+from odescope.observer.coefficient_errors import noise_of_coefficients
 from odescope.observer.consistency import Consistency, consistency
 from odescope.observer.noise import (
     FIT,
@@ -64,18 +65,21 @@ def estimate_states(
         data: with the coordinates and the inputs of the model.
         noise: standard deviation of a sample, by coordinate; by default as the model was identified.
         process: standard deviation of what the equations leave out, by target, times the root of a second; "fit" for
-            what makes the innovations most likely. By default none where the model follows its own record, else "fit".
+            what makes the innovations most likely. By default what stands for the standard errors of the coefficients
+            where the model follows its own record, else "fit", and no less than that.
         smooth: whether a state rests on later readings, too.
 
     Raises:
         InputError: a column is missing, a name is none of the model's, or the noise of a coordinate is not known.
     """
     measurement = measurement_noise(model, noise)
-    fitted = process == FIT or (process is None and needs_process_noise(model))
     given = process_noise(model, process if isinstance(process, Mapping) else {})
     recordings = [ReadyRecord.of(model, record) for record in Records.of(data)]
-    if fitted:
-        given = fit_process_noise(recordings, measurement)
+    if not isinstance(process, Mapping):
+        fitted = process == FIT or needs_process_noise(model)
+        given = fit_process_noise(recordings, measurement) if fitted else given
+        errors = noise_of_coefficients(recordings)
+        given = {target: max(given[target], errors[target]) for target in model.targets}
     return observed(recordings, ObserverNoise(measurement, given), smooth)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,13 +21,15 @@ VAGUE = 2.0  # sizes of a state: the standard deviation of what is known of it
 class FirstState:
     """What is known of the state before the first reading: mean (n,), covariance (n, n), sizes (n,) over the record.
 
-    target_sizes (T,) are those of the targets.
+    target_sizes (T,) are those of the targets; `values` (M,) about those of states, targets and inputs in a first
+    stretch, by name.
     """
 
     mean: FloatArray
     covariance: FloatArray
     sizes: FloatArray
     target_sizes: FloatArray
+    values: Mapping[str, FloatArray]
 
 
 def first_state(model: Model, record: Record) -> FirstState:
@@ -37,16 +40,17 @@ def first_state(model: Model, record: Record) -> FirstState:
     even = _even(model, record)
     plain = less_offsets(even, model.coordinates)
     differentiator = Spectral()
-    sizes, targets = dict[str, float](), list[float]()
+    values = {i.name: even.column(i.name) for i in model.inputs}
     for c in model.coordinates:
-        values = differentiator.derivatives([plain.column(c.name)], plain.sample_period, c.order).values[0]
-        largest = np.maximum(np.abs(values).max(axis=1), 1e-12)
-        sizes |= {c.derivative(k): float(largest[k]) for k in range(c.order)}
-        targets.append(float(largest[c.order]))
-    size = np.array([sizes[s] for s in model.states])
+        found = differentiator.derivatives([plain.column(c.name)], plain.sample_period, c.order).values[0]
+        values |= {c.derivative(k): found[k] for k in range(c.order + 1)}
+    size, targets = (
+        np.array([max(float(np.abs(values[name]).max()), 1e-12) for name in names])
+        for names in (model.states, model.targets)
+    )
     mean = initial_state(model, even)
     mean = np.where(np.isfinite(mean), mean, 0.0)
-    return FirstState(mean, np.diag((VAGUE * size) ** 2), size, np.array(targets))
+    return FirstState(mean, np.diag((VAGUE * size) ** 2), size, targets, values)
 
 
 def _even(model: Model, record: Record) -> Record:

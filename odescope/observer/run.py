@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -84,7 +84,7 @@ class ReadyRecord:
         plain = less_offsets(record, model.coordinates)
         first = first_state(model, record)
         if start is not None:
-            first = FirstState(np.array(start[0], dtype=np.float64), start[1], first.sizes, first.target_sizes)
+            first = replace(first, mean=np.array(start[0], dtype=np.float64), covariance=start[1])
         return ReadyRecord(
             model=model,
             equations=linearise(model),
@@ -105,16 +105,12 @@ class ReadyRecord:
         """Return the first samples alone."""
         if samples >= len(self.record):
             return self
-        shorter = self.record.part(0, samples)
-        return ReadyRecord(
-            self.model,
-            self.equations,
-            shorter,
-            self.driven.first(samples),
-            self.y[:samples],
-            self.counts[:samples],
-            self.first,
-            self.vague,
+        return replace(
+            self,
+            record=self.record.part(0, samples),
+            driven=self.driven.first(samples),
+            y=self.y[:samples],
+            counts=self.counts[:samples],
         )
 
 
