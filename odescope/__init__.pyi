@@ -28,6 +28,9 @@ from odescope.model.relation import Relation as Relation
 from odescope.model.relation import RelationTerm as RelationTerm
 from odescope.model.simulation import Trajectory as Trajectory
 from odescope.model.simulation import simulate as simulate
+from odescope.observer.estimate import StateEstimates as StateEstimates
+from odescope.observer.estimate import estimate_states as estimate_states
+from odescope.observer.run import StateEstimate as StateEstimate
 from odescope.pipeline.identification import Identification as Identification
 from odescope.pipeline.identification import identify as identify
 from odescope.pipeline.joint_models import Search as Search
@@ -73,5 +76,8 @@ from odescope.study.options import Measured as Measured
 from odescope.study.options import Regression as Regression
 from odescope.study.options import Study as Study
 from odescope.study.toml import read_study as read_study
+from odescope.validation.validate import Validation as Validation
+from odescope.validation.validate import ValidationRow as ValidationRow
+from odescope.validation.validate import validate as validate
 
 __version__: str

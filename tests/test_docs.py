@@ -56,19 +56,33 @@ def test_extending_runs_and_recovers_the_system(capsys: pytest.CaptureFixture[st
 NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 
 
-def test_forms_runs_and_prints_what_it_shows(capsys: pytest.CaptureFixture[str]) -> None:
-    """Words are the same, numbers are to the error of the fits; true values are those of the simulations."""
-    page = (ROOT / "docs/forms.md").read_text(encoding="utf-8")
+def run_page(path: str, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
+    """Run the blocks of a page that shows what they print: words are the same, numbers to the error of the fits."""
+    page = (ROOT / path).read_text(encoding="utf-8")
     pairs = re.findall(r"^```python\n(.*?)^```(?:\n+```text\n(.*?)^```)?", page, re.MULTILINE | re.DOTALL)
-    assert len(pairs) == len(blocks("docs/forms.md", "python"))
-    assert sum(bool(shown) for _, shown in pairs) == len(blocks("docs/forms.md", "text"))
+    assert len(pairs) == len(blocks(path, "python"))
+    assert sum(bool(shown) for _, shown in pairs) == len(blocks(path, "text"))
     session: dict[str, object] = {}
     for block, shown in pairs:
-        exec(compile(block, "docs/forms.md", "exec"), session)  # noqa: S102 (our own documentation)
+        exec(compile(block, path, "exec"), session)  # noqa: S102 (our own documentation)
         printed = capsys.readouterr().out
         assert NUMBER.sub("#", printed).split() == NUMBER.sub("#", shown).split()
         numbers = [[float(n) for n in NUMBER.findall(text)] for text in (printed, shown)]
         assert numbers[0] == pytest.approx(numbers[1], rel=0.05)
+    return session
+
+
+def test_observer_runs_and_prints_what_it_shows(capsys: pytest.CaptureFixture[str]) -> None:
+    """The velocity that nobody measured is within its stated standard deviations of the truth."""
+    session = run_page("docs/observer.md", capsys)
+    run, truth = session["run"], np.asarray(session["truth"])
+    off = (run.states - truth) / run.std  # type: ignore[attr-defined]
+    assert 0.3 < np.sqrt(np.mean(off**2)) < 1.2
+
+
+def test_forms_runs_and_prints_what_it_shows(capsys: pytest.CaptureFixture[str]) -> None:
+    """True values are those of the simulations."""
+    session = run_page("docs/forms.md", capsys)
     mechanics = {("kinetic", "x_dot**2"): 0.9, ("kinetic", "phi_dot*x_dot*cos(phi)"): 0.18}
     mechanics |= {("kinetic", "phi_dot**2"): 0.02754, ("potential", "cos(phi)"): -1.7658}
     mechanics |= {("dissipation", "x_dot**2"): 5.0, ("dissipation", "phi_dot**2"): 0.005, ("force", "u on x"): 1.0}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -145,20 +146,105 @@ def simulate(
     ] = None,
 ) -> None:
     """Run a model freely from the first sample of a recording, under its inputs."""
-    from odescope.commands.files import check_file, refuse_overwriting, write_file
+    from odescope.commands.files import check_file, refuse_overwriting
     from odescope.commands.free_run import free_runs
-    from odescope.commands.terminal import say
 
     if out is not None:
         check_file(out)
         refuse_overwriting([out], [model, data])
-    text, notes = free_runs(model, data, time, sample_period, recording, initial or [])
-    for note in notes:
+    made = free_runs(model, data, time, sample_period, recording, initial or [])
+    for note in made.notes:
         print(f"odescope: {note}", file=sys.stderr)
-    if out is None:
-        say(text)
-    else:
-        write_file(out, text)
+    _deliver(made.text, made.fits, out)
+
+
+@app.command("filter", short_help="Estimate the states of a machine from a log.")
+def filter_(
+    model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")],
+    data: Annotated[Path, typer.Argument(metavar="DATA", help="A recording of its coordinates and inputs.")],
+    out: Annotated[Path | None, typer.Option(help="CSV file for the states.", show_default="standard output")] = None,
+    smooth: Annotated[bool, typer.Option("--smooth", help="Let every state rest on later samples, too.")] = False,
+    noise: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COORDINATE=NUMBER",
+            help="Standard deviation of a sample; repeat for more.",
+            show_default="as identified",
+        ),
+    ] = None,
+    process_noise: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TARGET=NUMBER | fit",
+            help="What the equations leave out, times the root of a second; repeat for more.",
+            show_default="as the model's errors ask for",
+        ),
+    ] = None,
+    time: Annotated[
+        str | None,
+        typer.Option(help="Column that holds the time.", show_default="as identified, else t or time"),
+    ] = None,
+    sample_period: Annotated[
+        float | None, typer.Option(help="Sampling period in seconds, where no column has it.")
+    ] = None,
+    recording: Annotated[str | None, typer.Option(help="Column that splits the file into recordings.")] = None,
+) -> None:
+    """Estimate the states of a machine, velocities included, with standard deviations: a Kalman filter or smoother."""
+    from odescope.commands.files import check_file, refuse_overwriting
+    from odescope.commands.model_data import TimeColumns
+    from odescope.commands.observe import NoiseOptions, filtered
+
+    if out is not None:
+        check_file(out)
+        refuse_overwriting([out], [model, data])
+    options = NoiseOptions(tuple(noise or ()), tuple(process_noise or ()))
+    text, found = filtered(model, data, TimeColumns(time, sample_period, recording), options, smooth)
+    _deliver(text, found.lines, out)
+
+
+@app.command(short_help="Judge models on data that they have not seen.")
+def validate(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="MODEL.json ... [DATA ...]", help="Models, and data that they are run on.")
+    ],
+    data: Annotated[list[Path] | None, typer.Option(help="Data; repeat for more.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the table and a figure.", show_default="none is written")
+    ] = None,
+    noise: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COORDINATE=NUMBER",
+            help="Standard deviation of a sample, for one-step predictions; repeat for more.",
+            show_default="as identified",
+        ),
+    ] = None,
+    time: Annotated[
+        str | None,
+        typer.Option(help="Column that holds the time.", show_default="as identified, else t or time"),
+    ] = None,
+    sample_period: Annotated[
+        float | None, typer.Option(help="Sampling period in seconds, where no column has it.")
+    ] = None,
+    recording: Annotated[str | None, typer.Option(help="Column that splits files into recordings.")] = None,
+) -> None:
+    """Judge models on data that they have not seen: fits of free runs and of one-step predictions, valid times."""
+    from odescope.commands.files import check_writable, refuse_overwriting, write_files
+    from odescope.commands.model_data import TimeColumns
+    from odescope.commands.terminal import say
+    from odescope.commands.validation import FIGURE, TABLE, ValidationFiles, validated, validation_files
+
+    named = ValidationFiles.of(files, data or ())
+    if out is not None:
+        check_writable(out)
+        targets = [out / name for name in (TABLE, f"{FIGURE}.svg", f"{FIGURE}.png")]
+        refuse_overwriting(targets, [*named.models, *named.data])
+    found, models = validated(named, TimeColumns(time, sample_period, recording), noise or ())
+    if out is not None:
+        write_files(out, validation_files(found, next(iter(models.values()))))
+    for note in found.notes:
+        print(f"odescope: {note}", file=sys.stderr)
+    say("".join(f"{line}\n" for line in found.lines))
 
 
 @app.command(short_help="Identify a simulated pendulum on a cart.")
@@ -216,6 +302,20 @@ def export(
     else:
         refuse_overwriting([out], [model])
         write_file(out, text)
+
+
+def _deliver(text: str, lines: Iterable[str], out: Path | None) -> None:
+    """Write a table to a file, and what there is to say of it beside; without a file that is standard output's."""
+    from odescope.commands.files import write_file
+    from odescope.commands.terminal import say
+
+    if out is None:
+        for line in lines:
+            print(f"odescope: {line}", file=sys.stderr)
+        say(text)
+    else:
+        write_file(out, text)
+        say("".join(f"{line}\n" for line in lines))
 
 
 def _say_trust(report: Report) -> None:

@@ -23,12 +23,14 @@ NARROW = 1e-4  # of the largest that an edge is in the domain: a sign that is sm
 class Switched:
     """Equations of motion without signs.
 
-    `tape` computes A, row by row, then b, from states, inputs and the values of K signs. The k-th is that of
-    edges[k] (x, 1): edges (K, n + 1) over n states.
+    `tape` computes A, row by row, then b, from states, inputs and the values of K signs, called `names`. The k-th sign
+    is that of edges[k] (x, 1): edges (K, n + 1) over n states. `entries` are A, row by row, then b, in these names.
     """
 
     tape: Tape
     edges: FloatArray
+    names: tuple[str, ...]
+    entries: tuple[Combination, ...]
 
 
 def switched(
@@ -57,8 +59,9 @@ def switched(
                 barred |= set(found)
     signs = {atom: edge for atom, edge in signs.items() if atom not in barred}
     names = (*states, *inputs, *(atom.text for atom in signs))
-    tape = write_tape(names, [*matrix, *(_replaced(combination, signs) for combination in right)])
-    return Switched(tape, np.array(list(signs.values())).reshape(len(signs), len(states) + 1))
+    entries = (*matrix, *(_replaced(combination, signs) for combination in right))
+    edges = np.array(list(signs.values())).reshape(len(signs), len(states) + 1)
+    return Switched(write_tape(names, entries), edges, names, entries)
 
 
 def smoothed(combination: Combination, states: Sequence[str], domain: Mapping[str, tuple[float, float]]) -> Combination:

@@ -54,9 +54,9 @@ def simulated(tmp_path, monkeypatch):
         Path("model.json").write_text(json.dumps(content))
         if log is not None:
             write("log.csv", log)
-        text, notes = free_runs(Path("model.json"), Path("log.csv"), time, sample_period, recording, list(initial))
-        header, *rows = csv.reader(text.splitlines())
-        return {name: np.array(c) for name, c in zip(header, np.array(rows).T, strict=True)}, notes
+        made = free_runs(Path("model.json"), Path("log.csv"), time, sample_period, recording, list(initial))
+        header, *rows = csv.reader(made.text.splitlines())
+        return {name: np.array(c) for name, c in zip(header, np.array(rows).T, strict=True)}, list(made.notes)
 
     return run
 

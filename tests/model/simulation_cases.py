@@ -1,20 +1,10 @@
 """What the tests of simulation and simulation_ends share."""
 
 import numpy as np
+from built_models import build
 
-from odescope.library.parse import Scope, parse_term
-from odescope.library.product import Product
-from odescope.model.model import Model
-from odescope.model.relation import Relation, RelationTerm
 from odescope.model.simulation import simulate
 from odescope.recordings.coordinate import Coordinate, Input
-
-
-def build(coordinates, inputs, *relations):
-    names = {c.derivative(k) for c in coordinates for k in range(c.order)} | {i.name for i in inputs}
-    scope = Scope.of(names)
-    rows = [[RelationTerm(Product(factor, parse_term(text, scope)), c) for factor, text, c in r] for r in relations]
-    return Model(tuple(coordinates), tuple(inputs), tuple(Relation(tuple(row)) for row in rows))
 
 
 def free(model, t, initial, **options):

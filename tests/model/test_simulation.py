@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from built_models import build
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from simulation_cases import A1, B1, BC, CART_COORDINATES, DECAY, I1, M1, MC, G, X, Y, build, free, lagrange
+from simulation_cases import A1, B1, BC, CART_COORDINATES, DECAY, I1, M1, MC, G, X, Y, free, lagrange
 
 from odescope.model.linear_solve import solve_in_place
 from odescope.model.simulation import simulate

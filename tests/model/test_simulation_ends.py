@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from simulation_cases import DECAY, X, Y, build, free, lagrange
+from built_models import build
+from simulation_cases import DECAY, X, Y, free, lagrange
 
 from odescope.errors import InputError
 from odescope.model.simulation import simulate

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from built_models import build
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from simulation_cases import build, free
+from simulation_cases import free
 
 from odescope.model.simulation import simulate
 from odescope.recordings.coordinate import Coordinate, Input

@@ -123,7 +123,7 @@ def test_free_runs_shift_the_input(tmp_path):
     (tmp_path / "model.json").write_text(to_json(model), encoding="utf-8")
     with open(tmp_path / "log.csv", "w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([list(data), *zip(*(v.tolist() for v in data.values()), strict=True)])
-    text, _ = free_runs(tmp_path / "model.json", tmp_path / "log.csv", "t", None, None, ["x=0"])
+    text = free_runs(tmp_path / "model.json", tmp_path / "log.csv", "t", None, None, ["x=0"]).text
     written = np.array([[float(v) for v in row] for row in list(csv.reader(text.splitlines()))[1:]])
     acting = np.interp(data["t"] - 0.05, data["t"], data["u"])
     expected = simulate(without_delays(model), data["t"], np.ascontiguousarray(acting[:, None]), np.array([0.0]))

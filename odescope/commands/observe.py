@@ -1,0 +1,78 @@
+"""States of a machine by the equations of a model file: the filter command."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from odescope.commands.model_data import Sensors, TimeColumns, label_of, named_numbers, read_for, time_name
+from odescope.export.model_file import read_model
+from odescope.model.model import Model
+from odescope.observer.estimate import StateEstimates, estimate_states
+from odescope.observer.noise import FIT, ProcessNoise, measurement_noise
+from odescope.recordings.record import Records
+
+
+@dataclass(frozen=True)
+class NoiseOptions:
+    """NAME=NUMBER of coordinates and of targets as they are given; in place of targets "fit" asks for a fit."""
+
+    noise: tuple[str, ...] = ()
+    process: tuple[str, ...] = ()
+
+    def measurement(self, model: Model) -> dict[str, float]:
+        """Return the noise of coordinates, as far as it is given."""
+        return named_numbers("--noise", self.noise, [c.name for c in model.coordinates], "coordinate")
+
+    def of_targets(self, model: Model) -> ProcessNoise:
+        """Return the process noise of targets, None where nothing is given."""
+        if self.process == (FIT,):
+            return FIT
+        return named_numbers("--process-noise", self.process, model.targets, "target") if self.process else None
+
+
+def filtered(
+    model_path: Path, data_path: Path, columns: TimeColumns, options: NoiseOptions, smooth: bool
+) -> tuple[str, StateEstimates]:
+    """Return the states of recordings with standard deviations as CSV text, and as they are.
+
+    States are as sensors would read them.
+
+    Args:
+        model_path: a model file.
+        data_path: recordings of its coordinates and inputs.
+        columns: where the time is.
+        options: noise that is given.
+        smooth: whether a state rests on later samples, too.
+
+    Raises:
+        InputError: a file cannot be read, columns are missing, or it is not known how noisy the coordinates are.
+    """
+    model = read_model(model_path)
+    noise, process = measurement_noise(model, options.measurement(model)), options.of_targets(model)
+    names = [c.name for c in model.coordinates] + [i.name for i in model.inputs]
+    records = read_for(model, [data_path], columns, names)
+    found = estimate_states(model, records, noise, process, smooth)
+    return _csv(model, data_path, columns, found, records), found
+
+
+def _csv(model: Model, data: Path, columns: TimeColumns, found: StateEstimates, records: Records) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    labels = () if columns.recording is None else (columns.recording,)
+    readings = [f"{c.name}_innovation{of}" for of in ("", "_std") for c in model.coordinates]
+    std = [f"{s}_std" for s in model.states]
+    writer.writerow((*labels, time_name(model, data, columns), *model.states, *std, *readings, "innovations_squared"))
+    sensors = Sensors.of(model)
+    unit = sensors.unit[[model.states.index(c.name) for c in model.coordinates]]
+    for record, run in zip(records, found.runs, strict=True):
+        label = () if columns.recording is None else (label_of(record, [data], columns.recording),)
+        states, innovations = (sensors.read(run.states), run.std / sensors.unit), (run.innovations, run.expected)
+        table = np.column_stack([run.t, *states, *(i / unit for i in innovations), run.squared])
+        for row in table.tolist():
+            writer.writerow((*label, *("" if v != v else repr(v) for v in row)))
+    return out.getvalue()

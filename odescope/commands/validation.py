@@ -1,0 +1,103 @@
+"""Models on new data: the validate command."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+from odescope.commands.model_data import TimeColumns, named_numbers, read_for
+from odescope.errors import InputError
+from odescope.export.model_file import read_model
+from odescope.model.model import Model
+from odescope.recordings.record import Records
+from odescope.validation.validate import Validation, ValidationRow, together, validate
+
+TABLE = "validation.csv"
+FIGURE = "free-runs"
+MODEL_ENDING = ".json"
+
+
+@dataclass(frozen=True)
+class ValidationFiles:
+    """The models and the data of a command line."""
+
+    models: tuple[Path, ...]
+    data: tuple[Path, ...]
+
+    @staticmethod
+    def of(named: Sequence[Path], data: Sequence[Path]) -> ValidationFiles:
+        """Return the files, of which those that end in .json are models.
+
+        Raises:
+            InputError: there is no model or no data.
+        """
+        models = tuple(p for p in named if p.suffix.lower() == MODEL_ENDING)
+        rest = (*(p for p in named if p not in models), *data)
+        if not models:
+            raise InputError("name at least one model, a file that ends in .json, as identify writes it")
+        if not rest:
+            raise InputError("name at least one data file after the models, or with --data")
+        return ValidationFiles(models, rest)
+
+
+def validated(
+    files: ValidationFiles, columns: TimeColumns, noise: Sequence[str]
+) -> tuple[Validation, dict[str, Model]]:
+    """Return how models of files predict the recordings of others, and the models by name.
+
+    Args:
+        files: models and data.
+        columns: where the time is.
+        noise: COORDINATE=NUMBER for one-step predictions.
+
+    Raises:
+        InputError: a file cannot be read, columns are missing, or models are about different coordinates.
+    """
+    models = {name: read_model(path) for name, path in _names(files.models).items()}
+    first = next(iter(models.values()))
+    for name, model in models.items():
+        if [c.name for c in model.coordinates] != [c.name for c in first.coordinates]:
+            raise InputError(
+                f"models that are compared must be about the same coordinates: {next(iter(models))} is about"
+                f" {', '.join(c.name for c in first.coordinates)}, {name} about"
+                f" {', '.join(c.name for c in model.coordinates)}"
+            )
+    given = named_numbers("--noise", noise, [c.name for c in first.coordinates], "coordinate")
+    parts = [validate({name: model}, _records(model, files.data, columns), given) for name, model in models.items()]
+    return together(parts), models
+
+
+def validation_files(found: Validation, model: Model) -> dict[str, str | bytes]:
+    """Return the table as CSV and the figure of the free runs, by name of their files.
+
+    Args:
+        found: a validation.
+        model: one of the models: they are about the same coordinates.
+    """
+    from odescope.report.figures.draw_validation import draw_free_runs
+    from odescope.report.figures.style import saved
+
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(f.name for f in fields(ValidationRow))
+    for row in found.rows:
+        writer.writerow("" if v is None else repr(v) if isinstance(v, float) else v for v in astuple(row))
+    coordinates = tuple((c.name, c.unit, c.offset) for c in model.coordinates)
+    vector, raster = saved(draw_free_runs(found.runs, coordinates), FIGURE)
+    return {TABLE: out.getvalue(), f"{FIGURE}.svg": vector, f"{FIGURE}.png": raster}
+
+
+def _records(model: Model, data: Sequence[Path], columns: TimeColumns) -> Records:
+    return read_for(model, data, columns, [c.name for c in model.coordinates] + [i.name for i in model.inputs])
+
+
+def _names(models: Sequence[Path]) -> dict[str, Path]:
+    """Return models by the shortest ends of their paths that tell them apart, without the file's ending."""
+    for depth in range(1, max(len(path.resolve().parts) for path in models) + 1):
+        names = ["/".join(path.resolve().with_suffix("").parts[-depth:]) for path in models]
+        if len(set(names)) == len(names):
+            return dict(zip(names, models, strict=True))
+    raise InputError("a model is named twice")

@@ -1,0 +1,69 @@
+"""Where an observer begins: a state that is about right, and next to nothing known of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.model.initial_state import initial_state
+from odescope.model.model import Model
+from odescope.recordings.record import Record, less_offsets
+from odescope.signals.differentiators import Spectral
+
+LONGEST = 20_000  # samples of the stretch that the state is fitted to, and sizes are seen in
+VAGUE = 2.0  # sizes of a state: the standard deviation of what is known of it
+
+
+@dataclass(frozen=True, eq=False)
+class FirstState:
+    """What is known of the state before the first reading: mean (n,), covariance (n, n), sizes (n,) over the record.
+
+    target_sizes (T,) are those of the targets; `values` (M,) about those of states, targets and inputs in a first
+    stretch, by name.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    sizes: FloatArray
+    target_sizes: FloatArray
+    values: Mapping[str, FloatArray]
+
+
+def first_state(model: Model, record: Record) -> FirstState:
+    """Return the state that a short stretch suggests, with so wide a covariance that readings are not used twice.
+
+    The equations are linearised about it; what is known of it should come from the filter alone.
+    """
+    even = _even(model, record)
+    plain = less_offsets(even, model.coordinates)
+    differentiator = Spectral()
+    values = {i.name: even.column(i.name) for i in model.inputs}
+    for c in model.coordinates:
+        found = differentiator.derivatives([plain.column(c.name)], plain.sample_period, c.order).values[0]
+        values |= {c.derivative(k): found[k] for k in range(c.order + 1)}
+    size, targets = (
+        np.array([max(float(np.abs(values[name]).max()), 1e-12) for name in names])
+        for names in (model.states, model.targets)
+    )
+    mean = initial_state(model, even)
+    mean = np.where(np.isfinite(mean), mean, 0.0)
+    return FirstState(mean, np.diag((VAGUE * size) ** 2), size, targets, values)
+
+
+def _even(model: Model, record: Record) -> Record:
+    """Return the first stretch of a record on a uniform grid, filled in where nothing was measured."""
+    part = record.part(0, min(len(record), LONGEST))
+    grid = np.linspace(part.t[0], part.t[-1], len(part))
+    steps = np.diff(part.t)
+    uniform = float(np.ptp(steps)) <= 1e-6 * float(steps.mean())
+    measured = [c.name for c in model.coordinates]
+    if uniform and part.counts is None:
+        return part
+    columns = []
+    for name in part.names:
+        there = part.counted(name) > 0.0 if name in measured else np.ones(len(part), dtype=np.bool_)
+        columns.append(np.interp(grid, part.t[there], part.column(name)[there]))
+    return replace(part, t=grid, values=np.column_stack(columns), counts=None)

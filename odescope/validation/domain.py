@@ -1,0 +1,37 @@
+"""Where data leave the domain of a model: the ranges of states and inputs in the data that it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.model.model import Model
+
+MARGIN = 0.02  # of a range, by which noise alone may leave it
+RARE = 1e-3  # of the samples outside: fewer are not worth a word
+
+
+def outside_domain(model: Model, columns: Mapping[str, Sequence[FloatArray]]) -> Iterator[str]:
+    """Yield a sentence for every state and input that is often outside the model's domain.
+
+    The value of an angle and that of a cyclic coordinate may be anything: the equations do not hold them, or not their
+    whole turns.
+
+    Args:
+        model: its domain may lack some.
+        columns: samples (N,) of every recording, by name.
+    """
+    free = {c.name for c in model.coordinates if c.angle or c.cyclic}
+    for name, samples in columns.items():
+        if name in free or name not in model.domain:
+            continue
+        low, high = model.domain[name]
+        values, slack = np.concatenate(list(samples)), MARGIN * (high - low)
+        outside = float(np.mean((values < low - slack) | (values > high + slack)))
+        if outside > RARE:
+            yield (
+                f"{name} is from {values.min():.4g} to {values.max():.4g}, and {100 * outside:.2g} % of it outside the"
+                f" data of the model, {low:.4g} to {high:.4g}"
+            )

@@ -1,0 +1,230 @@
+"""Models on data that they have not seen: free runs from the start, from many starts, and one-step predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError
+from odescope.model.initial_state import initial_state
+from odescope.model.model import Model
+from odescope.model.simulation import Trajectory, simulate
+from odescope.observer.estimate import StateEstimates, estimate_states
+from odescope.observer.noise import measurement_noise
+from odescope.recordings.record import Record, Records
+from odescope.validation.agreement import Agreement, Pair, agreement, turned, valid_time
+from odescope.validation.domain import outside_domain
+
+STARTS = 20  # runs in all, spread over the recordings by their lengths
+LEAST_STARTS = 2  # of a recording that is long enough
+SHORTEST = 64  # samples of such a run
+FREE, MANY, STEP = "free run", "many starts", "one step"
+ALL = "all"  # recordings together
+
+
+@dataclass(frozen=True)
+class ValidationRow:
+    """How one model predicts one coordinate, in one recording or in all of them together.
+
+    `prediction` is "free run" from the first sample, "many starts" for free runs one after another, "one step" for
+    what the observer says of a sample from all earlier ones. `fit` is in per cent, `rmse` in `unit`, both None where a
+    run ended early. `valid_time` and `duration` are in seconds, of many starts their medians.
+    """
+
+    model: str
+    recording: str
+    prediction: str
+    coordinate: str
+    fit: float | None
+    rmse: float | None
+    unit: str | None
+    valid_time: float | None
+    duration: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRunOf:
+    """The free run of one model over one recording, by its number from 1, beside what was measured."""
+
+    model: str
+    number: int
+    record: Record
+    run: Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Rows for a dataframe, the free runs that they come from, and what to be careful of."""
+
+    rows: tuple[ValidationRow, ...]
+    runs: tuple[FreeRunOf, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def lines(self) -> list[str]:
+        """The table of all recordings together, line by line."""
+        return table_lines([row for row in self.rows if row.recording == ALL])
+
+    def __repr__(self) -> str:
+        return "\n".join([*self.lines, *self.notes])
+
+
+def validate(
+    models: Model | Mapping[str, Model],
+    data: Record | Records | Iterable[Record],
+    noise: Mapping[str, float] | None = None,
+) -> Validation:
+    """Return how well models predict recordings.
+
+    Every run starts from a state that is fitted to its own first stretch (`initial_state`).
+
+    Args:
+        models: one, or several by name.
+        data: uniformly sampled, with the coordinates and inputs of all models.
+        noise: standard deviation of a sample, by coordinate, for one-step predictions; by default as each model was
+            identified. A model that does not say so has no one-step predictions.
+
+    Raises:
+        InputError: no model, a column is missing, or a name in `noise` is no coordinate.
+    """
+    named = {"model": models} if isinstance(models, Model) else dict(models)
+    if not named:
+        raise InputError("no model: expected at least one")
+    records = Records.of(data)
+    return together([_validated(name, model, records, noise) for name, model in named.items()])
+
+
+def together(parts: Sequence[Validation]) -> Validation:
+    """Return several validations as one."""
+    return Validation(
+        rows=tuple(row for part in parts for row in part.rows),
+        runs=tuple(run for part in parts for run in part.runs),
+        notes=tuple(note for part in parts for note in part.notes),
+    )
+
+
+def _validated(name: str, model: Model, records: Records, noise: Mapping[str, float] | None) -> Validation:
+    free = [(record, _run(model, record)) for record in records]
+    pieces = [list(_many(model, record, records)) for record in records]
+    rows = [*_rows(name, model, FREE, [[run] for run in free]), *_rows(name, model, MANY, pieces)]
+    notes = [
+        f"{name}: the free run of {_label(number, record)} ended early: {run.ended}"
+        for number, (record, run) in enumerate(free, 1)
+        if run.ended
+    ]
+    columns = {c: [r.column(c) for r in records] for c in (*_measured(model), *(i.name for i in model.inputs))}
+    try:
+        measurement_noise(model, noise)
+    except InputError as error:
+        if noise:
+            raise
+        notes.append(f"{name}: no one-step predictions: {error}")
+    else:
+        estimates = estimate_states(model, records, noise)
+        rows += _one_step(name, model, records, estimates)
+        rates = [s for s in model.states if s not in columns]
+        columns |= {s: [run.column(s)[run.settling :] for run in estimates.runs] for s in rates}
+    notes += [f"{name}: {sentence}" for sentence in outside_domain(model, columns)]
+    runs = tuple(FreeRunOf(name, number, *run) for number, run in enumerate(free, 1))
+    return Validation(tuple(rows), runs, tuple(notes))
+
+
+def _measured(model: Model) -> tuple[str, ...]:
+    return tuple(c.name for c in model.coordinates)
+
+
+def _run(model: Model, part: Record) -> Trajectory:
+    """Return the free run over a record, or part of one, from a state fitted to its first stretch."""
+    start = initial_state(model, part)
+    inputs = np.array([part.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(part)).T
+    return simulate(model, part.t, np.ascontiguousarray(inputs), start)
+
+
+def _many(model: Model, record: Record, records: Records) -> Iterator[tuple[Record, Trajectory]]:
+    """Yield free runs over the pieces of a record."""
+    share = max(LEAST_STARTS, round(STARTS * len(record) / records.samples))
+    count = max(1, min(share, len(record) // SHORTEST))
+    edges = np.linspace(0, len(record), count + 1).astype(np.int64).tolist()
+    for first, stop in pairwise(edges):
+        part = record.part(first, stop)
+        yield part, _run(model, part)
+
+
+def _label(number: int, record: Record) -> str:
+    """Return what a recording is called: where it came from, or its number."""
+    return record.source or f"recording {number}"
+
+
+def _rows(
+    name: str, model: Model, prediction: str, runs: list[list[tuple[Record, Trajectory]]]
+) -> Iterator[ValidationRow]:
+    """Yield the rows of free runs, given those of every recording."""
+    for c in model.coordinates:
+        every, times = list[Pair | None](), list[tuple[float, float]]()
+        for number, own in enumerate(runs, 1):
+            pieces, spans = list[Pair](), list[tuple[float, float]]()
+            for record, run in own:
+                measured, predicted = record.column(c.name), run.column(c.name) + c.offset
+                predicted = turned(predicted, measured) if c.angle else predicted
+                there = record.counted(c.name)[: len(predicted)] > 0.0
+                pieces.append((measured[: len(predicted)][there], predicted[there]))
+                spans.append((valid_time(record.t, measured, predicted), record.duration))
+            whole = all(run.ended is None for _, run in own)
+            measured, predicted = (np.concatenate(part) for part in zip(*pieces, strict=True))
+            pair = (measured, predicted) if whole else None
+            if len(runs) > 1:
+                yield _row(name, _label(number, own[0][0]), prediction, c.name, c.unit, _agreed([pair]), spans)
+            every.append(pair)
+            times += spans
+        yield _row(name, ALL, prediction, c.name, c.unit, _agreed(every), times)
+
+
+def _agreed(pairs: list[Pair | None]) -> Agreement | None:
+    """Return the agreement of some recordings together, None where a run of one ended early."""
+    whole = [pair for pair in pairs if pair is not None]
+    return agreement(whole) if len(whole) == len(pairs) else None
+
+
+def _row(
+    name: str,
+    recording: str,
+    prediction: str,
+    coordinate: str,
+    unit: str | None,
+    agreed: Agreement | None,
+    spans: list[tuple[float, float]],
+) -> ValidationRow:
+    valid, duration = (float(np.median(part)) for part in zip(*spans, strict=True)) if spans else (None, None)
+    fit, rmse = (None, None) if agreed is None else (agreed.fit, agreed.rmse)
+    return ValidationRow(name, recording, prediction, coordinate, fit, rmse, unit, valid, duration)
+
+
+def _one_step(name: str, model: Model, records: Records, estimates: StateEstimates) -> Iterator[ValidationRow]:
+    """Yield the rows of one-step predictions, whose errors are the innovations of the observer."""
+    for k, c in enumerate(model.coordinates):
+        every = list[Pair | None]()
+        for number, (record, run) in enumerate(zip(records, estimates.runs, strict=True), 1):
+            off: FloatArray = run.innovations[run.settling :, k]
+            there = np.isfinite(off)
+            measured = record.column(c.name)[run.settling : len(run.t)][there]
+            pair = None if run.ended or not len(measured) else (measured, measured - off[there])
+            if len(records) > 1:
+                yield _row(name, _label(number, record), STEP, c.name, c.unit, _agreed([pair]), [])
+            every.append(pair)
+        yield _row(name, ALL, STEP, c.name, c.unit, _agreed(every), [])
+
+
+def table_lines(rows: Iterable[ValidationRow]) -> list[str]:
+    """Return rows as the lines of a table."""
+    cells = [("model", "prediction", "coordinate", "fit, %", "RMSE", "valid time, s")]
+    for row in rows:
+        fit = "-" if row.fit is None else f"{row.fit:.4g}"
+        rmse = "-" if row.rmse is None else f"{row.rmse:.4g}{f' {row.unit}' if row.unit else ''}"
+        valid = "" if row.valid_time is None else f"{row.valid_time:.4g} of {row.duration:.4g}"
+        cells.append((row.model, row.prediction, row.coordinate, fit, rmse, valid))
+    widths = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]

@@ -1,0 +1,166 @@
+"""The commands that run a model on data, filter and validate, and what simulate says of the fit."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from logs import oscillator, write
+from test_free_run import oscillator_model
+
+NOISE = 0.01
+
+
+@pytest.fixture
+def machine(odescope):
+    """A model that knows its noise, and a log of it with gaps and irregular stamps."""
+    log = oscillator(1200, noise=NOISE, seed=3)
+    write("log.csv", log)
+    known = oscillator_model(channels={"x": {"noise": NOISE, "cutoff_hz": 2.0}})
+    known["domain"] = {"x": [-2.0, 2.0], "x_dot": [-4.0, 4.0], "u": [-9.0, 9.0]}
+    Path("model.json").write_text(json.dumps(known))
+    Path("unknown.json").write_text(json.dumps(oscillator_model()))
+    return odescope
+
+
+def table(text):
+    header, *rows = csv.reader(text.splitlines())
+    return {name: np.array(c) for name, c in zip(header, np.array(rows).T, strict=True)}
+
+
+def test_filter_writes_states_with_standard_deviations_and_says_how_consistent_they_are(machine):
+    ended = machine("filter", "model.json", "log.csv")
+    assert ended.code == 0
+    found = table(ended.out)
+    assert list(found) == [
+        "t",
+        "x",
+        "x_dot",
+        "x_std",
+        "x_dot_std",
+        "x_innovation",
+        "x_innovation_std",
+        "innovations_squared",
+    ]
+    assert "normalised innovations squared" in ended.err
+    to_file = machine("filter", "model.json", "log.csv", "--smooth", "--out", "states.csv")
+    assert (to_file.code, to_file.err) == (0, "")
+    assert "innovations of x" in to_file.out
+    smooth = table(Path("states.csv").read_text())
+    assert np.all(smooth["x_dot_std"].astype(float) <= found["x_dot_std"].astype(float) * (1 + 1e-9))
+    exact = oscillator(1200, noise=0.0, seed=3)
+    rate = np.gradient(exact["x"], exact["t"])
+    off = smooth["x_dot"].astype(float) - rate
+    assert np.sqrt(np.mean(off[5:-5] ** 2)) < 0.1 * NOISE / (exact["t"][1] - exact["t"][0])
+
+
+def test_filter_goes_over_missing_cells_and_tells_recordings_apart(machine):
+    log = {k: v[:400] for k, v in oscillator(1200, noise=NOISE, seed=3).items()}
+    rows = [
+        f"{run},{t!r},{'' if 100 <= k < 120 else repr(x)},{u!r}"
+        for run in ("a", "b")
+        for k, (t, x, u) in enumerate(zip(*(log[n].tolist() for n in ("t", "x", "u")), strict=True))
+    ]
+    Path("log.csv").write_text("\n".join(["run,t,x,u", *rows]) + "\n")
+    found = table(machine("filter", "model.json", "log.csv", "--recording", "run", "--noise", "x=0.02").out)
+    assert sorted(set(found["run"])) == ["a", "b"]
+    assert len(found["t"]) == 800
+    assert np.all(found["x_innovation"][100:120] == "")
+    assert np.all(found["x_innovation"][:100] != "")
+    std = found["x_std"].astype(float)
+    assert std[119] > std[99]
+
+
+def test_process_noise_is_given_or_fitted(machine):
+    given = machine("filter", "model.json", "log.csv", "--process-noise", "x_ddot=0.5")
+    assert "process noise, times the root of a second: x_ddot 0.5" in given.err
+    assert "root of a second" in machine("filter", "model.json", "log.csv", "--process-noise", "fit").err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ("unknown.json", "log.csv"),
+            "how noisy x is; give the standard deviation of a sample of each, as in --noise x",
+        ),
+        (("unknown.json", "log.csv", "--noise", "y=1"), "'y' is no coordinate of the model; there are: x"),
+        (("model.json", "log.csv", "--noise", "x=0"), "noise of x must be a positive number"),
+        (("model.json", "log.csv", "--process-noise", "x=1"), "'x' is no target of the model; there are: x_ddot"),
+        (("model.json", "log.csv", "--process-noise", "x_ddot=-1"), "noise of x_ddot must be a number, got -1.0"),
+        (("model.json", "bare.csv"), "no column 'x', 'u' in bare.csv: 'x' is a coordinate and 'u' is an input"),
+        (("model.json", "no_input.csv"), "no column 'u' in no_input.csv: 'u' is an input of the model"),
+        (("model.json", "none.csv"), "none.csv"),
+        (("model.json", "log.csv", "--out", "log.csv"), "overwrite"),
+    ],
+)
+def test_filter_refuses_with_one_message_and_writes_nothing(machine, arguments, said):
+    log = oscillator(200)
+    write("bare.csv", {"t": log["t"], "position": log["x"]})
+    write("no_input.csv", {"t": log["t"], "x": log["x"]})
+    assert said in machine.refused("filter", *arguments, *(() if "--out" in arguments else ("--out", "states.csv")))
+
+
+def test_simulate_says_how_well_it_fits(machine):
+    ended = machine("simulate", "model.json", "log.csv", "--out", "run.csv")
+    assert ended.out.startswith("x: fit 9")
+    assert float(ended.out.split("RMSE")[1]) == pytest.approx(NOISE, rel=0.05)
+    given = machine("simulate", "model.json", "log.csv", "--initial", "x=1", "--initial", "x_dot=0.5")
+    assert "odescope: x: fit 9" in given.err
+    log = oscillator(200)
+    write("input.csv", {"t": log["t"], "u": log["u"]})
+    blind = machine("simulate", "model.json", "input.csv", "--initial", "x=1", "--initial", "x_dot=0.5")
+    assert (blind.code, blind.err) == (0, "")
+
+
+def test_simulate_asks_for_all_states_that_are_missing_at_once(machine):
+    log = oscillator(200)
+    write("input.csv", {"t": log["t"], "u": log["u"]})
+    message = machine.refused("simulate", "model.json", "input.csv")
+    assert "--initial x=... --initial x_dot=..." in message
+    message = machine.refused("simulate", "model.json", "input.csv", "--initial", "x=1", "--out", "run.csv")
+    assert "--initial x_dot=..." in message
+    assert "--initial x=..." not in message
+
+
+def test_validate_prints_a_table_and_writes_it_with_a_figure(machine):
+    ended = machine("validate", "model.json", "unknown.json", "log.csv", "--out", "judged")
+    assert ended.code == 0
+    header, *lines = ended.out.splitlines()
+    assert header.split() == ["model", "prediction", "coordinate", "fit,", "%", "RMSE", "valid", "time,", "s"]
+    assert [line.split()[0] for line in lines] == ["model"] * 3 + ["unknown"] * 2
+    assert "unknown: no one-step predictions" in ended.err
+    found = table(Path("judged/validation.csv").read_text())
+    assert list(found["prediction"]) == ["free run", "many starts", "one step", "free run", "many starts"]
+    np.testing.assert_allclose(found["rmse"].astype(float), NOISE, rtol=0.15)
+    assert Path("judged/free-runs.svg").read_text().count("<path") > 3
+    assert Path("judged/free-runs.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_validate_takes_data_by_option_and_warns_outside_the_domain(machine):
+    log = oscillator(600, noise=NOISE)
+    write("wild.csv", log | {"u": log["u"] * 30.0})
+    ended = machine("validate", "model.json", "--data", "wild.csv", "log.csv")
+    assert ended.code == 0
+    assert "model: u is from" in ended.err
+    assert len(ended.out.splitlines()) == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("log.csv",), "at least one model"),
+        (("model.json",), "at least one data file"),
+        (("model.json", "log.csv", "--noise", "y=1"), "'y' is no coordinate"),
+        (("model.json", "model.json", "log.csv"), "named twice"),
+        (("model.json", "other.json", "log.csv"), "same coordinates: model is about x, other about y"),
+        (("model.json", "bare.csv"), "no column 'x', 'u' in bare.csv"),
+    ],
+)
+def test_validate_refuses_with_one_message_and_writes_nothing(machine, arguments, said):
+    log = oscillator(200)
+    write("bare.csv", {"t": log["t"], "position": log["x"]})
+    other = Path("model.json").read_text().replace('"x', '"y').replace('"name": "x"', '"name": "y"')
+    Path("other.json").write_text(other)
+    assert said in machine.refused("validate", *arguments, "--out", "judged")
