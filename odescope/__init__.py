@@ -44,6 +44,8 @@ _HOMES = {
     "export.languages.mathml": ("to_mathml",),
     "export.languages.python": ("to_python",),
     "export.languages.text": ("to_text",),
+    "export.program_files": ("ProgramFiles",),
+    "export.programs.c": ("to_c",),
     "export.model_file": ("from_json", "read_model", "to_json"),
     "study.options": ("Candidates", "Data", "Driven", "Filtering", "Measured", "Regression", "Study"),
     "study.toml": ("read_study",),

@@ -11,6 +11,8 @@ from odescope.export.languages.text import to_text as to_text
 from odescope.export.model_file import from_json as from_json
 from odescope.export.model_file import read_model as read_model
 from odescope.export.model_file import to_json as to_json
+from odescope.export.program_files import ProgramFiles as ProgramFiles
+from odescope.export.programs.c import to_c as to_c
 from odescope.library.candidates import Library as Library
 from odescope.library.expression import Term as Term
 from odescope.library.parse import Definition as Definition
