@@ -46,6 +46,7 @@ _HOMES = {
     "export.languages.text": ("to_text",),
     "export.program_files": ("ProgramFiles",),
     "export.programs.c": ("to_c",),
+    "export.programs.casadi": ("to_casadi",),
     "export.programs.matlab": ("to_matlab",),
     "export.model_file": ("from_json", "read_model", "to_json"),
     "study.options": ("Candidates", "Data", "Driven", "Filtering", "Measured", "Regression", "Study"),

@@ -1,4 +1,4 @@
-"""A model for integrators that know no standstill: relations in which a smooth step stands for the sign of dry friction."""
+"""A model for integrators that know no standstill: a smooth step stands for the sign of dry friction."""
 
 from __future__ import annotations
 

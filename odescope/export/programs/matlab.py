@@ -13,18 +13,14 @@ from odescope.library.printer import Language, print_combination
 from odescope.model.model import Model
 from odescope.recordings.coordinate import state_chain
 
-_NAMES = Names(
-    frozenset(
-        """
-        break case catch classdef continue else elseif end for function global if otherwise parfor persistent return
-        spmd switch try while do until endif endwhile endfor endfunction end_try_catch unwind_protect enumeration
-        events methods properties arguments endswitch end_unwind_protect unwind_protect_cleanup endparfor
-        sin cos tan exp abs sign tanh reallog realsqrt realpow isa nargin zeros numel ode_t ode_x ode_u ode_a ode_b
-        ode_dx ode_delay ode_at ode_k
-        """.split()
-    ),
-    longest=63,
-)
+_RESERVED = """
+break case catch classdef continue else elseif end for function global if otherwise parfor persistent return
+spmd switch try while do until endif endwhile endfor endfunction end_try_catch unwind_protect enumeration
+events methods properties arguments endswitch end_unwind_protect unwind_protect_cleanup endparfor
+sin cos tan exp abs sign tanh reallog realsqrt realpow isa nargin zeros numel ode_t ode_x ode_u ode_a ode_b
+ode_dx ode_delay ode_at ode_k
+"""
+_NAMES = Names(frozenset(_RESERVED.split()), longest=63)
 _FUNCTIONS = {"log": "reallog", "sqrt": "realsqrt"}
 
 _TEMPLATE = """function ode_dx = {name}(ode_t, ode_x, ode_u)
