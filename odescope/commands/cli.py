@@ -208,7 +208,7 @@ def export(
         Path | None, typer.Option(help="File, or folder for several files.", show_default="standard output")
     ] = None,
     name: Annotated[
-        str | None, typer.Option(help="What a program is called.", show_default="as the file, else model")
+        str | None, typer.Option(help="What a program is called.", show_default="as the file, else plant")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write to a folder that holds files.")] = False,
 ) -> None:

@@ -10,9 +10,8 @@ from odescope.commands.terminal import say
 from odescope.errors import InputError, nearest
 from odescope.export import languages, programs
 from odescope.export.model_file import read_model
+from odescope.export.program_files import NAME
 from odescope.model.model import Model
-
-NAME = "model"  # of a program that no file names
 
 
 def export_model(model_path: Path, to: str, out: Path | None, name: str | None, force: bool) -> None:

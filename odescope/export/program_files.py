@@ -9,6 +9,8 @@ from odescope.errors import InputError
 from odescope.export.spelling import Names
 from odescope.recordings.coordinate import check_name
 
+NAME = "plant"  # of a program that nobody has named
+
 
 @dataclass(frozen=True)
 class ProgramFiles:

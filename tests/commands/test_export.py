@@ -12,7 +12,7 @@ from odescope.errors import InputError
 from odescope.export import programs
 from odescope.export.model_file import to_json
 
-C_FILES = ["model.c", "model.h", "model_inputs.c", "model_kalman.c"]
+C_FILES = ["plant.c", "plant.h", "plant_inputs.c", "plant_kalman.c"]
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_names_that_the_language_reserves_are_said(export):
     code, _, err = export("reserved.json", "--to", "c", "--out", "plant")
     assert code == 0
     assert "odescope: double is written double_\n" in err
-    assert "double is written double_" in Path("plant/model.h").read_text()
+    assert "double is written double_" in Path("plant/plant.h").read_text()
 
 
 def test_an_unknown_language_is_named_with_the_nearest(export):
@@ -85,3 +85,16 @@ def test_a_file_is_all_that_a_program_takes(tmp_path, monkeypatch):
     del sys.modules["odescope.export.programs.shouted"]
     with pytest.raises(InputError, match=r"cannot export a program to 'matlb'"):
         programs.program_writer("matlb")
+
+
+@pytest.mark.parametrize("language", [p for p in programs.names() if p not in ("antimony", "c", "fmu")])
+def test_a_program_of_one_file_is_printed_or_written_and_called_as_its_file(language, export):
+    code, printed, err = export("model.json", "--to", language)
+    assert (code, err) == (0, "")
+    assert export("model.json", "--to", language, "--out", "deep/plant.x") == (0, "", "")
+    assert Path("deep/plant.x").read_text() == printed
+    assert os.listdir("deep") == ["plant.x"]
+    assert export("model.json", "--to", language, "--out", "deep/cart.x") == (0, "", "")
+    named = language != "casadi"  # a Python module has the name of its file, and none inside
+    assert (printed.replace("plant", "cart") == Path("deep/cart.x").read_text()) or not named
+    assert export("model.json", "--to", language, "--out", "model.json")[0] == 2

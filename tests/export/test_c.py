@@ -270,13 +270,13 @@ def test_the_filter_finds_the_states_of_a_noisy_record_and_knows_how_well(which,
 
 
 def test_every_digit_is_there_and_reserved_names_are_said():
-    text = to_c(MODELS["rational"]).files["model.c"]
+    text = to_c(MODELS["rational"]).files["plant.c"]
     for value in (0.1 + 0.2, 1 / 3, 1e-17, 5.55, 3.0):
         assert repr(value) in text
     program = to_c(MODELS["hostile"])
     for note in ("float is written float_", "_np is written v_np_"):
         assert note in program.notes
-        assert note in program.files["model.h"]
+        assert note in program.files["plant.h"]
 
 
 @pytest.mark.parametrize("name", ["2nd", "a-b", "while", "_x", ""])

@@ -15,7 +15,7 @@ ALL = {**MODELS, "cart": driven_cart("zero", 0.25), "reactor": reactor(), "slide
 def module(model):
     pytest.importorskip("casadi", reason="no CasADi")
     namespace = {}
-    exec(compile(to_casadi(model).files["model.py"], "exported", "exec"), namespace)  # noqa: S102 (our own output)
+    exec(compile(to_casadi(model).files["plant.py"], "exported", "exec"), namespace)  # noqa: S102 (our own output)
     return namespace
 
 
@@ -58,4 +58,4 @@ def test_names_are_those_of_the_language():
         to_casadi(MODELS["coupled"], "casadi")
     program = to_casadi(MODELS["hostile"])
     assert "float is written float_" in program.notes
-    assert repr(0.1 + 0.2) in to_casadi(MODELS["rational"]).files["model.py"]
+    assert repr(0.1 + 0.2) in to_casadi(MODELS["rational"]).files["plant.py"]

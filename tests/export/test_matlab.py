@@ -83,4 +83,4 @@ def test_names_are_those_of_the_language():
     with pytest.raises(InputError, match="'end'"):
         to_matlab(MODELS["coupled"], "end")
     assert "_np is written v_np_" in to_matlab(MODELS["hostile"]).notes
-    assert repr(0.1 + 0.2) in to_matlab(MODELS["rational"]).files["model.m"]
+    assert repr(0.1 + 0.2) in to_matlab(MODELS["rational"]).files["plant.m"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from odescope.export.about import about
 from odescope.export.c_code.equations import C_NAMES, c_statements
-from odescope.export.program_files import ProgramFiles, check_program_name
+from odescope.export.program_files import NAME, ProgramFiles, check_program_name
 from odescope.export.spelling import renamed
 from odescope.model.model import Model
 from odescope.model.switches import without_signs
@@ -27,7 +27,7 @@ _FILES = {
 }
 
 
-def to_c(model: Model, name: str = "model") -> ProgramFiles:
+def to_c(model: Model, name: str = NAME) -> ProgramFiles:
     """Return a model in C99: header, equations and steps, inputs, and Kalman filter, a file each.
 
     Their functions begin with `name`: the right-hand side, its Jacobian, a Runge-Kutta step with standstill under dry

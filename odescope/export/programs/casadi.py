@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from odescope.export.about import about
-from odescope.export.program_files import ProgramFiles, check_program_name
+from odescope.export.program_files import NAME, ProgramFiles, check_program_name
 from odescope.export.smooth import smooth_relations
 from odescope.export.spelling import Names, renamed
 from odescope.library.expression import Power, signed_sum
@@ -60,7 +60,7 @@ step = _step()
 '''
 
 
-def to_casadi(model: Model, name: str = "model") -> ProgramFiles:
+def to_casadi(model: Model, name: str = NAME) -> ProgramFiles:
     """Return a Python module with a casadi.Function of the right-hand side, and one of a Runge-Kutta step.
 
     Raises:

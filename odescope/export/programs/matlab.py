@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from odescope.export.about import about
-from odescope.export.program_files import ProgramFiles, check_program_name
+from odescope.export.program_files import NAME, ProgramFiles, check_program_name
 from odescope.export.smooth import smooth_relations
 from odescope.export.spelling import Names, renamed
 from odescope.library.expression import Power, signed_sum
@@ -49,7 +49,7 @@ end
 """
 
 
-def to_matlab(model: Model, name: str = "model") -> ProgramFiles:
+def to_matlab(model: Model, name: str = NAME) -> ProgramFiles:
     """Return a function file for MATLAB and Octave that ode45 takes.
 
     Raises:
