@@ -45,6 +45,7 @@ _HOMES = {
     "export.languages.python": ("to_python",),
     "export.languages.text": ("to_text",),
     "export.program_files": ("ProgramFiles",),
+    "export.programs.antimony": ("to_antimony",),
     "export.programs.c": ("to_c",),
     "export.programs.casadi": ("to_casadi",),
     "export.programs.julia": ("to_julia",),

@@ -12,6 +12,7 @@ from odescope.export.model_file import from_json as from_json
 from odescope.export.model_file import read_model as read_model
 from odescope.export.model_file import to_json as to_json
 from odescope.export.program_files import ProgramFiles as ProgramFiles
+from odescope.export.programs.antimony import to_antimony as to_antimony
 from odescope.export.programs.c import to_c as to_c
 from odescope.export.programs.casadi import to_casadi as to_casadi
 from odescope.export.programs.julia import to_julia as to_julia

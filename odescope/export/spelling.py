@@ -34,10 +34,11 @@ class Names:
 
     def _other(self, name: str, taken: Collection[str]) -> str:
         stem = name if self.underscore or not name.startswith("_") else "v" + name
-        stem, other, count = stem[: self.longest - 4], stem[: self.longest - 4] + "_", 1
+        other, count = stem, 0
         while other in taken or not self._fits(other):
             count += 1
-            other = f"{stem}_{count}"
+            ending = "_" if count == 1 else f"_{count}"
+            other = stem[: self.longest - len(ending)] + ending
         return other
 
 

@@ -274,7 +274,7 @@ def test_every_digit_is_there_and_reserved_names_are_said():
     for value in (0.1 + 0.2, 1 / 3, 1e-17, 5.55, 3.0):
         assert repr(value) in text
     program = to_c(MODELS["hostile"])
-    for note in ("float is written float_", "_np is written v_np_"):
+    for note in ("float is written float_", "_np is written v_np"):
         assert note in program.notes
         assert note in program.files["plant.h"]
 

@@ -82,5 +82,5 @@ def test_a_root_of_a_negative_number_is_an_error_and_not_complex(tmp_path):
 def test_names_are_those_of_the_language():
     with pytest.raises(InputError, match="'end'"):
         to_matlab(MODELS["coupled"], "end")
-    assert "_np is written v_np_" in to_matlab(MODELS["hostile"]).notes
+    assert "_np is written v_np" in to_matlab(MODELS["hostile"]).notes
     assert repr(0.1 + 0.2) in to_matlab(MODELS["rational"]).files["plant.m"]
