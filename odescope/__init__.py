@@ -48,6 +48,7 @@ _HOMES = {
     "export.programs.antimony": ("to_antimony",),
     "export.programs.c": ("to_c",),
     "export.programs.casadi": ("to_casadi",),
+    "export.programs.fmu": ("to_fmu",),
     "export.programs.julia": ("to_julia",),
     "export.programs.matlab": ("to_matlab",),
     "export.programs.modelica": ("to_modelica",),

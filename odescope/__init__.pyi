@@ -15,6 +15,7 @@ from odescope.export.program_files import ProgramFiles as ProgramFiles
 from odescope.export.programs.antimony import to_antimony as to_antimony
 from odescope.export.programs.c import to_c as to_c
 from odescope.export.programs.casadi import to_casadi as to_casadi
+from odescope.export.programs.fmu import to_fmu as to_fmu
 from odescope.export.programs.julia import to_julia as to_julia
 from odescope.export.programs.matlab import to_matlab as to_matlab
 from odescope.export.programs.modelica import to_modelica as to_modelica
