@@ -11,7 +11,6 @@ from odescope.errors import InputError, nearest
 from odescope.export import languages, programs
 from odescope.export.model_file import read_model
 from odescope.export.program_files import NAME
-from odescope.model.model import Model
 
 
 def export_model(model_path: Path, to: str, out: Path | None, name: str | None, force: bool) -> None:
@@ -31,7 +30,7 @@ def export_model(model_path: Path, to: str, out: Path | None, name: str | None, 
     if to not in known:
         raise InputError(f"cannot export to {to!r}; the languages are {', '.join(known)}; {nearest(to, known)}")
     if to in programs.names():
-        _export_program(read_model(model_path), to, model_path, (out, name), force)
+        _export_program(model_path, to, out, name, force)
         return
     if name is not None:
         raise InputError(f"--name is for programs: {to} has none")
@@ -40,13 +39,11 @@ def export_model(model_path: Path, to: str, out: Path | None, name: str | None, 
     _deliver(text, model_path, out)
 
 
-def _export_program(
-    model: Model, to: str, model_path: Path, place: tuple[Path | None, str | None], force: bool
-) -> None:
-    """Write a program to its file, or its files to their folder; `place` is where, and what it is called."""
-    out, name = place
-    stem = out.stem if out is not None and out.suffix else NAME
-    program = programs.program_writer(to)(model, name if name is not None else stem if stem.isidentifier() else NAME)
+def _export_program(model_path: Path, to: str, out: Path | None, name: str | None, force: bool) -> None:
+    if name is None:
+        stem = out.stem if out is not None and out.suffix else NAME
+        name = stem if stem.isidentifier() else NAME
+    program = programs.program_writer(to)(read_model(model_path), name)
     (first, content), *more = program.files.items()
     if not more and isinstance(content, str):
         _deliver(content, model_path, out)

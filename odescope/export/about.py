@@ -35,4 +35,6 @@ def about(model: Model, renamed: Sequence[str] = ()) -> tuple[str, ...]:
 def _plain(text: str) -> str:
     """Return text that neither ends a comment of any language nor leaves ASCII or the line."""
     kept = "".join(c if c.isascii() and c.isprintable() else "?" for c in text)
-    return kept.replace("*/", "* /").replace("/*", "/ *").replace('"', "'").replace("\\", "/").replace("%}", "% }")
+    for mark in ("*/", "/*", "=#", "#=", "%{", "%}"):
+        kept = kept.replace(mark, f"{mark[0]} {mark[1]}")
+    return kept.replace('"', "'").replace("\\", "/")

@@ -98,3 +98,20 @@ def test_a_program_of_one_file_is_printed_or_written_and_called_as_its_file(lang
     named = language != "casadi"  # a Python module has the name of its file, and none inside
     assert (printed.replace("plant", "cart") == Path("deep/cart.x").read_text()) or not named
     assert export("model.json", "--to", language, "--out", "model.json")[0] == 2
+
+
+def test_a_unit_is_a_file_and_not_for_the_screen(export):
+    assert export("model.json", "--to", "fmu", "--out", "deep/cart.fmu") == (0, "", "")
+    assert os.listdir("deep") == ["cart.fmu"]
+    assert Path("deep/cart.fmu").read_bytes().startswith(b"PK")
+    code, out, err = export("model.json", "--to", "fmu")
+    assert (code, out) == (2, "")
+    assert "--out" in err
+    assert "would overwrite" in export("model.json", "--to", "fmu", "--out", "model.json")[2]
+
+
+def test_what_a_language_cannot_express_is_named(export):
+    code, out, err = export("model.json", "--to", "antimony", "--out", "cart.ant")
+    assert (code, out) == (2, "")
+    assert "x_ddot" in err
+    assert not Path("cart.ant").exists()

@@ -40,10 +40,6 @@ def to_fmu(model: Model, name: str = NAME) -> ProgramFiles:
     fields |= _variables(model) | {
         "token": hashlib.sha256(token).hexdigest(),
         "description": "Equations of motion, written by odescope",
-        "indicators": [
-            {"name": f"indicator{k}", "reference": 1 + 2 * len(model.states) + len(model.inputs) + k}
-            for k in range(int(str(fields["signs"])))
-        ],
     }
     sources["fmi3.c"] = filled("fmi3.c.jinja", fields)
     sources["buildDescription.xml"] = _BUILD.format(name=name)
@@ -62,11 +58,12 @@ write = to_fmu
 
 
 def _spelling(model: Model) -> dict[str, str]:
-    return _VARIABLES.spelled(model.variables)
+    indicators = [f"indicator{k}" for k in range(len(model.switched.edges))]
+    return Names(_VARIABLES.reserved.union(indicators), underscore=True).spelled(model.variables)
 
 
 def _variables(model: Model) -> dict[str, object]:
-    """Return states and inputs as the description of a unit lists them."""
+    """Return states, inputs and event indicators as the description of a unit lists them."""
     spelling = _spelling(model)
     offsets = {c.name: c.offset for c in model.coordinates}
     states = [
@@ -86,4 +83,6 @@ def _variables(model: Model) -> dict[str, object]:
         }
         for k, i in enumerate(model.inputs, 1)
     ]
-    return {"states": states, "inputs": inputs}
+    first = 1 + 2 * len(model.states) + len(model.inputs)
+    indicators = [{"name": f"indicator{k}", "reference": first + k} for k in range(len(model.switched.edges))]
+    return {"states": states, "inputs": inputs, "indicators": indicators}
