@@ -229,7 +229,8 @@ def test_the_filter_predicts_and_updates_as_dense_algebra_does(compiled):
     assert np.allclose(held[:n], ahead, rtol=1e-14)
     assert np.allclose(held[n:].reshape(n, n), predicted, rtol=1e-12)
     y, e, s = np.array([0.7, -0.3]), np.empty(2), np.empty(2)
-    assert plant.call("kalman_update", filtered, y, r, e, s) == 0
+    turned = y + np.array([0.0, 6.0 * np.pi])  # the second is an angle, of which sensors lose count
+    assert plant.call("kalman_update", filtered, turned, r, e, s) == 0
     mean, covariance, nis = batch(predicted, ahead, y, r, np.array([0.125, 0.125]), [0, 1])
     assert np.allclose(held[:n], mean, rtol=1e-12)
     assert np.allclose(held[n:].reshape(n, n), covariance, rtol=1e-10, atol=1e-12)

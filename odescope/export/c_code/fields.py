@@ -49,6 +49,7 @@ def c_fields(model: Model, name: str) -> dict[str, object]:
         "whole": statements.relations + statements.slopes + ("sign_of(" if apart.signs else ""),
         "following": ", ".join(map(str, following_states(model.coordinates).tolist())),
         "measured": ", ".join(str(model.states.index(c.name)) for c in model.coordinates),
+        "angles": [int(c.angle) for c in model.coordinates],
         "edges": _table(apart.edges),
         **_band_limited(),
     }
