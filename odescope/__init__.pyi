@@ -11,6 +11,14 @@ from odescope.export.languages.text import to_text as to_text
 from odescope.export.model_file import from_json as from_json
 from odescope.export.model_file import read_model as read_model
 from odescope.export.model_file import to_json as to_json
+from odescope.export.program_files import ProgramFiles as ProgramFiles
+from odescope.export.programs.antimony import to_antimony as to_antimony
+from odescope.export.programs.c import to_c as to_c
+from odescope.export.programs.casadi import to_casadi as to_casadi
+from odescope.export.programs.fmu import to_fmu as to_fmu
+from odescope.export.programs.julia import to_julia as to_julia
+from odescope.export.programs.matlab import to_matlab as to_matlab
+from odescope.export.programs.modelica import to_modelica as to_modelica
 from odescope.library.candidates import Library as Library
 from odescope.library.expression import Term as Term
 from odescope.library.parse import Definition as Definition

@@ -27,7 +27,13 @@ def test_the_wheel_has_licence_types_and_template(wheel: Path) -> None:
         names = packed.namelist()
         (metadata,) = [packed.read(name).decode() for name in names if name.endswith("/METADATA")]
     tree = {path.relative_to(ROOT).as_posix() for path in ROOT.glob("odescope/**/*.py")}
-    told = ["odescope/py.typed", "odescope/__init__.pyi", "odescope/report/page.html.jinja", "odescope.kernels"]
+    told = [
+        "odescope/py.typed",
+        "odescope/__init__.pyi",
+        "odescope/report/page.html.jinja",
+        "odescope/export/c_code/model.c.jinja",
+        "odescope.kernels",
+    ]
     assert tree | set(told) <= set(names)
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
     assert {name for name in names if not re.match(r"odescope(/|\.kernels$|-[\d.]+\.dist-info/)", name)} == set()

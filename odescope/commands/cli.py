@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from odescope.errors import OdescopeError, Stopped
-from odescope.export.languages import names, writer
+from odescope.export import languages, programs
 
 if TYPE_CHECKING:
     from odescope.report.data import Report
+
+EXPORTS = sorted({*languages.names(), *programs.names()})
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -287,21 +289,19 @@ def report(
 @app.command(short_help="Write a model as text, as code, or for a page or paper.")
 def export(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")],
-    to: Annotated[str, typer.Option(metavar="|".join(names()), help="What to write.")] = "text",
-    out: Annotated[Path | None, typer.Option(help="File to write.", show_default="standard output")] = None,
+    to: Annotated[str, typer.Option(metavar="|".join(EXPORTS), help="What to write.")] = "text",
+    out: Annotated[
+        Path | None, typer.Option(help="File, or folder for several files.", show_default="standard output")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="What a program is called.", show_default="as the file, else plant")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write to a folder that holds files.")] = False,
 ) -> None:
-    """Write a model as text, as LaTeX or MathML for people, or as code: a Python module that imports numpy alone."""
-    from odescope.commands.files import refuse_overwriting, write_file
-    from odescope.commands.terminal import say
-    from odescope.export.model_file import read_model
+    """Write a model as text, as LaTeX or MathML for people, or as code that runs it: see docs/exports.md."""
+    from odescope.commands.export import export_model
 
-    write = writer(to)
-    text = write(read_model(model)).rstrip("\n") + "\n"
-    if out is None:
-        say(text)
-    else:
-        refuse_overwriting([out], [model])
-        write_file(out, text)
+    export_model(model, to, out, name, force)
 
 
 def _deliver(text: str, lines: Iterable[str], out: Path | None) -> None:

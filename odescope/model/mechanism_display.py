@@ -13,7 +13,7 @@ from odescope.library.mathml import MATHML, TIMES, mathml_joined, mathml_name, m
 from odescope.library.mechanism import FORCE_ON, Kind
 from odescope.library.parse import Scope, parse_term
 from odescope.library.printer import print_term
-from odescope.model.relation import FoundMechanism
+from odescope.model.relation import FoundMechanism, RelationTerm
 from odescope.model.rounding import rounded
 
 HEADINGS: dict[Kind, str] = {
@@ -64,7 +64,7 @@ def mechanisms_latex(mechanisms: Sequence[FoundMechanism], names: Sequence[str])
     def product(m: FoundMechanism) -> tuple[bool, str]:
         term = _read(m.term, scope)
         body = r"\mathtt{" + _escaped(m.term) + "}" if term is None else print_term(LATEX, term)
-        size = _latex_size(m)
+        size = latex_size(m)
         parts = [size] if term == ONE else [body] if size == "1" else [size, body]
         return m.coefficient < 0.0, r" \, ".join(parts)
 
@@ -73,7 +73,7 @@ def mechanisms_latex(mechanisms: Sequence[FoundMechanism], names: Sequence[str])
         lines.append(f"{left[0]}{index} = {latex_joined(map(product, members))}")
     for m in mechanisms:
         if m.kind == "reaction":
-            rate = ("-" if m.coefficient < 0.0 else "") + _latex_size(m, bracketed=False)
+            rate = ("-" if m.coefficient < 0.0 else "") + latex_size(m, bracketed=False)
             left_side, right_side = (" ".join(_latex_word(w) for w in _WORDS.findall(s)) for s in _sides(m.name))
             lines.append(rf"{left_side} \xrightarrow{{{rate}}} {right_side}".strip())
     return lines
@@ -143,7 +143,8 @@ def _sides(reaction: str) -> tuple[str, str]:
     return left or "∅", right or "∅"
 
 
-def _latex_size(m: FoundMechanism, bracketed: bool = True) -> str:
+def latex_size(m: FoundMechanism | RelationTerm, bracketed: bool = True) -> str:
+    """Return LaTeX of the size of a coefficient with its standard error, where it has one."""
     value, error = rounded(abs(m.coefficient), m.std_error)
     if not error:
         return latex_number(value)

@@ -33,10 +33,20 @@ class Switched:
     entries: tuple[Combination, ...]
 
 
-def switched(
-    relations: Sequence[Relation], targets: Sequence[str], states: Sequence[str], inputs: Sequence[str]
-) -> Switched:
-    """Return the equations of motion, signs of linear combinations of states apart.
+@dataclass(frozen=True, eq=False)
+class WithoutSigns:
+    """Right-hand sides in which names stand for signs of states.
+
+    `right` has one combination a relation; signs[k] is the name of the sign of edges[k] (x, 1), edges (K, n + 1).
+    """
+
+    right: tuple[Combination, ...]
+    signs: tuple[str, ...]
+    edges: FloatArray
+
+
+def without_signs(relations: Sequence[Relation], targets: Sequence[str], states: Sequence[str]) -> WithoutSigns:
+    """Return the right-hand sides of relations, signs of linear combinations of states apart.
 
     A sign of anything else, one that multiplies a target and signs that multiply each other stay as they are.
 
@@ -44,11 +54,11 @@ def switched(
         relations: of the model.
         targets: of the model.
         states: of the model.
-        inputs: names of the model's inputs.
     """
-    matrix = [r.part(target) for r in relations for target in targets]
     right = [r.right for r in relations]
-    barred = {atom for combination in matrix for _, term in combination.parts for atom, _ in term.factors}
+    barred = {
+        atom for r in relations for target in targets for _, term in r.part(target).parts for atom, _ in term.factors
+    }
     signs = dict[Call, FloatArray]()
     for combination in right:
         for _, term in combination.parts:
@@ -58,10 +68,28 @@ def switched(
             else:
                 barred |= set(found)
     signs = {atom: edge for atom, edge in signs.items() if atom not in barred}
-    names = (*states, *inputs, *(atom.text for atom in signs))
-    entries = (*matrix, *(_replaced(combination, signs) for combination in right))
-    edges = np.array(list(signs.values())).reshape(len(signs), len(states) + 1)
-    return Switched(write_tape(names, entries), edges, names, entries)
+    return WithoutSigns(
+        tuple(_replaced(combination, signs) for combination in right),
+        tuple(atom.text for atom in signs),
+        np.array(list(signs.values())).reshape(len(signs), len(states) + 1),
+    )
+
+
+def switched(
+    relations: Sequence[Relation], targets: Sequence[str], states: Sequence[str], inputs: Sequence[str]
+) -> Switched:
+    """Return the equations of motion, signs of linear combinations of states apart, as in `without_signs`.
+
+    Args:
+        relations: of the model.
+        targets: of the model.
+        states: of the model.
+        inputs: names of the model's inputs.
+    """
+    apart = without_signs(relations, targets, states)
+    matrix = [r.part(target) for r in relations for target in targets]
+    names, entries = (*states, *inputs, *apart.signs), (*matrix, *apart.right)
+    return Switched(write_tape(names, entries), apart.edges, names, entries)
 
 
 def smoothed(combination: Combination, states: Sequence[str], domain: Mapping[str, tuple[float, float]]) -> Combination:

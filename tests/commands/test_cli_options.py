@@ -203,7 +203,7 @@ def test_export_text_and_latex(run):
     explicit = json.loads(Path("run/model.json").read_text())["explicit"]
     assert run("export", "run/model.json").out == f"x_ddot = {explicit['x_ddot']}\n"
     assert run("export", "run/model.json", "--to", "latex").out.startswith(r"\ddot{x} = ")
-    assert "the languages are latex, mathml, python, text" in run.refused("export", "run/model.json", "--to", "pythn")
+    assert "latex, mathml, " in run.refused("export", "run/model.json", "--to", "pythn")
     for name, part in (("gone.json", "No such file"), ("run", "Is a directory"), ("run.csv", "not a model")):
         assert part in run.refused("export", name)
         assert part in run.refused("simulate", name, "run.csv")

@@ -55,7 +55,8 @@ def test_digits_are_all_or_as_many_as_asked_for():
 def test_latex_is_one_balanced_line_a_target(name):
     latex = to_latex(MODELS[name])
     lines = latex.split(" \\\\\n")
-    assert len(lines) == len(MODELS[name].targets)
+    errors = [r for r in MODELS[name].relations if any(t.std_error is not None for t in r.terms)]
+    assert len(lines) == len(MODELS[name].targets) + len(errors)
     for line in lines:
         assert "\n" not in line
         depth = 0
@@ -68,10 +69,13 @@ def test_latex_is_one_balanced_line_a_target(name):
 
 
 def test_latex_of_a_rational_model():
-    first, second = to_latex(MODELS["rational"]).split(" \\\\\n")
+    first, second, errors = to_latex(MODELS["rational"]).split(" \\\\\n")
     assert first.startswith(r"\ddot{x} = \frac{")
     assert r"\cos^{2}\left(\phi\right)" in first
     assert r"0.333333 \, u" in first
     assert r"1 \cdot 10^{-17}" in first
     assert second.startswith(r"\ddot{\phi} = \frac{")
     assert r"\dot{\phi} \, \operatorname{abs}\left(\dot{\phi}\right)" in second
+    left, right = errors.split(" = ")
+    assert left == r"\ddot{x} - \left(0.3000 \pm 0.0010\right) \, \ddot{x} \, \cos^{2}\left(\phi\right)"
+    assert right.endswith(r"\sin\left(\phi\right) - \left(5.55 \pm 0\right) \, \dot{x} - 1 \cdot 10^{-17}")

@@ -1,0 +1,1 @@
+"""C99 that runs a model: its templates, and what fills them."""

@@ -1,0 +1,36 @@
+"""The files that run a model in another language."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from odescope.errors import InputError
+from odescope.export.spelling import Names
+from odescope.recordings.coordinate import check_name
+
+NAME = "plant"  # of a program that nobody has named
+
+
+@dataclass(frozen=True)
+class ProgramFiles:
+    """Files by name, and notes on what is not written as the model has it: names that the language reserves."""
+
+    files: Mapping[str, str | bytes]
+    notes: tuple[str, ...] = ()
+
+
+def check_program_name(name: str, names: Names, language: str) -> None:
+    """Refuse a name that a program cannot carry.
+
+    Args:
+        name: of functions, or of the model.
+        names: what the language asks of names.
+        language: for people.
+
+    Raises:
+        InputError: it is no plain identifier, or the language reserves it.
+    """
+    check_name(name, "the name of the program")
+    if names.spelled([name])[name] != name:
+        raise InputError(f"a program in {language} cannot be called {name!r}, a name of its own: choose another")
