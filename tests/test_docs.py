@@ -97,7 +97,7 @@ def test_libraries_of_forms_are_libraries() -> None:
     cart = "[coordinates.x]\norder = 2\ncyclic = true\n[coordinates.phi]\norder = 2\nangle = true\n[inputs.u]\n"
     masses = "[coordinates.x]\norder = 2\n[coordinates.y]\norder = 2\n"
     species = "".join(f"[coordinates.{name}]\n" for name in "SECP")
-    default, named, equal, composed = blocks("docs/forms.md", "toml")
+    default, named, equal, composed, constants = blocks("docs/forms.md", "toml")
     assert parse_study(cart + default).forms() == ("lagrangian",)
     mechanisms, left_out = parse_study(cart + named).mechanisms("lagrangian")
     assert len(mechanisms) == 10
@@ -107,6 +107,8 @@ def test_libraries_of_forms_are_libraries() -> None:
     plain = candidates_of([study.candidates(target).products(targets) for target in targets], targets)
     assert [m.term for m in tied(plain, study.library.ties, study.scope()) if m.kind == "tie"] == ["x"]
     assert parse_study(species + composed).forms() == ("reactions",)
+    library = parse_study(species + constants).candidates("S_dot")
+    assert "S*(K + S)**-1" in {t.text for t in library}
 
 
 def test_the_entry_points_of_extending_are_those_that_are_looked_up() -> None:

@@ -110,15 +110,21 @@ def reactions(
         assert held is not None
         inflows = (_Reaction(((u, 1),), ((s, 1),)) for u in driven for s in species)
         found = [*_balanced(species, held, molecules), *inflows]
-    for name in saturating:
-        if name not in species:
-            raise InputError(f"[library] saturating names {name!r}, which is no species; {nearest(name, species)}")
-        found += [r.saturated(name) for r in found if r.other_flux is None and (name, 1) in r.reactants]
+    found += _saturated(found, saturating, species)
     rates = (
         Mechanism("term", c.target, c.target, (Part(i, Product(c.target)),), 0.0, known=1.0)
         for i, c in enumerate(coordinates)
     )
     return (*rates, *(_mechanism(r, species) for r in found))
+
+
+def _saturated(found: Sequence[_Reaction], saturating: Sequence[str], species: Sequence[str]) -> list[_Reaction]:
+    """Return the reactions with a flux that saturates, one for each of the species that they use one molecule of."""
+    for name in saturating:
+        if name not in species:
+            raise InputError(f"[library] saturating names {name!r}, which is no species; {nearest(name, species)}")
+    mass_action = [r for r in found if r.other_flux is None]
+    return [r.saturated(name) for name in saturating for r in mass_action if (name, 1) in r.reactants]
 
 
 def _mechanism(reaction: _Reaction, species: Sequence[str]) -> Mechanism:
