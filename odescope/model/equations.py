@@ -109,5 +109,10 @@ def with_names(equation: Equation, written: Mapping[Term, Term]) -> Equation:
             for part in (equation.numerator, equation.denominator)
         )
         return replace(equation, numerator=top, denominator=bottom)
-    terms = (replace(t, product=Product(t.factor, written.get(t.term, t.term))) for t in equation.terms)
+    return relation_with_names(equation, written)
+
+
+def relation_with_names(relation: Relation, written: Mapping[Term, Term]) -> Relation:
+    """Return a relation with the names of constants in its terms, as `with_names`."""
+    terms = (replace(t, product=Product(t.factor, written.get(t.term, t.term))) for t in relation.terms)
     return Relation(tuple(terms))

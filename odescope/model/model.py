@@ -14,7 +14,7 @@ from odescope.library.parse import Scope, parse_term
 from odescope.library.readable import readable
 from odescope.library.tape import Tape, write_tape
 from odescope.model.display import equations_html, equations_latex
-from odescope.model.equations import Equation, shown_equations, with_names
+from odescope.model.equations import Equation, relation_with_names, shown_equations, with_names
 from odescope.model.explicit import Quotient, explicit
 from odescope.model.notes import trust
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation
@@ -100,6 +100,11 @@ class Model:
         """The equations as people are shown them, one a target: quotients where these are short, else relations."""
         shown = shown_equations(self.relations, self.coordinates, self.inputs, self.mechanisms)
         return tuple(with_names(equation, self._written) for equation in shown)
+
+    @cached_property
+    def shown_relations(self) -> tuple[Relation, ...]:
+        """The relations with the names of constants."""
+        return tuple(relation_with_names(r, self._written) for r in self.relations)
 
     @cached_property
     def shown_mechanisms(self) -> tuple[FoundMechanism, ...]:

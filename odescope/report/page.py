@@ -113,7 +113,7 @@ def _relations(report: Report) -> list[ShownRelation]:
     from markupsafe import Markup
 
     found = []
-    for relation, units in zip(model_of(report).relations, report.coefficients, strict=True):
+    for relation, units in zip(model_of(report).shown_relations, report.coefficients, strict=True):
         rows = tuple(
             (Markup(_small(product_mathml(term))), *_numbers(term), more.unit)
             for term, more in zip(relation.terms, units, strict=True)

@@ -21,7 +21,7 @@ def to_latex(model: Model) -> str:
     """
     lines = [*mechanisms_latex(model.shown_mechanisms, model.names), *map(equation_latex, model.equations)]
     if not model.mechanisms:
-        lines += [_with_errors(r) for r in model.relations if any(t.std_error is not None for t in r.terms)]
+        lines += [_with_errors(r) for r in model.shown_relations if any(t.std_error is not None for t in r.terms)]
     lines += parameters_latex(model.parameters)
     return " \\\\\n".join(lines)
 
