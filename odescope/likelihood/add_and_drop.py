@@ -127,8 +127,9 @@ class Moves:
         scores = self.judge.scores(here)
         if scores is None:
             return None
-        scores, begin = best_on_grid(self.space, here, scores, self.defect_std)
-        scores = scores / self.scale
+        on_grid, begin = best_on_grid(self.space, here, scores, self.defect_std)
+        # Where a statistic decides alone it is checked against the spread between blocks, at nominal constants.
+        scores = (np.minimum(scores, on_grid) if self.judge.binding else on_grid) / self.scale
         scores[[*self.barred, *self.space.needed.values()]] = 0.0
         earned = scores - self.space.penalty
         if self.scale > HOPELESS:  # a model that lacks most asks for delays and offsets that stand for terms

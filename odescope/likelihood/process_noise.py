@@ -205,7 +205,7 @@ def _without_idle(space: SearchSpace, found: Fit, evidence: Evidence) -> Fit | N
     idle = [
         k
         for k, wald in zip(found.free.tolist(), evidence.wald, strict=True)
-        if not space.mechanisms[k].parts and wald < space.penalty[k]
+        if not space.mechanisms[k].parts and k not in space.needed.values() and wald < space.penalty[k]
     ]
     if not idle:
         return None
