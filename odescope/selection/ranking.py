@@ -19,6 +19,8 @@ from odescope.selection.score import Scores, score
 from odescope.selection.sweep import Sweep
 from odescope.selection.unmeasured import FOLLOWS, own_dynamics
 
+MOST_HELD_OUT = 0.9  # of a target's power: what is left elsewhere, as of a system at rest, does not tell its law
+
 
 class Ranking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How candidates are kept and ranked.
@@ -67,6 +69,9 @@ class Ranked:
 def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
     """Return the candidates of one target, best first.
 
+    Where one fold holds nearly all that happens, as in a record that comes to rest, the others do not tell what is
+    asked of them. If no relation passes, relations are then tried on what they are fitted on.
+
     Args:
         problem: of the target.
         found: supports, and who found them.
@@ -99,6 +104,8 @@ def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
         raise _nothing_left(problem, found, discarded)
     ranked = _families(problem, sorted(scored, key=lambda pair: pair[1].criterion), scores)
     best = ranked[0]
+    if best.explained < options.explain and len(problem.folds) > 1 and problem.most_held_out > MOST_HELD_OUT:
+        return rank(problem.in_one_fold, found, options)
     if best.explained < options.explain:
         raise NoModelError(
             "selection",
