@@ -20,6 +20,7 @@ from odescope.study.options import Study
 from odescope.study.toml import study_toml
 
 RESULT_FILES = ("model.json", "candidates.csv", "study.toml", "report.html", "report.json")
+NO_MODEL = "no_model.html"  # what a run leaves that ends without a model, beside the results of earlier ones
 FIGURES = "figures"  # the folder beside them
 PATH = "path"  # that of the models from many terms to few, and the table of these beside it
 PATH_MODEL = "_terms.json"  # what the names of these models end in, after how many terms they have
@@ -185,9 +186,14 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
 
 
 def write_results(folder: Path, files: Mapping[str, str | bytes]) -> None:
-    """Write the files of a result, and remove what an earlier run left of a longer path; errors as `write_files`."""
+    """Write the files of a result, and remove what an earlier run left of a longer path or of no model.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
     write_files(folder, files)
     try:
+        (folder / NO_MODEL).unlink(missing_ok=True)
         for model in (folder / PATH).glob(f"*{PATH_MODEL}"):
             if f"{PATH}/{model.name}" not in files:
                 model.unlink()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
@@ -11,6 +11,7 @@ import msgspec
 from odescope.arrays import FloatArray
 from odescope.commands.files import (
     FACTORS,
+    NO_MODEL,
     RESULT_FILES,
     check_writable,
     refuse_overwriting,
@@ -23,11 +24,12 @@ from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageB
 from odescope.likelihood.kernel import integrate
 from odescope.model.model import Model
 from odescope.parallel.kernels import compiled
-from odescope.pipeline.identification import DraftReady, Identification, identify
+from odescope.pipeline.identification import DraftReady, Identification, NothingFound, identify
 from odescope.report.assemble import observed, read_report, summary
 from odescope.report.data import Observed, Report, TableRow
 from odescope.report.figures.catalogue import early_pictures, pictures
 from odescope.report.figures.processes import Painters, painters
+from odescope.report.no_model import no_model_html
 from odescope.report.page import report_files
 from odescope.report.searches import searched
 from odescope.study.options import Study
@@ -73,7 +75,8 @@ def run_study(
 ) -> RunResult:
     """Identify a study, draw its report, and write the files of both to a folder.
 
-    It tells the events of `identify`, then `FilesWritten`; files appear all at once.
+    It tells the events of `identify`, then `FilesWritten`; files appear all at once. Where the run ends without a
+    model, a page says what was found until then; the results of earlier runs stay as they are.
 
     Args:
         study: the options, with the files to read.
@@ -96,28 +99,19 @@ def run_study(
     _refuse_own_sources(study, resolved, folder, out, source)
     if study.likelihood.enabled and not compiled(integrate):
         monitor.tell(Note("compiling the kernels, once: this takes about a minute"))
-    progress = list[Progress]()
     with painters() as painter:
-        early = _Early(reference, painter)
-
-        def tell(event: Event) -> None:
-            if isinstance(event, DraftReady):
-                early.draw(event.result)
-            elif isinstance(event, Progress):
-                progress.append(event)
-            monitor.tell(event)
-
+        watch = _Watch(title, out, reference, painter, monitor)
         try:
             placed = _placed(study, folder)
-            result = identify(placed, watch=tell, stop=monitor.stop, cluster=cluster, store=out / FACTORS)
+            result = identify(placed, watch=watch.tell, stop=monitor.stop, cluster=cluster, store=out / FACTORS)
             monitor.tell(StageBegan("report"))
-            report = summary(result, title, dict(reference.signals()), reference.table(result.model), early.known)
+            report = summary(result, title, dict(reference.signals()), reference.table(result.model), watch.known)
             files = report_files(report, painter.paint(pictures(report)))
             monitor.check()
             written = result_files(result, resolved, files)
             write_results(out, written)
         except (KeyboardInterrupt, Stopped):
-            raise Stopped(_stopped(progress, out)) from None
+            raise Stopped(_stopped(watch.progress, out)) from None
     monitor.tell(FilesWritten(out, _names(written)))
     return RunResult(result, report, out)
 
@@ -128,16 +122,38 @@ def _names(written: Iterable[str]) -> tuple[str, ...]:
 
 
 @dataclass
-class _Early:
-    """Draws what the likelihood does not change while that runs, and remembers what it took for it."""
+class _Watch:
+    """Passes on what a run tells, draws what the likelihood does not change while that runs, and keeps what it needs.
 
+    Attributes:
+        title: heading of the report.
+        out: folder for the results.
+        reference: for a simulated log, the truth.
+        painter: draws figures.
+        monitor: whom to tell.
+        progress: what was told of it.
+        known: what the report says of the record, if it was made early.
+    """
+
+    title: str
+    out: Path
     reference: Reference
     painter: Painters
+    monitor: Monitor
+    progress: list[Progress] = field(default_factory=list)
     known: Observed | None = None
 
-    def draw(self, draft: Identification) -> None:
-        self.known = observed(draft, dict(self.reference.signals()))
-        self.painter.begin(early_pictures(self.known, searched(draft)))
+    def tell(self, event: Event) -> None:
+        """Hear an event of the run."""
+        if isinstance(event, DraftReady):
+            self.known = observed(event.result, dict(self.reference.signals()))
+            self.painter.begin(early_pictures(self.known, searched(event.result)))
+        elif isinstance(event, Progress):
+            self.progress.append(event)
+        self.monitor.tell(event)
+        if isinstance(event, NothingFound):
+            write_files(self.out, {NO_MODEL: no_model_html(event, self.title, self.painter.paint)})
+            self.monitor.tell(FilesWritten(self.out, (NO_MODEL,)))
 
 
 def draw_again(folder: Path, out: Path, monitor: Monitor = SILENT) -> None:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 from odescope.errors import InputError
 from odescope.events import Event, FilesWritten, Note, Progress, StageBegan
+from odescope.model.notes import uncertain
 
 
 @contextmanager
@@ -71,7 +72,13 @@ def found(event: Event) -> str:
 
 
 def remark(event: Event) -> str:
-    """Return what is worth a line of its own that stays."""
+    """Return what is worth a line of its own that stays; before equations, whether they are uncertain."""
+    from odescope.pipeline.identification import EquationsReady, NothingFound
+
+    if isinstance(event, NothingFound):
+        return "\n".join(f"advice: {sentence}" for sentence in event.advice)
+    if isinstance(event, EquationsReady):
+        return uncertain(event.result.model.scores)
     if isinstance(event, Note):
         return f"note: {event.text}"
     return f"wrote {event.folder}/: {', '.join(event.names)}" if isinstance(event, FilesWritten) else ""

@@ -24,6 +24,8 @@ EXACT = 10.0  # standard errors: from here on whole numbers
 UNSIGNED = 1e-6  # of the largest power dissipated: less is rounding
 IMBALANCE = 0.1  # of the energy turned over: less is what noise of the velocities makes
 LOOSE = 1.0  # standard error over coefficient of a kinetic term that another Lagrangian could do without
+FAR = 0.5  # standard deviations of the record: free runs further off say that little is known
+HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
 REASONS = {
     "saturated": ("is saturated", "are saturated"),
@@ -37,6 +39,32 @@ FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reacti
 def trust(scores: ModelScores | None) -> tuple[str, ...]:
     """Return sentences on how far to trust a model, from the scores it was identified with; none where it has none."""
     return () if scores is None else tuple(_trust(scores))
+
+
+def uncertain(scores: ModelScores | None) -> str:
+    """Return a sentence that says why a model is uncertain as a whole; nothing where no score says so.
+
+    A model that does not follow the record is, and so is one that only follows it with process noise and whose free
+    runs over what it was not fitted to go far off. Those of a chaotic system do for any law, which its likelihood
+    answers for where that follows without.
+    """
+    if scores is None:
+        return ""
+    judged = scores.likelihood
+    if judged is not None and not judged.follows:
+        return "uncertain: even in short segments this model does not follow the record to within its noise"
+    noisy = judged is not None and bool(judged.process_noise)
+    for step in scores.path:
+        if noisy and step.chosen and step.error is not None and step.error > FAR:
+            return (
+                f"uncertain: run freely over what it was not fitted to, this model is {step.error:.2g} standard"
+                " deviations of the record off"
+            )
+    poor = [(t, s.r2_held_out) for t, s in scores.targets.items() if s.r2_held_out is not None]
+    least = min(poor, key=lambda pair: pair[1], default=None)
+    if judged is None and least is not None and least[1] < HALF:
+        return f"uncertain: on held-out data this model predicts {share(least[1])} of the variance of {least[0]}"
+    return ""
 
 
 def _trust(scores: ModelScores) -> Iterator[str]:

@@ -35,7 +35,7 @@ class Regressed:
     """What regression on relations found: problems, searches and proposals, empty where no relation is looked for.
 
     `substituted` are the constants of all candidates, and the numbers that they had here; `elsewhere` is the same at
-    other numbers. `failure` says why there are no proposals where some were wanted.
+    other numbers. `failure` says why there are no proposals where some were wanted; the searches are then `in_vain`.
     """
 
     substituted: Substituted
@@ -44,6 +44,7 @@ class Regressed:
     proposals: tuple[tuple[Chosen, Model], ...] = ()
     whole: Whole | None = None
     failure: NoModelError | None = None
+    in_vain: tuple[Search, ...] = ()
     elsewhere: tuple[Regressed, ...] = ()
 
     @property
@@ -64,9 +65,6 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
         work: whose study says how.
         prepared: the libraries, none where relations do not compete.
         filtered: the signals.
-
-    Raises:
-        NoModelError: it finds nothing, and there is no likelihood stage that could begin without it.
     """
     with work.stage("library"):
         constants = constants_of(work.study, prepared.terms, filtered.signals)
@@ -76,8 +74,6 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
     tried = [_regress_at(work, p, filtered) for p in (points if filtered.sample.complete else points[:1])]
     best = min(tried, key=lambda r: r.criterion)
     if not best.proposals:
-        if not work.study.likelihood.enabled and best.failure is not None:
-            raise best.failure
         return best
     searches = draw_anew(work, best.searches, best.proposals[0][0])
     return replace(best, searches=searches, elsewhere=tuple(r for r in tried if r is not best))
@@ -86,11 +82,11 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
 def _regress_at(work: Work, substituted: Substituted, filtered: Filtered) -> Regressed:
     """Return what regression finds where constants have these numbers."""
     problems, whole = pose_all(work, substituted.libraries, filtered)
+    searches = search_all(work, substituted.libraries, problems)
     try:
-        searches = search_all(work, substituted.libraries, problems)
         proposals = tuple(propose(work, filtered.signals, searches))
     except NoModelError as failure:
-        return Regressed(substituted, problems, whole=whole, failure=failure)
+        return Regressed(substituted, problems, whole=whole, failure=failure, in_vain=searches)
     return Regressed(substituted, problems, searches, proposals, whole)
 
 
@@ -146,6 +142,11 @@ class Winner:
     refinement: Refinement | None
     left_out: LeftOut
     forms: tuple[FormScore, ...]
+
+    @property
+    def follows(self) -> bool:
+        """Whether the model follows the record, with process noise if need be."""
+        return self.refinement is not None and self.refinement.follows
 
 
 def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> Winner:

@@ -9,6 +9,7 @@ from importlib.metadata import version
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.errors import NoModelError
 from odescope.likelihood.findings import likelihood_scores
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
@@ -130,6 +131,27 @@ def free_run(model: Model, signals: Signals) -> FreeRun:
     late = np.flatnonzero(error > VALID_ERROR)
     valid = float(part.t[late[0]]) if late.size else float(part.t[reached - 1])
     return FreeRun(duration=float(part.t[-1]), valid_time=valid, ended=run.ended)
+
+
+def require_prediction(found: ModelScores | None, follows: bool) -> None:
+    """Refuse a model that predicts a target worse than its mean would, and that no likelihood says follows the record.
+
+    Args:
+        found: the scores of the model.
+        follows: whether the likelihood stage says so; what held-out data say is then of another fit.
+
+    Raises:
+        NoModelError: a target is predicted worse than by its mean.
+    """
+    for target, held_out in () if found is None or follows else found.targets.items():
+        r2 = held_out.r2_held_out
+        if r2 is not None and r2 < 0.0:
+            raise NoModelError(
+                "model",
+                f"on held-out data the best relation for {target} is further off than the mean of {target} is"
+                f" (R² = {r2:.3g}), and no model follows the record: the library lacks the right terms, or there is too"
+                " much noise",
+            )
 
 
 def time_score(records: Records, coordinates: Sequence[Coordinate]) -> TimeScore | None:

@@ -11,28 +11,31 @@ import msgspec
 from threadpoolctl import threadpool_limits
 
 from odescope.arrays import Table
-from odescope.errors import InputError
+from odescope.errors import InputError, NoModelError
 from odescope.events import Event, Monitor, Note, never, unheard
 from odescope.library.mechanism import Mechanism
+from odescope.library.product import Product
 from odescope.likelihood.findings import doubts
 from odescope.likelihood.refine import Refinement
 from odescope.model.display import equations_html
 from odescope.model.model import Model
 from odescope.model.notes import notes_of, trust
+from odescope.model.relation import Relation, RelationTerm
 from odescope.model.scores import DelayScore, ModelScores, OffsetScore, Streamed
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.competition import Regressed, Winner, adopted, compete, regress
-from odescope.pipeline.evaluation import domain, free_run, provenance, scores, time_score
+from odescope.pipeline.evaluation import domain, free_run, provenance, require_prediction, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.gate import gated_scores
 from odescope.pipeline.inputs import hold_scores
-from odescope.pipeline.joint_models import Search
+from odescope.pipeline.joint_models import Search, to_relation
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Records
+from odescope.selection.advice import advice
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
 from odescope.signals.gated import Reasons
@@ -125,6 +128,21 @@ class EquationsReady(Event):
     result: Identification
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class NothingFound(Event):
+    """What was done before the run ended without a model.
+
+    Attributes:
+        failure: why it ended.
+        result: what went in, the signals and the searches; its relations are the best of every target, and no law.
+        advice: what may have kept a law from being found.
+    """
+
+    failure: NoModelError
+    result: Identification
+    advice: tuple[str, ...]
+
+
 def identify(
     study: Study,
     data: Records | Table | Sequence[Table] | None = None,
@@ -142,7 +160,7 @@ def identify(
             these. Without it the study's files are read, relative to the working directory.
         watch: called with every event, in this thread: each stage as it begins (`StageBegan`), how far it got
             (`Progress`), the result before the likelihood stage (`DraftReady`) and at the end (`EquationsReady`), then
-            its notes (`Note`). What it raises ends the run.
+            its notes (`Note`); `NothingFound` where it ends without a model. What it raises ends the run.
         stop: asked again and again, once a second or more often and in any thread; True ends the run.
         cluster: "local", or the address of a Dask scheduler, whose workers see the files under the same names; without
             it everything runs in this process.
@@ -188,11 +206,30 @@ def _identified(work: Work, data: Records | Table | Sequence[Table] | None, stor
 
     if regressed.model is not None:
         work.monitor.tell(DraftReady(result(filtered, regressed.model, None)))
-    winner = compete(work, prepared, filtered, regressed)
-    seen = settled(work, filtered, winner.model)
-    with work.stage("model"):
-        model = _judged(work.study, seen, regressed, winner)
+    try:
+        winner = compete(work, prepared, filtered, regressed)
+        seen = settled(work, filtered, winner.model)
+        with work.stage("model"):
+            model = _judged(work.study, seen, regressed, winner)
+            require_prediction(model.scores, winner.follows)
+    except NoModelError as failure:
+        work.monitor.tell(_nothing_found(work, filtered, regressed, failure))
+        raise
     return result(seen, model, winner.refinement, winner.left_out)
+
+
+def _nothing_found(work: Work, filtered: Filtered, regressed: Regressed, failure: NoModelError) -> NothingFound:
+    """Return what was done in vain."""
+    signals, records = filtered.signals, filtered.sample.records
+    searches = tuple(s for s in (*regressed.searches, *regressed.in_vain) if s.ranked.candidates)
+    chosen = tuple(s.ranked.candidates[0] for s in searches)
+    best = {s.problem.target: to_relation(s.problem, c) for s, c in zip(searches, chosen, strict=True)}
+    bare = {t: Relation((RelationTerm(Product(t), 1.0),)) for t in signals.targets}
+    model = Model(signals.coordinates, signals.inputs, tuple((bare | best)[t] for t in signals.targets))
+    result = Identification(
+        work.study, records, signals, searches, chosen, model, None, work.seconds, work.memory, gated=filtered.gated
+    )
+    return NothingFound(failure, result, advice(records, signals, regressed.problems))
 
 
 def _present(model: Model, refinement: Refinement | None) -> tuple[Mechanism, ...]:

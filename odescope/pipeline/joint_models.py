@@ -11,6 +11,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
+from odescope.library.expression import Term
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Model
@@ -143,7 +144,8 @@ def adopt(
 ) -> tuple[Model | None, Refinement | None]:
     """Return the model of the likelihood stage where it follows the record, else that of the regression.
 
-    A refinement whose denominators vanish inside the data is dropped: its errors are those of another model.
+    A refinement whose denominators vanish inside the data is dropped: its errors are those of another model. Before,
+    what is a factor of all terms of a relation is divided out.
 
     Args:
         regressed: gives the model of the regression, where that found one.
@@ -166,7 +168,22 @@ def adopt(
         mechanisms=mechanisms,
         parameters=found.parameters,
     )
-    return (refined, refinement) if determined(refined, signals) else (regressed(), None)
+    if determined(refined, signals):
+        return refined, refinement
+    primitive = replace(refined, relations=tuple(without_common_factor(r) for r in relations))
+    return (primitive, refinement) if not mechanisms and determined(primitive, signals) else (regressed(), None)
+
+
+def without_common_factor(relation: Relation) -> Relation:
+    """Return a relation divided by what is a factor of all its terms: it says the same, but where that factor is 0.
+
+    So y x_dot = 3 x y - x^2 y, whose denominator vanishes where noise takes the last of a species y below nothing,
+    becomes x_dot = 3 x - x^2.
+    """
+    terms = [t.term for t in relation.terms]
+    powers = {atom: min(t.power_of(atom) for t in terms) for atom, _ in terms[0].factors}
+    inverse = Term.of((atom, -power) for atom, power in powers.items() if power > 0)
+    return Relation(tuple(replace(t, product=t.product * inverse) for t in relation.terms))
 
 
 def as_adopted(search: Search, chosen: Candidate, relation: Relation) -> Candidate:

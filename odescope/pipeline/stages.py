@@ -20,7 +20,7 @@ from odescope.pipeline.reduce import Plan, Whole, reduce_all
 from odescope.pipeline.work import Work, nested, swept
 from odescope.regression.problem import Problem, pose
 from odescope.selection.bootstrap import inclusion
-from odescope.selection.ranking import Candidate, rank
+from odescope.selection.ranking import Candidate, ranking, require_law
 from odescope.signals.estimate import Signals
 
 Chosen = tuple[Candidate, ...]  # one candidate a target
@@ -56,22 +56,19 @@ def pose_all(work: Work, libraries: Sequence[Library], filtered: Filtered) -> tu
 
 
 def search_all(work: Work, libraries: Sequence[Library], problems: Sequence[Problem]) -> tuple[Search, ...]:
-    """Return the search for each target: every support found, and the candidates ranked.
+    """Return the search for each target: every support found, and the candidates ranked, whatever they predict.
 
     Args:
         work: whose study says who proposes and how candidates are ranked.
         libraries: one a target, which know what their rules removed.
         problems: one a target.
-
-    Raises:
-        NoModelError: no candidate of a target is fit to be a relation.
     """
     study, searches = work.study, []
     for problem, library in zip(problems, libraries, strict=True):
         with work.stage("regression"):
             found = swept(work, problem)
         with work.stage("selection"):
-            ranked = rank(problem, found, study.selection)
+            ranked = ranking(problem, found, study.selection)
             searches.append(Search(problem, found, ranked, library.removed, np.zeros(len(problem.terms))))
     return tuple(searches)
 
@@ -85,8 +82,11 @@ def propose(work: Work, signals: Signals, searches: Sequence[Search]) -> list[tu
         searches: one a target.
 
     Raises:
-        NoModelError: no relations do.
+        NoModelError: no candidate of a target is fit to be a relation, or no relations determine the targets.
     """
+    with work.stage("selection"):
+        for search in searches:
+            require_law(search.problem, search.ranked, work.study.selection)
     with work.stage("model"):
         proposed = list(islice(proposals(work.study, signals, searches), work.study.likelihood.starts))
         if not proposed:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -106,6 +106,21 @@ class Problem:
         if len(self.folds) == 1:
             return self.folds
         return {out: merge([f for k, f in self.folds.items() if k != out]) for out in self.folds}
+
+    @property
+    def most_held_out(self) -> float:
+        """The largest part of the target's power that one fold of the signals holds, 1 where there is but one."""
+        held: dict[int, float] = {}
+        for k, block in enumerate(self.blocks):
+            held[block.fold] = held.get(block.fold, 0.0) + float(np.sum(self.measured(k) ** 2))
+        return max(held.values()) / max(sum(held.values()), 1e-300)
+
+    @property
+    def in_one_fold(self) -> Problem:
+        """The same problem with nothing held out: relations are fitted on all that they are tried on."""
+        blocks = tuple(replace(b, fold=0) for b in self.blocks)
+        sample = None if self.sample is None else {0: merge(list(self.sample.values()))}
+        return replace(self, blocks=blocks, folds={0: self.factor}, sample=sample)
 
     @property
     def samples(self) -> int:

@@ -29,9 +29,11 @@ MOST_LISTED = 60  # dependent terms
 def searched(result: Identification) -> tuple[Searched, ...]:
     """Return what was searched for every target."""
     units = quantity_units(result.model)
+    relations = dict(zip(result.model.targets, result.model.relations, strict=True))
     return tuple(
-        _searched(search, chosen, relation, shown(units[search.problem.target]))
-        for search, chosen, relation in zip(result.searches, result.chosen, result.model.relations, strict=False)
+        _searched(search, chosen, relations[target], shown(units[target]))
+        for search, chosen in zip(result.searches, result.chosen, strict=False)
+        for target in (search.problem.target,)
     )
 
 

@@ -19,6 +19,8 @@ from odescope.selection.score import Scores, score
 from odescope.selection.sweep import Sweep
 from odescope.selection.unmeasured import FOLLOWS, own_dynamics
 
+MOST_HELD_OUT = 0.9  # of a target's power: what is left elsewhere, as of a system at rest, does not tell its law
+
 
 class Ranking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How candidates are kept and ranked.
@@ -75,6 +77,22 @@ def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
     Raises:
         NoModelError: nothing is left, or what is left predicts nothing.
     """
+    ranked = ranking(problem, found, options)
+    require_law(problem, ranked, options)
+    return ranked
+
+
+def ranking(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
+    """Return the candidates of one target, best first, whatever they predict; there may be none.
+
+    Where one fold holds nearly all that happens, as in a record that comes to rest, the others do not tell what is
+    asked of them. If no relation passes, relations are then tried on what they are fitted on.
+
+    Args:
+        problem: of the target.
+        found: supports, and who found them.
+        options: what is kept.
+    """
     discarded: Counter[str] = Counter()
     keep = []
     for k, (support, guesses) in enumerate(zip(found.supports, found.guesses, strict=True)):
@@ -83,10 +101,10 @@ def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
             discarded[reason] += 1
         else:
             keep.append(k)
+    if not keep:
+        return Ranked((), tuple(discarded.items()))
     kept = found.restrict(keep)
     labels = kept.clusters()
-    if not keep:
-        raise _nothing_left(problem, found, discarded)
     scores = score(problem, kept.supports, [left_column(problem, s) for s in kept.supports])
     poles = int((~scores.sound).sum())
     if poles:
@@ -96,18 +114,39 @@ def rank(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
         (int(k), _candidate(problem, kept, labels, scores, criteria, int(k))) for k in np.flatnonzero(scores.sound)
     ]
     if not scored:
-        raise _nothing_left(problem, found, discarded)
+        return Ranked((), tuple(discarded.items()))
     ranked = _families(problem, sorted(scored, key=lambda pair: pair[1].criterion), scores)
-    best = ranked[0]
+    poor = ranked[0].explained < options.explain
+    if poor and len(problem.folds) > 1 and problem.most_held_out > MOST_HELD_OUT:
+        return ranking(problem.in_one_fold, found, options)
+    return Ranked(ranked, tuple(discarded.items()))
+
+
+def require_law(problem: Problem, ranked: Ranked, options: Ranking) -> None:
+    """Refuse candidates among which none can be the law of the target.
+
+    Args:
+        problem: of the target.
+        ranked: its candidates.
+        options: what the best one must predict.
+
+    Raises:
+        NoModelError: there are none, or the best one predicts too little.
+    """
+    if not ranked.candidates:
+        tally = "; ".join(f"{count} {reason}" for reason, count in ranked.discarded)
+        count = sum(count for _, count in ranked.discarded)
+        raise NoModelError("selection", f"of {count} relations for {problem.target} none is left: {tally}")
+    best = ranked.candidates[0]
     if best.explained < options.explain:
         raise NoModelError(
             "selection",
-            f"the best of {len(ranked)} relations for {problem.target} predicts {max(best.explained, 0.0):.0%} of it on"
+            f"the best of {len(ranked.candidates)} relations for {problem.target} predicts"
+            f" {max(best.explained, 0.0):.0%} of it on"
             f" held-out data, less than the {options.explain:.0%} asked for ([selection] explain). Either the library"
             " lacks the right terms, or something that drives the system was not recorded, or a state of it was not"
             f" measured, or there is too much noise{_higher_order(problem, best)}",
         )
-    return Ranked(ranked, tuple(discarded.items()))
 
 
 def _higher_order(problem: Problem, best: Candidate) -> str:
@@ -120,11 +159,6 @@ def _higher_order(problem: Problem, best: Candidate) -> str:
         f". What it leaves has dynamics of its own, though: {part:.0%} of its rate follow from itself and from what was"
         f" recorded, as for a state that was not measured. Try order = {c.order + 1} for {c.name}"
     )
-
-
-def _nothing_left(problem: Problem, found: Sweep, discarded: Counter[str]) -> NoModelError:
-    tally = "; ".join(f"{count} {reason}" for reason, count in discarded.items())
-    return NoModelError("selection", f"of {len(found.supports)} relations for {problem.target} none is left: {tally}")
 
 
 def _refusal(problem: Problem, support: Support, guesses: tuple[int, ...], options: Ranking) -> str:

@@ -55,14 +55,17 @@ def score(problem: Problem, supports: Sequence[Support], left: Sequence[int]) ->
 
     count = len(pairs)
     weighted, squares, gram = np.zeros(count), np.zeros(count), np.zeros((count, count))
-    total, power, rows, samples, sound, signs = 0.0, 0.0, 0, 0, np.ones(count, dtype=np.bool_), np.zeros(count)
+    total, first, second, rows, samples = 0.0, 0.0, 0.0, 0, 0
+    sound, signs = np.ones(count, dtype=np.bool_), np.zeros(count)
     for part in Threads().map(on_block, range(len(problem.blocks))):
         weighted, squares, gram = weighted + part.weighted, squares + part.squares, gram + part.gram
-        total, power = total + part.total, power + part.power
+        total, first, second = total + part.total, first + part.first, second + part.second
         rows, samples = rows + part.rows, samples + part.samples
         # A denominator may keep its sign in every block and yet change it from one recording to the next.
         signs = np.where(signs == 0.0, part.signs, signs)
         sound &= (part.signs != 0.0) & (part.signs == signs)
+    # About the mean over all blocks: of a stretch at rest, what varies about its own mean is noise.
+    power = max(second - first**2 / samples, 0.0)
     elsewhere = None
     if problem.sample is not None:
         everywhere = _evidence(problem, problem.folds, xi, held_out)
@@ -93,12 +96,17 @@ def _evidence(
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Scores on one block; signs (C,) of the denominators, 0 where one changes it."""
+    """Scores on one block.
+
+    `first` and `second` are the sums of the target and of its square, signs (C,) those of the denominators, 0 where one
+    changes it.
+    """
 
     weighted: FloatArray
     squares: FloatArray
     total: float
-    power: float
+    first: float
+    second: float
     rows: int
     samples: int
     signs: FloatArray
@@ -121,9 +129,9 @@ def _on_block(problem: Problem, k: int, held_out: FloatArray, xi: FloatArray) ->
         squares[now] = np.einsum("cn,cn->c", tried, tried)
         left[:, now] = mapped[:, len(tried) :]
         signs[now] = keeps * (kept != 0.0)
-    power = float(np.sum((measured - measured.mean()) ** 2))
     total = float(target[:, 0] @ target[:, 0])
-    return _Part(weighted, squares, total, power, rows, len(measured), signs, left.T @ left)
+    first, second = float(measured.sum()), float(measured @ measured)
+    return _Part(weighted, squares, total, first, second, rows, len(measured), signs, left.T @ left)
 
 
 def residuals(problem: Problem, xi: FloatArray, evaluated: FloatArray) -> tuple[FloatArray, FloatArray]:

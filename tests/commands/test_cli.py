@@ -279,6 +279,11 @@ def test_data_that_support_no_model_end_with_3_and_the_stage(odescope):
     assert "no model: the signals stage came out empty" in message
     write("run.csv", LOG)
     Path("s.toml").write_text(STUDY + "[selection]\nterms = 1\n[likelihood]\nenabled = false\n")
-    message = odescope.refused("identify", "s.toml", code=3)
-    assert "the selection stage came out empty" in message
+    ended = odescope("identify", "s.toml")
+    assert (ended.code, ended.out) == (3, "")
+    advice, wrote, message = ended.err.splitlines()
+    assert advice.startswith("advice: below the cutoff")
+    assert wrote == "wrote s/: no_model.html"
+    assert message.startswith("odescope: no model: the selection stage came out empty")
     assert "with more than 1 terms" in message
+    assert os.listdir("s") == ["no_model.html"]

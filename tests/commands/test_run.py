@@ -108,7 +108,7 @@ def test_what_cannot_be_done_is_refused_with_its_exit_code(folder):
     with pytest.raises(NoModelError) as unfound:
         run_study(few, folder, folder / "out")
     assert unfound.value.exit_code == 3
-    assert not (folder / "out").exists()
+    assert os.listdir(folder / "out") == ["no_model.html"]
 
 
 def test_a_reference_is_shown_beside_what_was_found(folder):
@@ -184,3 +184,22 @@ def test_a_script_without_a_guard_runs_once(tmp_path, method):
     assert done.stdout == f"top level\n{sorted(TERMS)}\n"
     assert (tmp_path / "out/report.html").stat().st_size > 10_000
     assert len(list((tmp_path / "out/figures").glob("*.png"))) > 3
+
+
+def test_a_run_without_a_model_leaves_a_page_of_what_was_found_and_the_results_of_others(folder):
+    run_study(STUDY, folder, folder / "out")
+    before = snapshot(folder / "out")
+    hopeless, events = structs.replace(STUDY, library=Candidates(terms=("x**3", "x*u", "x_ddot"))), list[Event]()
+    with pytest.raises(NoModelError) as e:
+        run_study(hopeless, folder, folder / "out", title="<b>log</b>", monitor=Monitor(events.append))
+    after = snapshot(folder / "out")
+    assert {Path(name).name for name in after if name not in before} == {"no_model.html"}
+    assert all(after[name] == content for name, content in before.items())
+    page = (folder / "out/no_model.html").read_text(encoding="utf-8")
+    assert str(e.value).split(":")[0] in page
+    for part in ("What to try", "x**3", "<svg", "[coordinates.x]", "&lt;b&gt;log"):
+        assert part in page
+    assert "<b>log" not in page
+    assert events[-1].names == ("no_model.html",)
+    run_study(STUDY, folder, folder / "out")
+    assert not (folder / "out/no_model.html").exists()

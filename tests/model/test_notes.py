@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 
-from odescope.model.notes import TOLD, notes_of, share, trust
+from odescope.model.notes import TOLD, notes_of, share, trust, uncertain
 from odescope.model.scores import (
     Conserved,
     DelayScore,
@@ -217,3 +217,32 @@ def test_trust_rests_on_free_runs_over_what_is_held_out():
     )
     bare = msgspec.structs.replace(path_of(1, 0)[0], spread=0.0)
     assert trust(ModelScores(path=(bare,)))[0].endswith("of the record off.")
+
+
+def likelihood_of(follows, process_noise):
+    return Likelihood(follows, 1.0, 0.0, True, 1, process_noise, (), ())
+
+
+@pytest.mark.parametrize(
+    ("follows", "process_noise", "error", "r2", "words"),
+    [
+        (True, None, 0.01, 0.99, ""),
+        (True, None, 0.9, 0.99, ""),  # chaos
+        (True, {"x_dot": 0.1}, 0.1, 0.2, ""),
+        (True, {"x_dot": 0.1}, 0.8, 0.99, "0.8 standard deviations of the record off"),
+        (False, None, 0.01, 0.99, "does not follow the record"),
+        (None, None, None, 0.8, ""),
+        (None, None, None, 0.3, "30.00 % of the variance of x_dot"),
+    ],
+)
+def test_an_uncertain_model_is_said_to_be_so_in_one_sentence(follows, process_noise, error, r2, words):
+    path = () if error is None else (PathScore(3, error, 0.0, None, None, True),)
+    judged = None if follows is None else likelihood_of(follows, process_noise)
+    found = uncertain(ModelScores({"x_dot": TargetScore(r2_held_out=r2)}, likelihood=judged, path=path))
+    assert found.startswith("uncertain: ") if words else found == ""
+    assert words in found
+    assert "\n" not in found
+
+
+def test_a_model_without_scores_is_not_called_uncertain():
+    assert uncertain(None) == ""

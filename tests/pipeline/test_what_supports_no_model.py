@@ -110,6 +110,34 @@ def test_a_position_taken_for_a_state_of_first_order_is_told_from_a_driver_that_
     assert [found[term] for term in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.5, -1.0], rel=0.01)
 
 
+def competing_species(noise, recordings, duration, period, seed):
+    """x' = x (3 - x - 2 y), y' = y (2 - x - y) from several places: one of the two dies out, the other settles."""
+    rng, t, runs = np.random.default_rng(seed), np.arange(0.0, duration, period), []
+    for start in rng.uniform(0.2, 3.0, (recordings, 2)):
+        s = runge_kutta(lambda s, _: s * (np.array([3.0, 2.0]) - s[0] - s[1] * np.array([2.0, 1.0])), t, start, 0 * t)
+        runs.append({"t": t, "x": noisy(rng, s[:, 0], noise), "y": noisy(rng, s[:, 1], noise)})
+    return runs
+
+
+SPECIES = study_of(coordinates={"x": Measured(), "y": Measured()})
+SETTLES = {"x_dot": {"x_dot", "x", "x**2", "x*y"}, "y_dot": {"y_dot", "y", "y**2", "x*y"}}
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_record_that_comes_to_rest_has_a_law(seed):
+    """All that happens is in one fold of five, which the others tell nothing of."""
+    found = relations(identify(SPECIES, competing_species(0.0, 1, 60.0, 0.05, seed)))
+    assert {target: set(terms) for target, terms in found.items()} == SETTLES
+
+
+@pytest.mark.slow
+def test_a_species_that_dies_out_is_no_factor_of_a_relation():
+    """With noise it is below nothing at times, where y x_dot = 3 x y - ... has no solution for x_dot."""
+    study = msgspec.structs.replace(SPECIES, likelihood=LikelihoodSearch())
+    found = relations(identify(study, competing_species(0.01, 3, 20.0, 0.02, 0)))
+    assert {target: set(terms) for target, terms in found.items()} == SETTLES
+
+
 def test_a_library_without_the_right_terms_leaves_no_model(driven):
     wrong = Candidates(terms=("x**2", "x**3", "x*u", "x_dot"))
     with pytest.raises(NoModelError, match=r"Either the library\s+lacks the right terms"):

@@ -12,6 +12,7 @@ from odescope.regression.problem import pose
 from odescope.regression.proposers import EnergyThreshold
 from odescope.regression.rows import NoiseWeighted, PlainRows
 from odescope.selection.ranking import Ranking, criteria, left_column, rank
+from odescope.selection.score import score
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
 from odescope.signals.estimate import Channel, Signals
 
@@ -115,7 +116,7 @@ def test_held_out_scores_are_those_of_fits_without_the_fold(problem, ranked):
         left = left_column(problem, candidate.support)
         pairs = held_out(problem, candidate.support, left)
         squares = sum(np.sum((y - p) ** 2) for y, p in pairs)
-        power = sum(np.sum((y - y.mean()) ** 2) for y, _ in pairs)
+        power = np.var(np.concatenate([y for y, _ in pairs])) * sum(len(y) for y, _ in pairs)
         assert candidate.target_rmse == pytest.approx(np.sqrt(squares / sum(len(y) for y, _ in pairs)), rel=1e-6)
         assert candidate.target_r2 == pytest.approx(1 - squares / power, abs=1e-6)
         rows = [problem.row_map.rows(np.array([y - p, y])) for y, p in pairs]
@@ -342,3 +343,23 @@ def test_near_identical_supports_share_a_cluster(problem, ranked):
     truth = support_of(problem, *TRUTH)
     assert sum(label == rows[truth] for label in rows.values()) >= 2
     assert len(set(rows.values())) > 1
+
+
+def test_a_relation_of_a_record_that_comes_to_rest_is_tried_on_what_it_was_fitted_on():
+    """One fold holds all that happens: the others say nothing of the law, and each would fail what it cannot know."""
+    rng, moving = np.random.default_rng(2), 300
+    phi, speed, u = (2.0 * band(rng, 3000, 0.02, 2.0) for _ in range(3))
+    fades = np.where(np.arange(3000) < moving, 1.0, 1e-6)
+    phi, speed, u = phi * fades, speed * fades, u * fades
+    columns = np.array([phi, speed, u - 2.0 * np.sin(phi) + 1e-3 * rng.standard_normal(3000), u])
+    signals = Signals(NAMES, (columns,), (0.0,), 0.02, (Channel("phi", 0.1, 5.0),), COORDINATES, INPUTS)
+    small = Library.of(("1", "u", "phi_dot", "sin(phi)", "phi_dot**2", "phi_ddot"), SCOPE)
+    problem = pose(signals, "phi_ddot", 2, small, PlainRows())
+    assert problem.most_held_out > 0.99
+    found = given_supports(problem, support_of(problem, "u", "sin(phi)", "phi_ddot"))
+    assert rank(problem, found, Ranking(consensus=1)).candidates[0].explained > 0.99
+    held_out = score(problem, found.supports, [left_column(problem, found.supports[0])])
+    assert 1.0 - held_out.weighted[0] / held_out.total < 0.5
+    wrong = given_supports(problem, support_of(problem, "phi_dot", "phi_ddot"))
+    with pytest.raises(NoModelError, match="predicts"):
+        rank(problem, wrong, Ranking(consensus=1))
