@@ -76,7 +76,7 @@ def free_run_errors(space: SearchSpace, theta: FloatArray) -> FloatArray:
     weight = np.ones_like(measured) if segments.weight is None else segments.weight
     total = np.array([np.sum(weight[low:high] ** 2) for low, high in windows])
     error = cost / np.maximum(total, 1e-300)
-    bounded = np.where(np.isfinite(error), error / (1.0 + error), 1.0)
+    bounded = np.divide(error, 1.0 + error, out=np.ones_like(error), where=np.isfinite(error))
     errors: FloatArray = bounded.reshape(-1, WINDOWS).mean(axis=1)
     return errors if len(errors) >= FEW else bounded
 
