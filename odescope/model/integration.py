@@ -12,6 +12,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.tape import Instructions, run_tape
+from odescope.model.dormand_prince import ERROR, PLACES, STAGES
 from odescope.model.linear_solve import solve_in_place
 from odescope.model.standstill import Contacts, balance, lasts, settle, show, touch
 from odescope.parallel.kernels import kernel
@@ -55,22 +56,6 @@ class Drive(NamedTuple):
         nodes = int(np.flatnonzero(self.sample == samples - 1)[0]) + 1
         between = (part[: nodes - 1] for part in (self.begin, self.end, self.period))
         return Drive(self.t[:nodes], self.sample[:nodes], *between)
-
-
-# Coefficients of the stages, their places in a step, and the error estimate (Dormand and Prince 1980).
-_A = np.array(
-    [
-        [0, 0, 0, 0, 0, 0],
-        [1 / 5, 0, 0, 0, 0, 0],
-        [3 / 40, 9 / 40, 0, 0, 0, 0],
-        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
-        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
-        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
-        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-    ]
-)
-_C = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
-_E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 
 
 @kernel(inline=True)
@@ -165,13 +150,13 @@ def integrate(equations, drive, initial, states, rtol, atol):
                     for i in range(n):
                         k[0, i] = k[6, i]
                     continue
-                fraction = (done + _C[s] * step) / span
+                fraction = (done + PLACES[s] * step) / span
                 for j in range(inputs):
                     work[n + j, 0] = begin[j] + fraction * (end[j] - begin[j])
                 for i in range(n):
                     total = 0.0
                     for r in range(s):
-                        total += _A[s, r] * k[r, i]
+                        total += STAGES[s, r] * k[r, i]
                     y[i] = x[i] + step * total
                 _derivative(equations, y, work, a, b, k[s])
                 if edges > 0:
@@ -180,7 +165,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
             for i in range(n):
                 estimate = 0.0
                 for r in range(7):
-                    estimate += _E[r] * k[r, i]
+                    estimate += ERROR[r] * k[r, i]
                 limit = atol + rtol * max(scale[i], abs(y[i]))
                 error += (step * estimate / limit) ** 2
             error = np.sqrt(error / n)

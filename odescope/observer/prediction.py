@@ -14,6 +14,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.tape import run_tape
+from odescope.model.dormand_prince import ERROR, PLACES, STAGES
 from odescope.model.linear_solve import solve_in_place
 from odescope.parallel.kernels import kernel
 
@@ -22,21 +23,6 @@ SQRT_2 = sqrt(2.0)
 PEAK = sqrt(2.0 / np.pi)  # of the slope of the mean sign of a normal deviate, times its standard deviation
 SHARPEST = 0.01  # of what friction does to an edge between two samples: narrower signs are too stiff to follow
 NARROWEST = 1e-12  # of the size of an edge: a width is not nothing
-
-# Coefficients of the stages, their places in a step, and the error estimate (Dormand and Prince 1980).
-_A = np.array(
-    [
-        [0, 0, 0, 0, 0, 0],
-        [1 / 5, 0, 0, 0, 0, 0],
-        [3 / 40, 9 / 40, 0, 0, 0, 0],
-        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
-        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
-        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
-        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-    ]
-)
-_C = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
-_E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 
 
 class Room(NamedTuple):
@@ -226,18 +212,18 @@ def across(model, drive, node, q, scale, rtol, h, room):
             if s == 0 and not fresh:
                 k[0] = k[6]
                 continue
-            set_inputs(drive, node, (done + _C[s] * step) / span, n, room)
+            set_inputs(drive, node, (done + PLACES[s] * step) / span, n, room)
             for i in range(z.shape[0]):
                 total = 0.0
                 for r in range(s):
-                    total += _A[s, r] * k[r, i]
+                    total += STAGES[s, r] * k[r, i]
                 trial[i] = z[i] + step * total
             _slope(model, trial, q, room, k[s])
         error = 0.0
         for i in range(n + n * n):
             estimate = 0.0
             for r in range(7):
-                estimate += _E[r] * k[r, i]
+                estimate += ERROR[r] * k[r, i]
             unit = scale[i] if i < n else scale[(i - n) // n] / scale[(i - n) % n]
             error += (step * estimate / (rtol * unit)) ** 2
         error = sqrt(error / (n + n * n))
