@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from odescope.pipeline.identification import NothingFound
 from odescope.report.assemble import observed
 from odescope.report.figures.catalogue import Picture, early_pictures
-from odescope.report.page import LISTED, inline, number
+from odescope.report.page import LISTED, inline, template
 from odescope.report.reproduce import reproduce
 from odescope.report.searches import searched
 
@@ -26,7 +26,6 @@ def no_model_html(
         title: heading of the page.
         paint: draws figures, each as SVG and PNG by its name.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
     seen, searches = observed(ended.result), searched(ended.result)
@@ -35,15 +34,7 @@ def no_model_html(
     figures: dict[str, list[tuple[Picture, Markup]]] = {}
     for picture in shown:
         figures.setdefault(picture.section, []).append((picture, Markup(inline(drawn[picture.name][0]))))
-    environment = Environment(
-        loader=PackageLoader("odescope.report", "."),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
-    environment.filters |= {"number": number}
-    return environment.get_template("no_model.html.jinja").render(
+    return template("no_model.html.jinja").render(
         title=title,
         failure=str(ended.failure),
         advice=ended.advice,

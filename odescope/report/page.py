@@ -23,11 +23,27 @@ from odescope.report.numerals import raised as exponent_digits
 from odescope.report.units import mechanism_units
 
 if TYPE_CHECKING:
+    from jinja2 import Template
     from markupsafe import Markup
 
 LISTED = 6  # candidates of a target in the table
 LISTED_LIMITS = 12  # absent terms shown without asking for more
 MOST_LISTED = 60  # limits and correlations
+
+
+def template(name: str) -> Template:
+    """Return the template of a page, in which all that is put is escaped."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("odescope.report", "."),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    environment.filters |= {"number": number, "bytes": in_bytes, "span": in_time, "joints": joints}
+    return environment.get_template(name)
 
 
 def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
@@ -37,20 +53,11 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
         report: see `summary`.
         drawn: the SVG of every figure by name; they are drawn here without it.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
     shown = pictures(report)
     if drawn is None:
         drawn = {p.name: draw_job(p.job)[0] for p in shown}
-    environment = Environment(
-        loader=PackageLoader("odescope.report", "."),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
-    environment.filters |= {"number": number, "bytes": in_bytes, "span": in_time, "joints": joints}
     figures: dict[str, list[tuple[Picture, Markup]]] = {}
     for picture in shown:
         figures.setdefault(picture.section, []).append((picture, Markup(inline(drawn[picture.name]))))
@@ -58,7 +65,7 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
     found = findings(model.scores)
     path = () if model.scores is None or len(model.scores.path) < 2 else model.scores.path
     judged = None if model.scores is None else model.scores.likelihood
-    return environment.get_template("page.html.jinja").render(
+    return template("page.html.jinja").render(
         r=report,
         model=model,
         equations=tuple(
