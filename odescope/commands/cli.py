@@ -78,6 +78,16 @@ def main() -> None:
         raise
 
 
+# What several commands take.
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")]
+StatesFile = Annotated[Path | None, typer.Option(help="CSV file for the states.", show_default="standard output")]
+Time = Annotated[
+    str | None, typer.Option(help="Column that holds the time.", show_default="as identified, else t or time")
+]
+SamplePeriod = Annotated[float | None, typer.Option(help="Sampling period in seconds, where no column has it.")]
+Recording = Annotated[str | None, typer.Option(help="Column that splits files into recordings.")]
+
+
 @app.command(short_help="Identify the equations behind a recording.")
 def identify(
     source: Annotated[Path, typer.Argument(metavar="STUDY.toml | DATA", help="A study, or a data file with options.")],
@@ -85,9 +95,7 @@ def identify(
         Path | None, typer.Option(help="Folder for the results.", show_default="the source's name, beside it")
     ] = None,
     time: Annotated[str | None, typer.Option(help="Column that holds the time in seconds.")] = None,
-    sample_period: Annotated[
-        float | None, typer.Option(help="Sampling period in seconds, where no column has it.")
-    ] = None,
+    sample_period: SamplePeriod = None,
     coordinate: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME[:cyclic][:angle][:order=N]", help="A measured column; repeat for more."),
@@ -129,17 +137,12 @@ def identify(
 
 @app.command(short_help="Run a model under a recording's inputs.")
 def simulate(
-    model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")],
+    model: ModelFile,
     data: Annotated[Path, typer.Argument(metavar="DATA", help="The recording whose inputs drive it.")],
-    out: Annotated[Path | None, typer.Option(help="CSV file for the states.", show_default="standard output")] = None,
-    time: Annotated[
-        str | None,
-        typer.Option(help="Column that holds the time.", show_default="as identified, else t or time"),
-    ] = None,
-    sample_period: Annotated[
-        float | None, typer.Option(help="Sampling period in seconds, where no column has it.")
-    ] = None,
-    recording: Annotated[str | None, typer.Option(help="Column that splits the file into recordings.")] = None,
+    out: StatesFile = None,
+    time: Time = None,
+    sample_period: SamplePeriod = None,
+    recording: Recording = None,
     initial: Annotated[
         list[str] | None,
         typer.Option(
@@ -162,9 +165,9 @@ def simulate(
 
 @app.command("filter", short_help="Estimate the states of a machine from a log.")
 def filter_(
-    model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")],
+    model: ModelFile,
     data: Annotated[Path, typer.Argument(metavar="DATA", help="A recording of its coordinates and inputs.")],
-    out: Annotated[Path | None, typer.Option(help="CSV file for the states.", show_default="standard output")] = None,
+    out: StatesFile = None,
     smooth: Annotated[bool, typer.Option("--smooth", help="Let every state rest on later samples, too.")] = False,
     noise: Annotated[
         list[str] | None,
@@ -182,14 +185,9 @@ def filter_(
             show_default="as the model's errors ask for",
         ),
     ] = None,
-    time: Annotated[
-        str | None,
-        typer.Option(help="Column that holds the time.", show_default="as identified, else t or time"),
-    ] = None,
-    sample_period: Annotated[
-        float | None, typer.Option(help="Sampling period in seconds, where no column has it.")
-    ] = None,
-    recording: Annotated[str | None, typer.Option(help="Column that splits the file into recordings.")] = None,
+    time: Time = None,
+    sample_period: SamplePeriod = None,
+    recording: Recording = None,
 ) -> None:
     """Estimate the states of a machine, velocities included, with standard deviations: a Kalman filter or smoother."""
     from odescope.commands.files import check_file, refuse_overwriting
@@ -221,14 +219,9 @@ def validate(
             show_default="as identified",
         ),
     ] = None,
-    time: Annotated[
-        str | None,
-        typer.Option(help="Column that holds the time.", show_default="as identified, else t or time"),
-    ] = None,
-    sample_period: Annotated[
-        float | None, typer.Option(help="Sampling period in seconds, where no column has it.")
-    ] = None,
-    recording: Annotated[str | None, typer.Option(help="Column that splits files into recordings.")] = None,
+    time: Time = None,
+    sample_period: SamplePeriod = None,
+    recording: Recording = None,
 ) -> None:
     """Judge models on data that they have not seen: fits of free runs and of one-step predictions, valid times."""
     from odescope.commands.files import check_writable, refuse_overwriting, write_files
@@ -288,7 +281,7 @@ def report(
 
 @app.command(short_help="Write a model as text, as code, or for a page or paper.")
 def export(
-    model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")],
+    model: ModelFile,
     to: Annotated[str, typer.Option(metavar="|".join(EXPORTS), help="What to write.")] = "text",
     out: Annotated[
         Path | None, typer.Option(help="File, or folder for several files.", show_default="standard output")
