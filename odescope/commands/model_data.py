@@ -77,9 +77,9 @@ def layout_for(model: Model, files: Sequence[Path], given: TimeColumns, names: S
     """
     place = model_columns(model)
     for file in files:
-        there = column_names(file)
-        lacking = [place[name] for name in names if place[name] not in there]
+        lacking = lacking_columns(names, model, [file])
         if lacking:
+            there = column_names(file)
             inputs = {place[i.name] for i in model.inputs}
             roles = " and ".join(f"{c!r} is {'an input' if c in inputs else 'a coordinate'}" for c in lacking)
             hint = nearest(lacking[0], there) if len(lacking) == 1 else f"its columns are {', '.join(there)}"
