@@ -143,7 +143,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
         records = filled(measured, study.measured(), differentiator)
     if gating:
         with work.stage("signals"):
-            records = gate_outliers(records, study.measured(), differentiator)[0]
+            records = gate_outliers(records, study.measured(), differentiator)
             gated = reasons_of(sample.records, records, study.measured())
             outliers = {name: sum(int(np.count_nonzero(found)) for found in of) for name, of in gated.items()}
     if study.signals.outliers == "clip":

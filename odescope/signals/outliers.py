@@ -80,10 +80,8 @@ def _robustly_filtered(
     return tuple(taken), smooth
 
 
-def gate_outliers(
-    records: Records, coordinates: Sequence[Coordinate], differentiator: Differentiator
-) -> tuple[Records, dict[str, int]]:
-    """Return records in which samples far from the signal count as not measured, and how many each channel had.
+def gate_outliers(records: Records, coordinates: Sequence[Coordinate], differentiator: Differentiator) -> Records:
+    """Return records in which samples far from the signal count as not measured.
 
     Late reads, stale values and outliers are further from the filtered signal than noise or a kink of the signal can
     be; samples at the end of a sensor's range say nothing of what is beyond. The signal is filtered robustly first.
@@ -97,24 +95,25 @@ def gate_outliers(
         NoModelError: so many samples are far off that none is usual.
     """
     counts = [np.ones_like(run.values) if run.counts is None else run.counts.copy() for run in records]
-    found = dict[str, int]()
+    total = 0
     for c in coordinates:
         column = records.names.index(c.name)
         measured = [n[:, column] > 0.0 for n in counts]
         far = [f & m for f, m in zip(_far(records, c, differentiator), measured, strict=True)]
-        found[c.name] = sum(int(f.sum()) for f in far)
-        if found[c.name] >= MOST * sum(int(m.sum()) for m in measured):
+        found = sum(int(f.sum()) for f in far)
+        total += found
+        if found >= MOST * sum(int(m.sum()) for m in measured):
             raise NoModelError(
                 "signals",
-                f"{found[c.name]} of {records.samples} samples of {c.name} are at the end of the sensor's range or far"
+                f"{found} of {records.samples} samples of {c.name} are at the end of the sensor's range or far"
                 f" from any smooth signal: {appearance([run.column(c.name) for run in records])}",
             )
         for n, f in zip(counts, far, strict=True):
             n[f, column] = 0.0
-    if not any(found.values()):
-        return records, found
+    if not total:
+        return records
     gated = Records(tuple(replace(run, counts=n) for run, n in zip(records, counts, strict=True)))
-    return filled(gated, coordinates, differentiator), found
+    return filled(gated, coordinates, differentiator)
 
 
 def _far(records: Records, coordinate: Coordinate, differentiator: Differentiator) -> list[BoolArray]:

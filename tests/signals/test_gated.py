@@ -22,7 +22,7 @@ def test_samples_are_called_what_was_done_to_them():
     measured[far] += rng.choice([-1.0, 1.0], len(far)) * rng.uniform(0.3, 0.6, len(far))
     measured = np.minimum(measured, 1.1)
     before = Records.of(Record(t, measured[:, None], ("x",)))
-    after, _ = gate_outliers(before, X, Spectral())
+    after = gate_outliers(before, X, Spectral())
     reasons = reasons_of(before, after, X)
     (reason,), scores = reasons["x"], gated_scores(before, reasons)["x"]
     for k, where in ((1, np.flatnonzero(x == 1.1)), (2, repeated), (3, late), (4, far)):
