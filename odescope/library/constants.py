@@ -143,6 +143,8 @@ def term_at(term: Term, values: Mapping[str, float | None]) -> tuple[float, Term
         term: that may name constants.
         values: of constants by name; None makes of tanh(v/w) sign(v) again.
     """
+    if not term.names & set(values):
+        return 1.0, term
     share, rest = 1.0, ONE
     for atom, power in term.factors:
         if isinstance(atom, Call):

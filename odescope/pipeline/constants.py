@@ -39,6 +39,8 @@ def constants_of(study: Study, terms: Sequence[Term], signals: Signals) -> tuple
             data within the range.
     """
     spans, found = study.parameters, list[Constant]()
+    if not spans:
+        return ()
     for term in terms:
         named = sorted(term.names & set(spans))
         if len(named) > MOST:
@@ -68,11 +70,10 @@ def _grid(
     joined = signals.joined()
     joined = joined[:, :: -(-joined.shape[1] // SEEN)]
     tape = write_tape([*signals.names, *(c.name for c in constants)], [Term(((a, 1),)) for a in atoms])
-    values = constant.evenly(FINEST)
     nominal = np.tile(np.array([c.nominal for c in constants])[:, None], joined.shape[1])
-    columns = []
-    for value in values:
-        nominal[[c.name for c in constants].index(constant.name)] = value
+    place, columns = [c.name for c in constants].index(constant.name), []
+    for value in constant.evenly(FINEST):
+        nominal[place] = value
         columns.append(evaluate(tape, np.vstack([joined, nominal])))
     return grid_for(constant, np.nan_to_num(np.array(columns), posinf=0.0, neginf=0.0))
 
