@@ -8,6 +8,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.constants import grid_of
+from odescope.likelihood.evaluator import Expansion
 from odescope.likelihood.evidence import project
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.gauge import SINGULAR
@@ -40,10 +41,16 @@ def best_on_grid(
     for idle, members in groups.items():
         own = np.array([space.needed[name] for name in sorted(idle)], dtype=np.int64)
         constants = [space.frame.constants[name] for name in sorted(idle)]
-        best = np.full(len(members), -np.inf)
+        among = np.union1d(np.union1d(here.present, members), own)
+        free = np.setdiff1d(among, np.union1d(here.held, own))
+        program, best = space.program(among), np.full(len(members), -np.inf)
         for values in grid_of(constants):
-            coefficients = [c.coefficient(values[c.name]) for c in constants]
-            found, size = _scores_at(space, here, np.array(members), own, np.array(coefficients), defect_std)
+            theta, coefficients = here.theta.copy(), [c.coefficient(values[c.name]) for c in constants]
+            theta[own] = coefficients
+            expansion = space.evaluator.expand(program, theta[among], np.searchsorted(among, free), here.x0, defect_std)
+            if expansion is None or not expansion.finite:
+                continue
+            found, size = _scores(expansion, free, here.free, np.array(members))
             for place in np.flatnonzero(found > best):
                 # Where its coefficient is 0 the data say nothing of a term's constants, and a fit could not begin.
                 values_there = zip(own.tolist(), coefficients, strict=True)
@@ -53,27 +60,21 @@ def best_on_grid(
     return scores, begin
 
 
-def _scores_at(
-    space: SearchSpace,
-    here: Fit,
-    members: IntArray,
-    constants: IntArray,
-    coefficients: FloatArray,
-    defect_std: FloatArray,
+def _scores(
+    expansion: Expansion, free: IntArray, present: IntArray, members: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return scores and estimates of absent members with these constants; none where they have no values."""
-    theta = here.theta.copy()
-    theta[constants] = coefficients
-    among = np.union1d(np.union1d(here.present, members), constants)
-    free = np.setdiff1d(among, np.union1d(here.held, constants))
-    places = np.searchsorted(among, free)
-    expansion = space.evaluator.expand(space.program(among), theta[among], places, here.x0, defect_std)
-    if expansion is None or not expansion.finite:
-        return np.full(len(members), -np.inf), np.zeros(len(members))
-    present = np.isin(free, here.free)
-    rest = project(expansion.information, expansion.gradient[None], present)
-    places, told = np.searchsorted(free[~present], members), np.maximum(rest.left, SINGULAR)
-    return rest.scores(rest.left)[places], (-rest.slopes.sum(axis=0) / told / rest.scale[~present])[places]
+    """Return the scores and the estimates of absent mechanisms.
+
+    Args:
+        expansion: of the cost, with respect to those that are free.
+        free: numbers of these, ascending.
+        present: those of them that are in the model.
+        members: those that are wanted.
+    """
+    here = np.isin(free, present)
+    rest = project(expansion.information, expansion.gradient[None], here)
+    places, told = np.searchsorted(free[~here], members), np.maximum(rest.left, SINGULAR)
+    return rest.scores(rest.left)[places], (-rest.slopes.sum(axis=0) / told / rest.scale[~here])[places]
 
 
 def promising(space: SearchSpace, begun: Sequence[FloatArray]) -> list[FloatArray]:

@@ -84,7 +84,7 @@ def _check_values(constants: Sequence[Constant], terms: Sequence[Term], signals:
     holding = [t for t in terms if t.names & names]
     tape = write_tape([*signals.names, *(c.name for c in constants)], holding)
     joined = signals.joined()
-    for values in grid_of(constants):
+    for values in grid_of(constants, *COARSE):
         fixed = np.tile(np.array([*values.values()])[:, None], joined.shape[1])
         finite = np.isfinite(evaluate(tape, np.vstack([joined, fixed]))).all(axis=1)
         if not finite.all():
