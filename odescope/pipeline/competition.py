@@ -16,46 +16,17 @@ from odescope.model.model import Model
 from odescope.model.scores import FormScore
 from odescope.pipeline.constants import Substituted, constants_of, substitute, substituted_at
 from odescope.pipeline.filtering import Filtered, Prepared
-from odescope.pipeline.forms import Posed, Proposed, mechanisms_form, relations_form
+from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
-from odescope.pipeline.joint_models import Search, adopt, as_adopted, determined
-from odescope.pipeline.reduce import Whole
+from odescope.pipeline.joint_models import adopt, as_adopted, determined
+from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import Chosen, draw_anew, pose_all, propose, refine_form, search_all
 from odescope.pipeline.work import Work
-from odescope.regression.problem import Problem
 from odescope.signals.estimate import Signals
 from odescope.study.options import Form, LeftOut
 
 LOST = 0.5  # error of free runs, in standard deviations, of a model that says little of the record
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
-
-
-@dataclass(frozen=True, eq=False)
-class Regressed:
-    """What regression on relations found: problems, searches and proposals, empty where no relation is looked for.
-
-    `substituted` are the constants of all candidates, and the numbers that they had here; `elsewhere` is the same at
-    other numbers. `failure` says why there are no proposals where some were wanted; the searches are then `in_vain`.
-    """
-
-    substituted: Substituted
-    problems: tuple[Problem, ...] = ()
-    searches: tuple[Search, ...] = ()
-    proposals: tuple[tuple[Chosen, Model], ...] = ()
-    whole: Whole | None = None
-    failure: NoModelError | None = None
-    in_vain: tuple[Search, ...] = ()
-    elsewhere: tuple[Regressed, ...] = ()
-
-    @property
-    def criterion(self) -> float:
-        """What ranks the best proposal, infinite where there is none."""
-        return sum(c.criterion for c in self.proposals[0][0]) if self.proposals else np.inf
-
-    @property
-    def model(self) -> Model | None:
-        """The best proposal."""
-        return self.proposals[0][1] if self.proposals else None
 
 
 def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
@@ -198,22 +169,17 @@ def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regres
     records, signals, substituted = filtered.records, filtered.signals, regressed.substituted
     study, targets = work.study, filtered.signals.targets
 
-    def again(values: Mapping[str, float]) -> Proposed:
+    def again(values: Mapping[str, float]) -> Regressed:
         there = substituted_at(prepared.libraries, substituted.constants, values, targets)
-        return _proposed(_regress_at(work, there, filtered))
+        return _regress_at(work, there, filtered)
 
     forms = [
         mechanisms_form(study, form, library, substituted.constants, records, signals)
         for form, library in prepared.mechanisms.items()
     ]
     if regressed.problems:
-        forms.append(relations_form(study, [_proposed(r) for r in (regressed, *regressed.elsewhere)], again))
+        forms.append(relations_form(study, (regressed, *regressed.elsewhere), again))
     return tuple(forms)
-
-
-def _proposed(regressed: Regressed) -> Proposed:
-    """Return what regression proposes, as a form takes it."""
-    return Proposed(regressed.substituted, regressed.problems, regressed.searches, regressed.proposals)
 
 
 def _best(contenders: Sequence[_Contender]) -> _Contender:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import zip_longest
 
 import numpy as np
 
@@ -15,27 +14,20 @@ from odescope.library.mechanism import Mechanism, candidates_of
 from odescope.library.tape import evaluate, write_tape
 from odescope.library.ties import tied
 from odescope.likelihood.settings import Start
-from odescope.model.assembled import coefficients_of
-from odescope.model.model import Model
 from odescope.model.relation import Relation
-from odescope.pipeline.constants import Substituted
-from odescope.pipeline.joint_models import Search, forward, plain, rival
+from odescope.pipeline.regressed import Regressed
 from odescope.recordings.record import Record, Records
 from odescope.regression.mechanisms import MechanismProblem, proposed
-from odescope.regression.problem import Problem
-from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals, signals_like
 from odescope.study.options import Form, LeftOut, Mechanisms, Study
-
-SHORT = 3  # terms of a forward selection that a search adds to
 
 
 @dataclass(frozen=True, eq=False)
 class Posed:
     """A form: its candidates, their constants, those left out as combinations of others, and where to begin.
 
-    `plain` are relations that hold their targets bare, where there are any. `rival` are those of
-    relations that promise more than all `starts`, with other target terms. `regression` gives what regression on all
+    `plain` are relations that hold their targets bare, where there are any, `rival` those that promise more than all
+    `starts`, with other target terms. `regression` gives what regression on all
     relations together proposes, where that is not among the starts; it is asked for late, because it takes as long as a
     search. `again` gives what regression proposes at other values of the constants.
     """
@@ -71,53 +63,9 @@ class Posed:
         return self.regression(self.at_nominal)
 
 
-@dataclass(frozen=True, eq=False)
-class Proposed:
-    """What regression on relations says where constants have some numbers.
-
-    `problems` and `searches` are one a target; there may be no searches. `proposals` are the best first.
-    """
-
-    substituted: Substituted
-    problems: Sequence[Problem]
-    searches: Sequence[Search]
-    proposals: Sequence[tuple[tuple[Candidate, ...], Model]]
-
-    @property
-    def plain(self) -> list[Relation]:
-        """The best relations that hold their targets bare."""
-        return [plain(s, c) for s, c in zip(self.searches, self.proposals[0][0], strict=True)]
-
-    @property
-    def rival(self) -> list[Relation] | None:
-        """Relations that promise more than the proposals."""
-        pairs = zip_longest(self.problems, self.searches)
-        rivals = [rival(p, s.ranked.candidates if s else ()) for p, s in pairs]
-        first = self.proposals[0][1].relations if self.proposals else self.forward
-        return [r or begun for r, begun in zip(rivals, first, strict=True)] if any(rivals) else None
-
-    @property
-    def forward(self) -> list[Relation]:
-        """A forward selection for every target."""
-        return [forward(p) for p in self.problems]
-
-    @property
-    def short(self) -> list[Relation]:
-        """The first terms of it."""
-        return [forward(p, SHORT) for p in self.problems]
-
-    def start(self, mechanisms: Sequence[Mechanism], relations: Sequence[Relation]) -> Start:
-        """Return where the likelihood may begin.
-
-        Args:
-            mechanisms: the candidates.
-            relations: that regression found, with these numbers.
-        """
-        named = [self.substituted.relation(r) for r in relations]
-        return Start(coefficients_of(mechanisms, named), self.substituted.values)
-
-
-def relations_form(study: Study, tried: Sequence[Proposed], again: Callable[[Mapping[str, float]], Proposed]) -> Posed:
+def relations_form(
+    study: Study, tried: Sequence[Regressed], again: Callable[[Mapping[str, float]], Regressed]
+) -> Posed:
     """Return the plain candidates of all targets, begun from what regression proposes and from a forward selection.
 
     Args:

@@ -23,7 +23,7 @@ from odescope.model.notes import notes_of, trust
 from odescope.model.relation import Relation, RelationTerm
 from odescope.model.scores import DelayScore, ModelScores, OffsetScore, Streamed
 from odescope.parallel.dask_cluster import open_workers
-from odescope.pipeline.competition import Regressed, Winner, adopted, compete, regress
+from odescope.pipeline.competition import Winner, adopted, compete, regress
 from odescope.pipeline.evaluation import domain, free_run, provenance, require_prediction, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.gate import gated_scores
@@ -31,6 +31,7 @@ from odescope.pipeline.inputs import hold_scores
 from odescope.pipeline.joint_models import Search, to_relation
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
+from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Input

@@ -1,0 +1,84 @@
+"""What regression on relations found, and where the likelihood may begin with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+
+import numpy as np
+
+from odescope.errors import NoModelError
+from odescope.library.mechanism import Mechanism
+from odescope.likelihood.settings import Start
+from odescope.model.assembled import coefficients_of
+from odescope.model.model import Model
+from odescope.model.relation import Relation
+from odescope.pipeline.constants import Substituted
+from odescope.pipeline.joint_models import Search, forward, plain, rival
+from odescope.pipeline.reduce import Whole
+from odescope.regression.problem import Problem
+from odescope.selection.ranking import Candidate
+
+SHORT = 3  # terms of a forward selection that a search adds to
+
+
+@dataclass(frozen=True, eq=False)
+class Regressed:
+    """What regression on relations found: problems, searches and proposals, empty where no relation is looked for.
+
+    `substituted` are the constants of all candidates, and the numbers that they had here; `elsewhere` is the same at
+    other numbers. `failure` says why there are no proposals where some were wanted; the searches are then `in_vain`.
+    """
+
+    substituted: Substituted
+    problems: tuple[Problem, ...] = ()
+    searches: tuple[Search, ...] = ()
+    proposals: tuple[tuple[tuple[Candidate, ...], Model], ...] = ()
+    whole: Whole | None = None
+    failure: NoModelError | None = None
+    in_vain: tuple[Search, ...] = ()
+    elsewhere: tuple[Regressed, ...] = ()
+
+    @property
+    def criterion(self) -> float:
+        """What ranks the best proposal, infinite where there is none."""
+        return sum(c.criterion for c in self.proposals[0][0]) if self.proposals else np.inf
+
+    @property
+    def model(self) -> Model | None:
+        """The best proposal."""
+        return self.proposals[0][1] if self.proposals else None
+
+    @property
+    def plain(self) -> list[Relation]:
+        """The best relations that hold their targets bare."""
+        return [plain(s, c) for s, c in zip(self.searches, self.proposals[0][0], strict=True)]
+
+    @property
+    def rival(self) -> list[Relation] | None:
+        """Relations that promise more than the proposals."""
+        pairs = zip_longest(self.problems, self.searches)
+        rivals = [rival(p, s.ranked.candidates if s else ()) for p, s in pairs]
+        first = self.proposals[0][1].relations if self.proposals else self.forward
+        return [r or begun for r, begun in zip(rivals, first, strict=True)] if any(rivals) else None
+
+    @property
+    def forward(self) -> list[Relation]:
+        """A forward selection for every target."""
+        return [forward(p) for p in self.problems]
+
+    @property
+    def short(self) -> list[Relation]:
+        """The first terms of it."""
+        return [forward(p, SHORT) for p in self.problems]
+
+    def start(self, mechanisms: Sequence[Mechanism], relations: Sequence[Relation]) -> Start:
+        """Return where the likelihood may begin.
+
+        Args:
+            mechanisms: the candidates.
+            relations: that regression found, with these numbers.
+        """
+        named = [self.substituted.relation(r) for r in relations]
+        return Start(coefficients_of(mechanisms, named), self.substituted.values)
