@@ -17,7 +17,7 @@ from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.regression.problem import Problem
-from odescope.regression.proposers import MatchingPursuit
+from odescope.regression.proposers import MatchingPursuit, exchanged
 from odescope.selection.criterion import penalty
 from odescope.selection.ranking import Candidate, Ranked, criteria, left_column
 from odescope.selection.sweep import Sweep
@@ -119,8 +119,9 @@ def _selected(problem: Problem, left: int, terms: int = FORWARD_TERMS) -> Relati
     """Return a sparse forward selection of a relation that holds this column of its target, and no other."""
     others = tuple(j for j in range(len(problem.terms)) if j not in problem.own)
     path = list(MatchingPursuit(terms).supports(problem.factor, left, others))
-    xi = problem.factor.solve((*path[-1], left), left)
-    return Relation(tuple(RelationTerm(problem.terms[j], float(xi[j])) for j in (left, *path[-1])))
+    support = exchanged(problem.factor, left, others, path[-1])
+    xi = problem.factor.solve((*support, left), left)
+    return Relation(tuple(RelationTerm(problem.terms[j], float(xi[j])) for j in (left, *support)))
 
 
 def _say_the_same(search: Search, chosen: Candidate, other_search: Search, other: Candidate) -> bool:

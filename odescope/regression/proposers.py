@@ -114,6 +114,45 @@ class MatchingPursuit(
             yield tuple(sorted(chosen))
 
 
+def exchanged(factor: Factor, left: int, columns: Support, support: Support) -> Support:
+    """Return where exchanges of one column for another lead to, each the one that leaves the least residual.
+
+    What a forward selection takes first may stand for what it takes later (sequential replacement, Miller 1984).
+
+    Args:
+        factor: of all columns.
+        left: the column that is explained.
+        columns: those that may be in it.
+        support: to begin with.
+    """
+    here, least = tuple(sorted(support)), np.inf
+    while True:
+        found = min(_exchanges(factor.r, left, columns, here), default=(np.inf, here))
+        if not found[0] < least * (1.0 - 1e-9):
+            return here
+        least, here = found
+
+
+def _exchanges(r: FloatArray, left: int, columns: Support, support: Support) -> Iterator[tuple[float, Support]]:
+    """Yield, for every column that goes, the least residual and the support with the best in its place, itself or not.
+
+    Args:
+        r: (k, m) triangle of all columns.
+        left: the column that is explained.
+        columns: those that may come.
+        support: now.
+    """
+    for gone in support:
+        kept = [j for j in support if j != gone]
+        able = [j for j in columns if j != left and j not in kept]
+        q = np.linalg.qr(r[:, kept])[0]
+        others, y = r[:, able] - q @ (q.T @ r[:, able]), r[:, left] - q @ (q.T @ r[:, left])
+        norms = np.linalg.norm(others, axis=0)
+        explained = np.where(norms > 1e-9, (y @ others) ** 2 / np.maximum(norms**2, 1e-300), 0.0)
+        best = int(np.argmax(explained))
+        yield float(y @ y - explained[best]), tuple(sorted((*kept, able[best])))
+
+
 def _independent(factor: Factor, columns: list[int]) -> list[int]:
     """Return the columns less those that combine columns before them, which would split a coefficient among them."""
     r = factor.r[:, columns]
