@@ -10,6 +10,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.mechanism import scale_groups
+from odescope.likelihood.evaluator import Expansion
 from odescope.likelihood.evidence import project
 from odescope.likelihood.exchange import refitted, rise
 from odescope.likelihood.families import best_on_grid
@@ -172,13 +173,16 @@ class Moves:
                 there = detour.drop(there) or detour.add(there)
         return None
 
-    def exchange(self, here: Fit) -> Fit | None:
+    def exchange(self, here: Fit, expansion: Expansion | None) -> Fit | None:
         """Put an absent mechanism in the place of one or two present ones, where that is better.
 
         Two may add up to a third so nearly that beside each other they are sure and the third has no score.
+
+        Args:
+            here: the fit with those that are present.
+            expansion: of its cost with all candidates.
         """
         space, free = self.space, self.space.free(here)
-        expansion = space.evaluator.expand(space.whole, here.theta, free, here.x0, self.defect_std)
         if expansion is None or not expansion.finite:
             return None
         present = np.isin(free, here.free)

@@ -135,6 +135,7 @@ def fit(
     x0: FloatArray,
     defect_std: FloatArray,
     iterations: int = ITERATIONS,
+    tolerance: float = CONVERGED,
 ) -> Fit | None:
     """Return the fit of a program from a start, or None where the start itself cannot be integrated.
 
@@ -148,6 +149,7 @@ def fit(
         x0: (J, n) initial states to begin with.
         defect_std: (n,) standard deviations of the defects between segments, infinite for independent segments.
         iterations: steps at most.
+        tolerance: fall of the cost that ends it.
     """
     damping, more, failed, converged = 1e-4, 10.0, np.inf, False
     present = np.arange(len(program.mechanisms))
@@ -159,7 +161,7 @@ def fit(
     for _ in range(iterations):
         trial = descent.lower(here, damping)
         fall = -np.inf if trial is None else here.expansion.cost - trial.expansion.cost
-        converged = abs(fall) < (CONVERGED if fall >= 0.0 else CONVERGED * 1e-3)
+        converged = abs(fall) < (tolerance if fall >= 0.0 else tolerance * 1e-3)
         if trial is not None and fall >= 0.0:
             here, more, failed = trial, 10.0, np.inf
             damping = max(damping / 10.0, 1e-9)

@@ -22,6 +22,8 @@ FAITHFUL = 0.005  # standard deviations of what was measured: a free run as near
 TELLING = 0.1  # standard deviations: where even the best free run is further from the record, runs tell little of terms
 QUICK = 2  # steps of a fit without a mechanism, which are enough
 FORETOLD = 1.1  # if they raise the cost by no more than so many times its Wald statistic, as in a linear model
+FAR = 10  # steps of other fits
+NEAR = 0.01  # of what its cost is above that of the longest: a model that lacks much needs no better fit to be judged
 TENTH = 0.1  # of the least error: where free runs tell little, no more than that is given away for fewer terms
 
 
@@ -83,7 +85,8 @@ class ModelPath:
             rest = here.present[here.present != k]
             shorter = seen.fit(theta, rest, here.x0, defect_std, here.strength, QUICK)
             if shorter is not None and shorter.cost - here.cost > FORETOLD * float(here.wald[weak]):
-                shorter = seen.again(shorter, shorter.x0, defect_std)
+                near = NEAR * (shorter.cost - steps[0].fit.cost)
+                shorter = seen.fit(shorter.theta, rest, shorter.x0, defect_std, shorter.strength, FAR, near)
             if shorter is None:
                 break
             steps.append(_step(seen, shorter, seen.mechanisms[k], float(here.wald[weak])))

@@ -6,7 +6,7 @@ docs/method.md, Structure by likelihood.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import msgspec
@@ -14,6 +14,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.add_and_drop import HOPELESS, Moves
+from odescope.likelihood.evaluator import Expansion
 from odescope.likelihood.evidence import project
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.search_space import Move, SearchSpace
@@ -86,22 +87,33 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class WhiteResiduals:
-    """Statistics of a model that follows the record but for white noise; the penalised cost of a refit decides."""
+    """Statistics of a model that follows the record but for white noise; the penalised cost of a refit decides.
+
+    `last` is the fit that was expanded last, with its expansion.
+    """
 
     space: SearchSpace
     defect_std: FloatArray
     trials: int = TRIALS
     binding: bool = False
+    last: list[tuple[Fit, Expansion | None]] = field(default_factory=list)
+
+    def expansion(self, here: Fit) -> Expansion | None:
+        """Return the expansion of the cost with all candidates on the tape, None where they cannot be followed."""
+        if not self.last or self.last[0][0] is not here:
+            space = self.space
+            found = space.evaluator.expand(space.whole, here.theta, space.free(here), here.x0, self.defect_std)
+            self.last[:] = [(here, found)]
+        return self.last[0][1]
 
     def wald(self, here: Fit) -> FloatArray:
         """Return the Wald statistics of the parameters."""
         return here.wald
 
     def scores(self, here: Fit) -> FloatArray:
-        """Return the score statistic of all that is absent, from one evaluation with all candidates on the tape."""
-        space, result = self.space, np.zeros(len(self.space.mechanisms))
-        free = space.free(here)
-        expansion = space.evaluator.expand(space.whole, here.theta, free, here.x0, self.defect_std)
+        """Return the score statistic of all that is absent."""
+        free, result = self.space.free(here), np.zeros(len(self.space.mechanisms))
+        expansion = self.expansion(here)
         if expansion is not None:
             present = np.isin(free, here.free)
             rest = project(expansion.information, expansion.gradient[None], present)
@@ -209,7 +221,7 @@ def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move]) -> F
         first, second = (moves.add, moves.drop) if scale > HOPELESS else (moves.drop, moves.add)
         moved = first(here) or moves.divide(here) or second(here)
         if moved is None and width <= LOOK_BACK:
-            moved = moves.look_back(here) or moves.exchange(here)
+            moved = moves.look_back(here) or moves.exchange(here, judge.expansion(here))
         if moved is None:
             return here
         here = moved

@@ -16,7 +16,7 @@ from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
-from odescope.likelihood.fit import ITERATIONS, Fit, fit
+from odescope.likelihood.fit import CONVERGED, ITERATIONS, Fit, fit
 from odescope.likelihood.gauge import held_of, rechosen
 from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.segments import Segments
@@ -166,6 +166,7 @@ class SearchSpace:
         defect_std: FloatArray,
         strength: FloatArray | None = None,
         iterations: int = ITERATIONS,
+        tolerance: float = CONVERGED,
     ) -> Fit | None:
         """Return the fit of the present mechanisms; only they are on the tape.
 
@@ -176,13 +177,14 @@ class SearchSpace:
             defect_std: (n,) standard deviations of the defects between segments.
             strength: (mechanisms,) which coefficients are to be held first; by default those of large contributions.
             iterations: steps at most.
+            tolerance: fall of the cost that ends it.
         """
         present = self._alive(present, theta)
         held = held_of(self.mechanisms, present, self._size(theta) if strength is None else strength)
         program, found = self.program(present), None
         for _ in range(GAUGES):
             places = np.searchsorted(present, held)
-            there = fit(self.evaluator, program, theta[present], places, x0, defect_std, iterations)
+            there = fit(self.evaluator, program, theta[present], places, x0, defect_std, iterations, tolerance)
             if there is None:
                 break  # beside a pole rounding decides whether the same relations can be followed in another gauge
             whole = np.zeros(len(self.mechanisms))

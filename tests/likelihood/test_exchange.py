@@ -71,11 +71,12 @@ def test_two_terms_that_add_up_to_one_of_the_law_give_way_to_it(name):
     theta[4] = 0.0
     width = 0.1
     here = it.begin(theta, it.segments.spread * width)
-    moves = Moves(it, WhiteResiduals(it, it.segments.spread * width), width, 1.0, [])
+    judge = WhiteResiduals(it, it.segments.spread * width)
+    moves = Moves(it, judge, width, 1.0, [])
     assert np.all(here.wald > 1000.0)
     assert moves.drop(here) is None
     assert moves.look_back(here) is None
-    there = moves.exchange(here)
+    there = moves.exchange(here, judge.expansion(here))
     assert there is not None
     assert sorted(there.present) == SPRING_PRESENT.tolist()
     assert moves.penalised(there) < moves.penalised(here)
@@ -83,6 +84,6 @@ def test_two_terms_that_add_up_to_one_of_the_law_give_way_to_it(name):
         *(("drop", m) for m in pair),
         ("add", SPRING.mechanisms[4]),
     ]
-    assert moves.exchange(there) is None
+    assert moves.exchange(there, judge.expansion(there)) is None
     found = search(it, theta)
     assert sorted(found.fit.present) == SPRING_PRESENT.tolist()
