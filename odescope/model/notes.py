@@ -17,6 +17,7 @@ from odescope.model.scores import (
     ModelScores,
     PathScore,
     TimeScore,
+    VersionScore,
 )
 
 TOLD = 6  # notes of one kind
@@ -124,7 +125,8 @@ def findings(scores: ModelScores | None) -> tuple[str, ...]:
     """Return sentences on what was found beside the equations: the best form, what it did without, what is constant."""
     if scores is None:
         return ()
-    return (*_of_the_forms(scores.forms), *_of_the_path(scores.path), *_of_constants(scores.conserved))
+    chosen = (*_of_the_versions(scores.versions), *_of_the_forms(scores.forms), *_of_the_path(scores.path))
+    return (*chosen, *_of_constants(scores.conserved))
 
 
 def _left_out(dependent: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
@@ -213,7 +215,19 @@ def _of_the_forms(forms: Sequence[FormScore]) -> Iterator[str]:
     )
 
 
-def _free_run(form: FormScore, what: str) -> str:
+def _of_the_versions(versions: Sequence[VersionScore]) -> Iterator[str]:
+    for kept in (v for v in versions if v.chosen):
+        read = _listed([f"{name} from the column {column!r}" for name, column in kept.columns.items()])
+        others = _listed([_version(v) for v in versions if v is not kept])
+        yield f"{read} was preferred{_free_run(kept, 'free-run error ')} to {others}"
+
+
+def _version(of: VersionScore) -> str:
+    how = "no model" if of.coefficients is None else _free_run(of, "")[2:]
+    return " and ".join(map(repr, of.columns.values())) + (f" ({how})" if how else "")
+
+
+def _free_run(form: FormScore | VersionScore, what: str) -> str:
     return "" if form.free_run is None else f", {what}{form.free_run:.2g}"
 
 

@@ -196,6 +196,7 @@ class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     holds: dict[str, HoldScore] = {}
     streamed: Streamed | None = None
     forms: tuple[FormScore, ...] = ()
+    versions: tuple[VersionScore, ...] = ()
     path: tuple[PathScore, ...] = ()
     energy: EnergyScore | None = None
     conserved: tuple[Conserved, ...] = ()
@@ -211,6 +212,20 @@ class FormScore(msgspec.Struct, frozen=True):
 
     form: str
     coefficients: int
+    free_run: Number
+    misfit: Number
+    follows: bool | None
+    chosen: bool
+
+
+class VersionScore(msgspec.Struct, frozen=True):
+    """How a model did whose inputs were read from these `columns`, by input, where several were offered.
+
+    The others are those of `FormScore`, all None where these columns gave no model.
+    """
+
+    columns: dict[str, str]
+    coefficients: int | None
     free_run: Number
     misfit: Number
     follows: bool | None

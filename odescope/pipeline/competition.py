@@ -70,7 +70,7 @@ def adopted(regressed: Regressed, model: Model) -> Chosen:
 
 
 @dataclass(frozen=True, eq=False)
-class _Contender:
+class Contender:
     """A form with its model, and how that does."""
 
     form: Form
@@ -104,20 +104,30 @@ class _Contender:
 
 @dataclass(frozen=True, eq=False)
 class Winner:
-    """The model of the form that describes the record best, what led to it, and how each form that competed did.
+    """The model of the form that describes the record best, what led to it, and how each form that competed did."""
 
-    `left_out` are the mechanisms that no data could tell from others.
-    """
-
-    model: Model
-    refinement: Refinement | None
-    left_out: LeftOut
+    best: Contender
     forms: tuple[FormScore, ...]
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+        return self.best.model
+
+    @property
+    def refinement(self) -> Refinement | None:
+        """What the likelihood led to, where it was asked."""
+        return self.best.refinement
+
+    @property
+    def left_out(self) -> LeftOut:
+        """The mechanisms that no data could tell from others."""
+        return self.best.left_out
 
     @property
     def follows(self) -> bool:
         """Whether the model follows the record, with process noise if need be."""
-        return self.refinement is not None and self.refinement.follows
+        return self.best.follows
 
 
 def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> Winner:
@@ -133,7 +143,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         InputError: a tie names no candidate of the relations.
         NoModelError: no form has a model.
     """
-    contenders = list[_Contender]()
+    contenders = list[Contender]()
     forms = _posed(work, prepared, filtered, regressed)
     for posed in forms:
         done = [c.refinement for c in contenders if c.refinement is not None]
@@ -159,9 +169,9 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         raise regressed.failure or NoModelError(
             stage, "no model follows the record, even in short segments: look for missing physics or wrong units"
         )
-    best = _best(contenders)
+    best = best_of(contenders)
     scores = tuple(c.score(c is best) for c in contenders) if len(contenders) > 1 else ()
-    return Winner(best.model, best.refinement, best.left_out, scores)
+    return Winner(best, scores)
 
 
 def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> tuple[Posed, ...]:
@@ -182,8 +192,8 @@ def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regres
     return tuple(forms)
 
 
-def _best(contenders: Sequence[_Contender]) -> _Contender:
-    """Return the form to keep: by likelihood among those that follow the record to its noise, else by free runs."""
+def best_of(contenders: Sequence[Contender]) -> Contender:
+    """Return the one to keep: by likelihood among those that follow the record to its noise, else by free runs."""
     exact = [c for c in contenders if c.refinement is not None and c.follows and c.refinement.process is None]
     if exact:
         return min(exact, key=lambda c: np.inf if c.refinement is None else c.refinement.outcome.penalised)
@@ -209,7 +219,7 @@ def _regressed(posed: Posed, regressed: Regressed, signals: Signals) -> Model | 
     return model if determined(model, signals) else None
 
 
-def _contender(posed: Posed, model: Model, refinement: Refinement | None, others: Sequence[Refinement]) -> _Contender:
+def _contender(posed: Posed, model: Model, refinement: Refinement | None, others: Sequence[Refinement]) -> Contender:
     """Return a form with how it does on free runs.
 
     Args:
@@ -221,9 +231,9 @@ def _contender(posed: Posed, model: Model, refinement: Refinement | None, others
     if refinement is not None:
         path, count = refinement.path, len(refinement.fit.free)
         error = np.inf if path is None else path.choice.error
-        return _Contender(posed.form, model, refinement, posed.left_out, count, error)
+        return Contender(posed.form, model, refinement, posed.left_out, count, error)
     theta = posed.starts[0].coefficients if posed.proposal is None else posed.proposal
     spaces = [other.space.among(posed.mechanisms) for other in others[:1]]
     error = float(np.sqrt(free_run_error(spaces[0], theta))) if spaces else np.inf
     count = int(np.count_nonzero(theta)) - len(model.relations)
-    return _Contender(posed.form, model, None, posed.left_out, count, error)
+    return Contender(posed.form, model, None, posed.left_out, count, error)

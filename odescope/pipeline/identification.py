@@ -23,7 +23,8 @@ from odescope.model.notes import notes_of, trust
 from odescope.model.relation import Relation, RelationTerm
 from odescope.model.scores import DelayScore, ModelScores, OffsetScore, Streamed
 from odescope.parallel.dask_cluster import open_workers
-from odescope.pipeline.competition import Winner, adopted, compete, regress
+from odescope.parallel.workers import Workers
+from odescope.pipeline.competition import Winner, adopted, best_of, compete, regress
 from odescope.pipeline.evaluation import domain, free_run, provenance, require_prediction, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.gate import gated_scores
@@ -32,6 +33,7 @@ from odescope.pipeline.joint_models import Search, to_relation
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.versions import version_score, versions_of
 from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Input
@@ -176,14 +178,62 @@ def identify(
     monitor = Monitor(watch or unheard, stop or never)
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
     with threadpool_limits(1, "blas"), open_workers(cluster) as workers:
-        result = _identified(Work(study, monitor, workers), data, store)
+        result = _best_version(study, monitor, lambda work: _identified(work, data, store), workers)
     monitor.tell(EquationsReady(result))
     for note in result.notes:
         monitor.tell(Note(note))
     return result
 
 
-def _identified(work: Work, data: Records | Table | Sequence[Table] | None, store: Path | None) -> Identification:
+def _best_version(
+    study: Study, monitor: Monitor, run: Callable[[Work], tuple[Identification, Winner]], workers: Workers
+) -> Identification:
+    """Return the result with that column of every input, of those offered, that describes the record best.
+
+    Args:
+        study: the options.
+        monitor: told what goes on; what columns without a model led to only where there is no model at all.
+        run: goes through the stages.
+        workers: who computes.
+
+    Raises:
+        NoModelError: no column leads to a model.
+    """
+    versions, ends, failures = versions_of(study), list[tuple[Identification, Winner] | None](), list[NoModelError]()
+    in_vain = list[NothingFound]()
+
+    def tell(event: Event) -> None:
+        if isinstance(event, NothingFound):
+            in_vain.append(event)
+        else:
+            monitor.tell(event)
+
+    for version in versions:
+        try:
+            ends.append(run(Work(version, replace(monitor, tell=tell), workers)))
+        except NoModelError as failure:
+            failures.append(failure)
+            ends.append(None)
+    models = [end for end in ends if end is not None]
+    if not models:
+        for event in in_vain[:1]:
+            monitor.tell(event)
+        raise failures[0]
+    winner = best_of([w.best for _, w in models])
+    result = next(r for r, w in models if w.best is winner)
+    if len(versions) == 1:
+        return result
+    told = tuple(
+        version_score(study, version, None if end is None else end[1].best, end is not None and end[1].best is winner)
+        for version, end in zip(versions, ends, strict=True)
+    )
+    scores = msgspec.structs.replace(result.model.scores or ModelScores(), versions=told)
+    return replace(result, model=replace(result.model, scores=scores))
+
+
+def _identified(
+    work: Work, data: Records | Table | Sequence[Table] | None, store: Path | None
+) -> tuple[Identification, Winner]:
     """Go through the stages."""
     prepared = prepare(work, data, store)
     filtered = estimate(work, prepared)
@@ -216,7 +266,7 @@ def _identified(work: Work, data: Records | Table | Sequence[Table] | None, stor
     except NoModelError as failure:
         work.monitor.tell(_nothing_found(work, filtered, regressed, failure))
         raise
-    return result(seen, model, winner.refinement, winner.left_out)
+    return result(seen, model, winner.refinement, winner.left_out), winner
 
 
 def _nothing_found(work: Work, filtered: Filtered, regressed: Regressed, failure: NoModelError) -> NothingFound:

@@ -121,6 +121,7 @@ def labels(result: Identification) -> dict[str, str]:
 def recorded(result: Identification) -> Recorded:
     """Return the recordings, the channels and what was found in them."""
     records, signals, study = result.records, result.signals, result.study
+    columns = dict(study.layout().columns)
     runs, last = [], dict[str, float]()
     for run in list(records)[:MOST_RUNS]:
         gap = float(run.t[0]) - last[run.source] - run.sample_period if run.source in last else None
@@ -138,17 +139,14 @@ def recorded(result: Identification) -> Recorded:
         coordinates=tuple(
             CoordinateRow(
                 name=c.name,
-                column=study.coordinates[c.name].column or c.name,
+                column=columns[c.name],
                 unit=c.unit or "",
                 noise=found.noise,
                 signal=float(np.std(signals.joined()[signals.row(c.name)])),
             )
             for c, found in zip(signals.coordinates, signals.channels, strict=True)
         ),
-        inputs=tuple(
-            InputRow(name=i.name, column=study.inputs[i.name].column or i.name, unit=i.unit or "")
-            for i in signals.inputs
-        ),
+        inputs=tuple(InputRow(name=i.name, column=columns[i.name], unit=i.unit or "") for i in signals.inputs),
         chart=signals_chart(result),
     )
 

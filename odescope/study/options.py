@@ -79,22 +79,33 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A recorded input; its name is its key in the study. It acts `delay` seconds late.
 
+    Where it was recorded more than once, as a command and as measured, `column` may list the columns: the one that
+    describes the record best is taken, and the result says how each did.
     `hold` says what it does between samples: is held ("zero"), runs linearly, or is band-limited; "auto" lets the
     likelihood decide. A delay of "auto" lets it find one beside the coefficients, where the record asks for one;
     "estimate" looks for it before, too, in a wider range.
     """
 
-    column: str | None = None
+    column: str | tuple[str, ...] | None = None
     hold: Literal["auto"] | Hold = "auto"
     unit: str | None = None
     delay: float | Literal["auto", "estimate"] = "auto"
 
     def __post_init__(self) -> None:
+        if isinstance(self.column, tuple) and not len(set(self.column)) == len(self.column) > 0:
+            raise InputError(f"column must be a name, or several different ones, got {list(self.column)!r}")
         if self.hold not in ("auto", *get_args(Hold)):
             expected = ", ".join(map(repr, ("auto", *get_args(Hold))))
             raise InputError(f"hold must be one of {expected}, got {self.hold!r}")
         if self.delay not in ("auto", "estimate") and not (isinstance(self.delay, float) and math.isfinite(self.delay)):
             raise InputError(f'delay must be a number of seconds, "auto" or "estimate", got {self.delay!r}')
+
+
+def _column_of(name: str, of: Measured | Driven) -> str:
+    """Return the column that a coordinate or an input reads."""
+    if isinstance(of.column, tuple):
+        raise InputError(f"the input {name!r} is offered in {len(of.column)} columns; here it must be one: name it")
+    return of.column or name
 
 
 Form = Literal["relations", "lagrangian", "reactions"]
@@ -278,7 +289,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         return Layout(
             time=self.data.time,
             sample_period=self.data.sample_period,
-            columns=tuple((name, c.column or name) for name, c in named),
+            columns=tuple((name, _column_of(name, c)) for name, c in named),
             units=tuple((name, c.unit) for name, c in named if c.unit is not None),
             angles=frozenset(name for name, c in self.coordinates.items() if c.angle),
             degrees=self.degrees,
