@@ -14,6 +14,7 @@ import msgspec
 import pytest
 
 import odescope
+from odescope.commands.cli import app
 from odescope.model.scores import ModelScores
 from odescope.study.options import Study
 
@@ -84,6 +85,21 @@ def test_every_score_is_in_the_reference_of_files() -> None:
     page = loaded("docs/site/scores_reference.py").scores_reference()
     own = Counter(field.name for field in msgspec.structs.fields(ModelScores))
     assert Counter(re.findall(r"^- `(\w+)`: .", page, re.MULTILINE)) == properties(ModelScores) + own
+
+
+def test_every_command_is_in_the_reference_of_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    """What --help prints of each is there: its arguments, options and words."""
+    page = loaded("docs/site/command_reference.py").command_reference()
+    sections = re.findall(r"^## odescope (\w+)\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL)
+    assert {"identify", "simulate", "filter", "validate", "demo", "report", "export"} <= {name for name, _ in sections}
+    for name, section in sections:
+        with pytest.raises(SystemExit):
+            app([name, "--help"])
+        told = capsys.readouterr().out
+        options = set(re.findall(r"^ +(--[\w-]+)", told, re.MULTILINE)) - {"--help"}
+        assert options == set(re.findall(r"^`(--[\w-]+)", section, re.MULTILINE))
+        (described,) = re.findall(r"^ *Usage:.*\n\n((?: .*\n)+)", told, re.MULTILINE)
+        assert "".join(described.split()) in "".join(section.split())
 
 
 def test_every_public_name_is_in_the_reference_of_python() -> None:

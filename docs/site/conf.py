@@ -6,6 +6,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from command_reference import command_reference
 from python_reference import as_parameters, python_reference, short_signature
 from scores_reference import scores_reference
 from sphinx.application import Sphinx
@@ -44,7 +45,12 @@ html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {"footer_icons": []}
 
-MADE = {"scores": scores_reference, "study options": study_reference, "Python names": python_reference}
+MADE = {
+    "commands": command_reference,
+    "scores": scores_reference,
+    "study options": study_reference,
+    "Python names": python_reference,
+}
 
 
 def _made(app: Sphinx, name: str, source: list[str]) -> None:
