@@ -25,12 +25,13 @@ nitpicky = False
 
 myst_enable_extensions = ["deflist", "attrs_block"]
 myst_heading_anchors = 4
-smartquotes = False  # a prime is a derivative
+smartquotes_action = "D"  # dashes alone: a prime is a derivative
 # Notebooks are shown as they are stored, without what they print; "force" runs them.
 nb_execution_mode = "off"
 
 default_role = "py:obj"  # docstrings set names in single backticks, as Markdown does
 autodoc_typehints = "signature"
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "FloatArray", "IntArray", "Table")}
 autodoc_member_order = "bysource"
 autodoc_class_signature = "mixed"
 python_use_unqualified_type_names = True

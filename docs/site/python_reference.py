@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import re
 from importlib import import_module
@@ -25,7 +26,8 @@ def python_reference() -> str:
 
 def _section(package: str, names: list[str]) -> str:
     text = (import_module(f"odescope.{package}").__doc__ or "").strip()
-    entries = "\n\n".join(_entry(name) for name in names)
+    functions_first = sorted(names, key=lambda name: (inspect.isclass(getattr(odescope, name)), name))
+    entries = "\n\n".join(map(_entry, functions_first))
     return f"## {package.capitalize()}\n\n{text}\n\n```{{eval-rst}}\n{entries}\n```"
 
 
@@ -39,16 +41,16 @@ def as_parameters(app: object, what: str, name: str, found: object, options: obj
 def short_signature(
     app: object, what: str, name: str, found: object, options: object, signature: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
-    """Return the signature of options by names and defaults; types stand in the reference of studies."""
-    if not (inspect.isclass(found) and issubclass(found, msgspec.Struct)):
-        return signature, returned
-    fields = msgspec.structs.fields(found)
-    return f"({', '.join(f.name if f.required else f'{f.name}={_shown(f)}' for f in fields)})", None
-
-
-def _shown(field: msgspec.structs.FieldInfo) -> str:
-    value = field.default if field.default_factory is msgspec.NODEFAULT else field.default_factory()
-    return repr(value)
+    """Return the signature of a class by its fields and their defaults; types of options are in that of studies."""
+    if inspect.isclass(found) and issubclass(found, msgspec.Struct):
+        own = [(f.name, f.default, f.default_factory) for f in msgspec.structs.fields(found)]
+    elif inspect.isclass(found) and dataclasses.is_dataclass(found):
+        own = [(f.name, f.default, f.default_factory) for f in dataclasses.fields(found) if f.init]
+    else:  # within a union Sphinx shows an alias as it holds it
+        return tuple(text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text) for text in (signature, returned))
+    none = (msgspec.NODEFAULT, dataclasses.MISSING)
+    shown = [(name, default if make in none else make()) for name, default, make in own]
+    return f"({', '.join(name if value in none else f'{name}={value!r}' for name, value in shown)})", None
 
 
 def _entry(name: str) -> str:
