@@ -21,7 +21,8 @@ from threadpoolctl import threadpool_limits
 
 from odescope import NoModelError, identify
 from odescope.model.model import Model
-from odescope.study.options import Candidates, Data, Driven, Measured, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured, Study
 
 NOISE = 0.01  # of the standard deviation of each coordinate
 HEADER = "| system | right | constants, worst, s.e. | coverage | s |\n|---|---:|---:|---:|---:|"

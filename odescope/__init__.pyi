@@ -76,7 +76,7 @@ from odescope.signals.differentiators import SmoothingSpline as SmoothingSpline
 from odescope.signals.differentiators import Spectral as Spectral
 from odescope.signals.estimate import Signals as Signals
 from odescope.signals.estimate import estimate_signals as estimate_signals
-from odescope.study.options import Candidates as Candidates
+from odescope.study.library_options import Candidates as Candidates
 from odescope.study.options import Data as Data
 from odescope.study.options import Driven as Driven
 from odescope.study.options import Filtering as Filtering

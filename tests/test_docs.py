@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import io
+import json
 import re
+import shlex
 import tomllib
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
+from odescope.commands.cli import main
+from odescope.commands.files import CANDIDATE_COLUMNS, FACTORS, NO_MODEL, PATH, PATH_COLUMNS, RESULT_FILES
 from odescope.events import Note
+from odescope.export.model_file import _File, from_json, to_json
 from odescope.library.mechanism import candidates_of
 from odescope.library.ties import tied
 from odescope.report.assemble import read_report
@@ -70,6 +78,67 @@ def run_page(path: str, capsys: pytest.CaptureFixture[str]) -> dict[str, object]
         numbers = [[float(n) for n in NUMBER.findall(text)] for text in (printed, shown)]
         assert numbers[0] == pytest.approx(numbers[1], rel=0.05)
     return session
+
+
+def shows(printed: str, shown: str) -> None:
+    """Every line that is shown is among those that were printed, in their order: words the same, numbers to 5 %."""
+    lines = iter(printed.splitlines())
+    for line in shown.splitlines():
+        numbers = [float(n) for n in NUMBER.findall(line)]
+        assert any(
+            NUMBER.sub("#", line).split() == NUMBER.sub("#", found).split()
+            and [float(n) for n in NUMBER.findall(found)] == pytest.approx(numbers, rel=0.05)
+            for found in lines
+        ), f"{line!r} is not among what was printed:\n{printed}"
+
+
+def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its blocks, in their order, in one folder: Python, commands, the study; the truth is that of the simulation."""
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs/tutorial.md").read_text(encoding="utf-8")
+    session, checked = dict[str, object](), 0
+    for language, block, shown in re.findall(
+        r"^```(python|sh|toml)\n(.*?)^```(?:\n+```text\n(.*?)^```)?", page, re.MULTILINE | re.DOTALL
+    ):
+        said = io.StringIO()
+        with redirect_stdout(said), redirect_stderr(said):
+            if language == "toml":
+                Path("study.toml").write_text(block, encoding="utf-8")
+            elif language == "python":
+                exec(compile(block, "docs/tutorial.md", "exec"), session)  # noqa: S102 (our own documentation)
+            else:
+                for command in block.splitlines():
+                    monkeypatch.setattr("sys.argv", shlex.split(command))
+                    with pytest.raises(SystemExit) as end:
+                        main()
+                    assert not end.value.code, said.getvalue()
+        shows(said.getvalue(), shown)
+        checked += bool(shown)
+    assert checked == len(blocks("docs/tutorial.md", "text"))
+    truth = {"sin(phi)": 12.0, "phi_dot": 0.3, "sign(phi_dot)": 0.4, "torque": -8.0, "phi_ddot": 1.0}
+    terms = session["model"].relations[0].terms  # type: ignore[attr-defined]
+    assert {t.text: t.coefficient for t in terms} == pytest.approx(truth, rel=0.01)
+    for t in terms:
+        assert t.std_error is None or abs(t.coefficient - truth[t.text]) < 3.0 * t.std_error
+    written = {"coefficients.csv", "judged/validation.csv", "plant/plant.h", "predicted.csv", "states.csv"}
+    assert all(Path(name).is_file() for name in written)
+
+
+def test_files_of_results_are_described() -> None:
+    """The example is a model; tables have the keys and columns that are written; so does the list of files."""
+    page = (ROOT / "docs/files.md").read_text(encoding="utf-8")
+    first, *tables = [
+        re.findall(r"`(\w[^`]*)`", " ".join(row.split("|")[1] for row in table.splitlines()[2:]))
+        for table in re.findall(r"(?:^\|.*\n)+", page, re.MULTILINE)
+    ]
+    (example,) = blocks("docs/files.md", "json")
+    assert from_json(example).relations[0].terms[0].text == "phi_ddot"
+    keys, columns = tables
+    written = set(json.loads(to_json(from_json(example))))
+    assert written < set(keys) == {field.encode_name for field in msgspec.structs.fields(_File)}
+    assert tuple(columns) == CANDIDATE_COLUMNS
+    assert set(PATH_COLUMNS) <= set(re.findall(r"`(\w+)`", page.rpartition("## path.csv")[2]))
+    assert {*RESULT_FILES, NO_MODEL, f"{PATH}.csv", f"{PATH}/", f"{FACTORS}/"} == set(first)
 
 
 def test_observer_runs_and_prints_what_it_shows(capsys: pytest.CaptureFixture[str]) -> None:
@@ -158,7 +227,7 @@ def test_links_lead_somewhere() -> None:
 
 
 PAGES = [p for p in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md"))) if p.exists()]
-PATH = re.compile(
+NAMED = re.compile(
     r"(?<![\w/.])(?:(?:odescope|tests|bench|docs|\.ci|\.github)/[\w./-]*|\.?/?[\w.-]+\.(?:py|md|toml|cff|yaml))"
 )
 MADE_BY_COMMANDS = {"model.json", "study.toml", "model.py", "study.md"}  # what pages say that odescope writes
@@ -169,7 +238,7 @@ def test_paths_that_a_page_names_exist(page: Path) -> None:
     """Code spans that look like a path of the repository; a module may be named from odescope/ on, as `signals/`."""
     missing = []
     for span in re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8")):
-        for named in PATH.findall(span):
+        for named in NAMED.findall(span):
             if named in MADE_BY_COMMANDS or "NAME" in named:
                 continue
             if not any((folder / named).exists() for folder in (ROOT, ROOT / "odescope", page.parent)):

@@ -32,7 +32,12 @@ def _atoms(texts: tuple[str, ...], scope: Scope) -> tuple[Atom, ...]:
 
 
 class MaximumDegree(msgspec.Struct, frozen=True, tag="maximum_degree", tag_field="kind", forbid_unknown_fields=True):
-    """The powers of these functions, by size, add up to at most `degree` in a product."""
+    """The powers of these functions, by size, add up to at most `degree` in a product.
+
+    Attributes:
+        of: the functions.
+        degree: the bound.
+    """
 
     of: tuple[str, ...]
     degree: int
@@ -46,7 +51,11 @@ class MaximumDegree(msgspec.Struct, frozen=True, tag="maximum_degree", tag_field
 
 
 class Exclusive(msgspec.Struct, frozen=True, tag="exclusive", tag_field="kind", forbid_unknown_fields=True):
-    """At most one of these functions appears in a product (to any power)."""
+    """At most one of these functions appears in a product (to any power).
+
+    Attributes:
+        of: the functions.
+    """
 
     of: tuple[str, ...]
 
@@ -59,7 +68,11 @@ class Exclusive(msgspec.Struct, frozen=True, tag="exclusive", tag_field="kind", 
 
 
 class MaximumFactors(msgspec.Struct, frozen=True, tag="maximum_factors", tag_field="kind", forbid_unknown_fields=True):
-    """A product has at most `count` distinct functions."""
+    """A product has at most `count` distinct functions.
+
+    Attributes:
+        count: the bound.
+    """
 
     count: int
 
@@ -72,7 +85,11 @@ class MaximumFactors(msgspec.Struct, frozen=True, tag="maximum_factors", tag_fie
 
 
 class Identity(msgspec.Struct, frozen=True, tag="identity", tag_field="kind", forbid_unknown_fields=True):
-    """The square of this function is a combination of other products, as sin^2 = 1 - cos^2: it appears at most once."""
+    """The square of this function is a combination of other products, as sin^2 = 1 - cos^2: it appears at most once.
+
+    Attributes:
+        of: the function.
+    """
 
     of: str
 
@@ -85,7 +102,12 @@ class Identity(msgspec.Struct, frozen=True, tag="identity", tag_field="kind", fo
 
 
 class Unmultiplied(msgspec.Struct, frozen=True, tag="unmultiplied", tag_field="kind", forbid_unknown_fields=True):
-    """Of the products with any of these functions, as those of dry friction, only `terms` stay, as they are written."""
+    """Of the products with any of these functions, as those of dry friction, only `terms` stay, as they are written.
+
+    Attributes:
+        of: the functions.
+        terms: the products that stay.
+    """
 
     of: tuple[str, ...]
     terms: tuple[str, ...]

@@ -34,11 +34,13 @@ ROUNDS = 40  # additions and drops at one width
 class LikelihoodSearch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Options of the likelihood stage.
 
-    Without `enabled` the model is what regression proposes. `starts` are the proposals that searches begin from, beside
-    a sparse forward selection. Where the `budget` is spent the best model so far is returned: it counts evaluations by
-    their size, so that the same study gives the same model on every machine, and a unit is about a second of two cores.
-    `terms` is the number of terms or mechanisms to stop at on the path of models, instead of what its errors say.
-    `seconds` limits the time on the clock as well; a model that the clock has ended may differ from run to run.
+    Attributes:
+        enabled: whether there is one; without, the model is what regression proposes.
+        starts: the proposals that searches begin from, beside a sparse forward selection.
+        budget (about a second of two cores): where it is spent the best model so far is returned. It counts evaluations
+            by their size, so that the same study gives the same model on every machine.
+        terms: the number of terms or mechanisms to stop at on the path of models, instead of what its errors say.
+        seconds (s): a limit by the clock as well; a model that the clock has ended may differ from run to run.
     """
 
     enabled: bool = True

@@ -23,7 +23,8 @@ from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import Chosen, draw_anew, pose_all, propose, refine_form, search_all
 from odescope.pipeline.work import Work
 from odescope.signals.estimate import Signals
-from odescope.study.options import Form, LeftOut
+from odescope.study.library_options import Form
+from odescope.study.options import LeftOut
 
 LOST = 0.5  # error of free runs, in standard deviations, of a model that says little of the record
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win

@@ -34,7 +34,8 @@ from odescope.signals.filling import filled
 from odescope.signals.gated import Reasons, reasons_of
 from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, gate_outliers, settle_clipping
 from odescope.signals.slow_sensors import without_repeats
-from odescope.study.options import Form, Mechanisms, Study
+from odescope.study.library_options import Form
+from odescope.study.options import Mechanisms, Study
 from odescope.study.pieces import versions
 
 SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out, unless all are

@@ -19,7 +19,8 @@ from odescope.pipeline.regressed import Regressed
 from odescope.recordings.record import Record, Records
 from odescope.regression.mechanisms import MechanismProblem, proposed
 from odescope.signals.estimate import Signals, signals_like
-from odescope.study.options import Form, LeftOut, Mechanisms, Study
+from odescope.study.library_options import Form
+from odescope.study.options import LeftOut, Mechanisms, Study
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ class Factor:
     """R of the QR factorisation of a library whose columns are scaled to unit norm.
 
     Shapes: r (m, m) upper triangular, scale (m,) the norms of the columns; rows is the number of rows factored.
-    Least squares on any support, energies and residuals all follow from r: |theta xi| = |r (scale xi)|.
+    Least squares on any support, energies and residuals all follow from r: `|theta xi| = |r (scale xi)|`.
     """
 
     r: FloatArray

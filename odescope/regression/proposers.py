@@ -53,8 +53,11 @@ class EnergyThreshold(
 ):
     """SETLS (paper, 2.2.3) for every ratio lambda_R from `low` to `high` at once; (8), (9).
 
-    A fixed ratio is `low = high`. With `terms` above 0, ratios are walked down from `high` no further than the first
-    support of more terms than that: what lies below costs most of the time and is too large to be a law.
+    Attributes:
+        low: the least ratio of a term's energy to the largest. A fixed ratio is `low = high`.
+        high: the largest ratio.
+        terms: above 0, ratios are walked down from `high` no further than the first support of more terms than that:
+            what lies below costs most of the time and is too large to be a law.
     """
 
     low: Annotated[float, msgspec.Meta(gt=0.0)] = 1e-9
@@ -71,7 +74,10 @@ class CoefficientThreshold(
 ):
     """STLS (paper, 2.2.2) for every threshold of the coefficient itself from `low` to `high` at once.
 
-    `terms` as in `EnergyThreshold`.
+    Attributes:
+        low: the least threshold.
+        high: the largest threshold.
+        terms: as in `EnergyThreshold`.
     """
 
     low: Annotated[float, msgspec.Meta(gt=0.0)] = 1e-4
@@ -87,10 +93,13 @@ class CoefficientThreshold(
 class MatchingPursuit(
     msgspec.Struct, frozen=True, tag="matching_pursuit", tag_field="kind", forbid_unknown_fields=True
 ):
-    """Orthogonal matching pursuit: the path of supports of 1, 2, ... `terms` columns.
+    """Orthogonal matching pursuit: the path of supports of 1, 2, ... columns.
 
     Each step takes the column whose part orthogonal to those present explains most (orthogonal least squares): on
     correlated columns the correlation with the residual alone misleads.
+
+    Attributes:
+        terms: where the path ends.
     """
 
     terms: Annotated[int, msgspec.Meta(ge=1)] = 12
@@ -165,7 +174,11 @@ def _independent(factor: Factor, columns: list[int]) -> list[int]:
 class BackwardElimination(
     msgspec.Struct, frozen=True, tag="backward_elimination", tag_field="kind", forbid_unknown_fields=True
 ):
-    """Backward elimination: the path from all columns down to one, dropping what costs least; `terms` at most."""
+    """Backward elimination: the path from all columns down to one, dropping what costs least.
+
+    Attributes:
+        terms: how many a support that is proposed has at most.
+    """
 
     terms: Annotated[int, msgspec.Meta(ge=1)] = 15
 
@@ -187,9 +200,12 @@ class BackwardElimination(
 class NullSpace(msgspec.Struct, frozen=True, tag="null_space", tag_field="kind", forbid_unknown_fields=True):
     """Implicit SINDy (paper, 2.3; Mangan et al. 2016): the sparsest vectors of the near-null space of (14).
 
-    Alternating directions: soft-threshold a unit vector in the null space, project back, from every row of it; `ratios`
-    are the thresholds relative to the largest entry, `gap` ends the null space at that multiple of the least singular
-    value.
+    Alternating directions: soft-threshold a unit vector in the null space, project back, from every row of it.
+
+    Attributes:
+        ratios: the thresholds relative to the largest entry.
+        gap: ends the null space at that multiple of the least singular value.
+        iterations: of the alternation, at most.
     """
 
     ratios: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2)

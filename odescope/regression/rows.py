@@ -152,6 +152,9 @@ class NoiseWeighted(msgspec.Struct, frozen=True, tag="noise_weighted", tag_field
 
     First w^-k, the noise of a k-th derivative under white measurement noise; then the spectrum, smoothed, of the
     residual of a fit with as many candidates as the rows allow: noise of other coordinates has another colour.
+
+    Attributes:
+        passes: how often the weights are found anew from residuals.
     """
 
     passes: Annotated[int, msgspec.Meta(ge=0, le=10)] = 1

@@ -25,8 +25,11 @@ MOST_HELD_OUT = 0.9  # of a target's power: what is left elsewhere, as of a syst
 class Ranking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How candidates are kept and ranked.
 
-    A relation is kept with at most `terms` terms, found from at least `consensus` guesses. `explain` is the least part
-    of the target's power on held-out data, as weighted in the regression, that the chosen relation must predict.
+    Attributes:
+        terms: how many terms a relation has at most.
+        consensus: from how many guesses of the left-hand side, at least, a relation must have been found.
+        explain: the least part of the target's power on held-out data, as weighted in the regression, that the chosen
+            relation must predict.
     """
 
     terms: Annotated[int, msgspec.Meta(ge=1)] = 15

@@ -93,7 +93,10 @@ class LeastRisk(msgspec.Struct, frozen=True, tag="least_risk", tag_field="kind",
 class NoiseCeiling(msgspec.Struct, frozen=True, tag="noise_ceiling", tag_field="kind", forbid_unknown_fields=True):
     """The paper's cutoff (3.2): where the smoothed periodogram first falls below mean + z std of its upper half.
 
-    `offset` in hertz is subtracted by hand, to "over-filter" ahead of a differentiation.
+    Attributes:
+        z (standard deviations): how far the ceiling is above the mean.
+        offset (Hz): subtracted by hand, to "over-filter" ahead of a differentiation.
+        average (bins): over which the periodogram is smoothed.
     """
 
     z: float = 2.0
@@ -115,7 +118,11 @@ class NoiseCeiling(msgspec.Struct, frozen=True, tag="noise_ceiling", tag_field="
 
 
 class FixedCutoff(msgspec.Struct, frozen=True, tag="fixed", tag_field="kind", forbid_unknown_fields=True):
-    """A cutoff set by hand, in hertz."""
+    """A cutoff set by hand.
+
+    Attributes:
+        frequency (Hz): the cutoff.
+    """
 
     frequency: Annotated[float, msgspec.Meta(gt=0.0)]
 

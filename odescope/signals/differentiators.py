@@ -63,7 +63,11 @@ class Adaptive(Protocol):
 
 
 class Spectral(msgspec.Struct, frozen=True, tag="spectral", tag_field="kind", forbid_unknown_fields=True):
-    """The paper's spectral filter and differentiation, with the cutoff of least risk by default."""
+    """The paper's spectral filter and differentiation.
+
+    Attributes:
+        cutoff: who chooses the frequency above which a coordinate holds nothing but noise.
+    """
 
     cutoff: AnyCutoff = LeastRisk()
 
@@ -127,9 +131,12 @@ def derivatives_like(
 class SmoothingSpline(
     msgspec.Struct, frozen=True, tag="smoothing_spline", tag_field="kind", forbid_unknown_fields=True
 ):
-    """SciPy's cubic smoothing spline; its smoothing is chosen by generalised cross-validation unless given.
+    """SciPy's cubic smoothing spline.
 
     Meant for order 1: the second derivative of a cubic spline is piecewise linear.
+
+    Attributes:
+        smoothing: SciPy's `lam`; left out, generalised cross-validation chooses it.
     """
 
     smoothing: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
@@ -147,7 +154,12 @@ class SmoothingSpline(
 
 
 class SavitzkyGolay(msgspec.Struct, frozen=True, tag="savitzky_golay", tag_field="kind", forbid_unknown_fields=True):
-    """SciPy's Savitzky-Golay filter: local polynomials of `degree` over `window` samples."""
+    """SciPy's Savitzky-Golay filter: local polynomials.
+
+    Attributes:
+        window (samples): that a polynomial is fitted to.
+        degree: of the polynomials.
+    """
 
     window: Annotated[int, msgspec.Meta(ge=3)]
     degree: Annotated[int, msgspec.Meta(ge=1)] = 4

@@ -16,7 +16,8 @@ from odescope.regression.rows import AnyRows
 from odescope.selection.ranking import Ranking
 from odescope.signals.cutoff import AnyCutoff
 from odescope.signals.differentiators import AnyDifferentiator
-from odescope.study.options import Candidates, Data, Driven, Filtering, Measured, Random, Regression, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Filtering, Measured, Random, Regression, Study
 from odescope.study.pieces import PLACES
 
 _SECTIONS: dict[str, Any] = {

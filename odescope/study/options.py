@@ -17,7 +17,6 @@ from odescope.library.lagrangian import lagrangian
 from odescope.library.mechanism import Mechanism
 from odescope.library.parse import Definition, Scope, parse_term
 from odescope.library.reactions import reactions, saturation
-from odescope.library.rules import AnyRule
 from odescope.library.ties import tied
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.recordings.checks import is_degrees
@@ -29,6 +28,7 @@ from odescope.regression.rank import told_apart
 from odescope.regression.rows import NoiseWeighted
 from odescope.selection.ranking import Ranking
 from odescope.signals.differentiators import Spectral
+from odescope.study.library_options import Candidates, Form, Span
 
 if TYPE_CHECKING:  # pieces of one's own go in from Python; what a file may name beside the kinds below, see pieces
     from odescope.regression.proposers import Proposer as AnyProposer
@@ -40,7 +40,6 @@ else:
     from odescope.signals.differentiators import AnyDifferentiator
 
 
-Span = tuple[float, float] | Literal["scale"]
 ANY_SCALE = (0.3, 3.0)  # where a constant is drawn from whose range the data will say
 
 LeftOut = tuple[tuple[Mechanism, tuple[Mechanism, ...]], ...]  # each with what it is a combination of
@@ -48,9 +47,18 @@ Mechanisms = tuple[tuple[Mechanism, ...], LeftOut]  # candidates, and those left
 
 
 class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the recordings are and how they are laid out; see `odescope.recordings.layout.Layout`.
+    """Where the recordings are and how they are laid out.
 
-    `memory` is what an identification may take, in MB: of a longer log the chunks are read one by one.
+    Attributes:
+        files: one recording a file, or folders of Parquet files; paths are relative to the study file.
+        time (s): the column that holds the time; dates and times of day will do.
+        sample_period (s): the time between rows, where no column holds it; one of the two must be given.
+        recording: the column, or the key=value folder, that tells recordings apart.
+        gaps: what happens where samples lack: they are bridged up to 32 steps, the recording is split, or it is
+            refused.
+        jitter (sample periods): how far time stamps may be from regular ones; further off, the recording is refused.
+            Left out, any time stamps will do.
+        memory (MB): what an identification may take; of a longer log the chunks are read one by one.
     """
 
     files: tuple[str, ...] = ()
@@ -67,7 +75,15 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A measured coordinate; its name is its key in the study. An angle of the unit "deg" is converted to radians."""
+    """A measured coordinate; its name is its key in the study.
+
+    Attributes:
+        column: the column that holds it; left out, that of its own name.
+        order: of the highest derivative in its equation: 1 for a concentration, 2 for a position.
+        cyclic: whether the equations do not contain the coordinate itself, as the position of a cart on a level track.
+        angle: whether it is an angle: wraps are undone, sines and cosines enter the library.
+        unit: of the column, for names and plots. An angle in "deg" is converted: in the equations it is in radians.
+    """
 
     column: str | None = None
     order: int = 1
@@ -77,13 +93,17 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A recorded input; its name is its key in the study. It acts `delay` seconds late.
+    """A recorded input; its name is its key in the study.
 
-    Where it was recorded more than once, as a command and as measured, `column` may list the columns: the one that
-    describes the record best is taken, and the result says how each did.
-    `hold` says what it does between samples: is held ("zero"), runs linearly, or is band-limited; "auto" lets the
-    likelihood decide. A delay of "auto" lets it find one beside the coefficients, where the record asks for one;
-    "estimate" looks for it before, too, in a wider range.
+    Attributes:
+        column: the column that holds it; left out, that of its own name. Where it was recorded more than once, as a
+            command and as measured, a list: the column that describes the record best is taken, the result says how
+            each did.
+        hold: what it does between samples: it is held ("zero"), runs linearly, or is band-limited; "auto" lets the
+            likelihood decide.
+        unit: of the column, for names and plots.
+        delay (s): how late it acts. "auto" lets the likelihood find it beside the coefficients, where the record asks
+            for one; "estimate" looks for it before, too, in a wider range.
     """
 
     column: str | tuple[str, ...] | None = None
@@ -108,97 +128,16 @@ def _column_of(name: str, of: Measured | Driven) -> str:
     return of.column or name
 
 
-Form = Literal["relations", "lagrangian", "reactions"]
-
-_BELONG: dict[str, Form] = {
-    "kinetic": "lagrangian",
-    "potential": "lagrangian",
-    "dissipation": "lagrangian",
-    "forces": "lagrangian",
-    "composition": "reactions",
-    "reactions": "reactions",
-}
-
-
-class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The library: a preset, or a basis with a degree and rules, or the candidate terms themselves; and its form.
-
-    `form` is what the candidates are terms of: of "relations" between states, targets and inputs; of the energies,
-    dissipation and forces of Lagrange's equations ("lagrangian"), each of which may be named instead of its default; or
-    "reactions", named, or all between complexes of at most so many `molecules` that a `composition` allows, with fluxes
-    that saturate in the `saturating` species too. "auto" lets
-    Lagrange's equations compete with relations where there are several coordinates, all of order 2. `ties` are linear
-    equalities between coefficients, see `odescope.library.ties`.
-
-    `parameters` are constants within functions, such as v0 in "tanh(x_dot/v0)", each with the range that it is looked
-    for in, or "scale" for one from the data.
-
-    `functions` defines functions of one's own, as `"drag(v)" = "v*abs(v)"`. With `coupled`, every relation may hold
-    every target; without, its own alone. "auto" couples the default library of several angles: a chain of pendulums has
-    short relations between its accelerations, and long explicit ones.
-    """
-
-    preset: Literal["default", "paper"] = "default"
-    basis: tuple[str, ...] | None = None
-    degree: Annotated[int, msgspec.Meta(ge=1, le=12)] = 3
-    terms: tuple[str, ...] | None = None
-    rules: tuple[AnyRule, ...] | None = None
-    functions: dict[str, str] = {}
-    coupled: bool | Literal["auto"] = "auto"
-    form: Literal["auto"] | Form = "auto"
-    kinetic: tuple[str, ...] | None = None
-    potential: tuple[str, ...] | None = None
-    dissipation: tuple[str, ...] | None = None
-    forces: dict[str, tuple[str, ...]] | None = None
-    composition: dict[str, str] | None = None
-    reactions: tuple[str, ...] | None = None
-    molecules: Annotated[int, msgspec.Meta(ge=1, le=4)] = 2
-    ties: tuple[str, ...] = ()
-    saturating: tuple[str, ...] = ()
-    parameters: dict[str, Span] = {}
-
-    def __post_init__(self) -> None:
-        if self.form not in ("auto", *get_args(Form)):
-            raise InputError(f'form must be "auto", {", ".join(map(repr, get_args(Form)))}; {self.form!r} came')
-        for name, form in _BELONG.items():
-            if getattr(self, name) is not None and self.form not in ("auto", form):
-                raise InputError(f'[library] {name} belongs to form = "{form}", but form is "{self.form}"')
-        if self.own_form == "reactions" and self.reactions is None and self.composition is None:
-            raise InputError(
-                'form = "reactions" needs [library] reactions, such as ["S + E -> C"], or a composition of the species'
-            )
-        for name, span in self.parameters.items():
-            if not (name.isidentifier() and name.isascii()):
-                raise InputError(f"[library.parameters] {name!r} is no name: use letters, digits and underscores")
-            if span != "scale" and not (np.isfinite(span).all() and span[0] < span[1]):
-                raise InputError(
-                    f"[library.parameters] {name} wants a range with its lower end first, such as [0.1, 10.0], or"
-                    f' "scale" for one from the data; {list(span)!r} came'
-                )
-        if self.degree < 1:
-            raise InputError(f"degree must be at least 1, got {self.degree}")
-        if self.terms is not None and self.basis is not None:
-            raise InputError("terms and basis exclude each other: name the terms, or a basis to build them from")
-        fixed = "terms" if self.terms is not None else "the paper's preset" if self.preset == "paper" else None
-        if self.rules is not None and fixed and self.basis is None:
-            raise InputError(f"rules do not apply to {fixed}; leave them out, or name a basis")
-
-    @property
-    def own_form(self) -> Form | None:
-        """The form that the library asks for by name or by what it gives; None where it leaves that open."""
-        if self.form != "auto":
-            return self.form
-        asked = {form for name, form in _BELONG.items() if getattr(self, name) is not None}
-        if len(asked) > 1:
-            raise InputError("[library] names energies and reactions: they belong to different forms, give one")
-        return next(iter(asked), None)
-
-
 class Filtering(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How signals are filtered and differentiated; `margin` is in periods of the lowest cutoff, at each end.
+    """How signals are filtered and differentiated.
 
-    `outliers` are taken for not measured ("gate"), kept, or clipped to three standard deviations about the filtered
-    signal, which is Huber's loss.
+    Attributes:
+        differentiator: what filters and differentiates the coordinates.
+        margin (periods of the lowest cutoff): what is dropped at each end of a record.
+        decimate: whether regression sees eight samples a period of the highest cutoff, which is all that filtered
+            signals hold, or every sample.
+        outliers: they are taken for not measured ("gate"), kept, or clipped to three standard deviations about the
+            filtered signal, which is Huber's loss.
     """
 
     differentiator: AnyDifferentiator = Spectral()
@@ -212,7 +151,13 @@ class Filtering(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class Regression(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is fitted, and who proposes supports; `nested` also searches the smaller libraries within the library."""
+    """What is fitted, and who proposes supports.
+
+    Attributes:
+        rows: what counts as an observation: weighted cosines, or samples.
+        proposers: who proposes which terms stand in a relation; all of them are asked.
+        nested: whether the smaller libraries within the library are searched, too.
+    """
 
     rows: AnyRows = NoiseWeighted()
     proposers: tuple[AnyProposer, ...] = (EnergyThreshold(terms=30),)
@@ -224,7 +169,11 @@ class Regression(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class Random(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The seed of every random draw."""
+    """Where random draws begin.
+
+    Attributes:
+        seed: of every random draw; the same seed gives the same model.
+    """
 
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0
 

@@ -21,7 +21,8 @@ from odescope.commands.files import (
 from odescope.errors import InputError
 from odescope.export.model_file import from_json
 from odescope.pipeline.identification import identify
-from odescope.study.options import Candidates, Data, Driven, Measured, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import parse_study
 
 STUDY = Study(

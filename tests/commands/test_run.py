@@ -19,7 +19,8 @@ from odescope.export.model_file import read_model
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.pipeline.identification import DraftReady, EquationsReady
 from odescope.selection.ranking import Ranking
-from odescope.study.options import Candidates, Data, Driven, Measured, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import parse_study, read_study
 
 STUDY = Study(

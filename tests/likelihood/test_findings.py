@@ -19,7 +19,8 @@ from odescope.likelihood.process_noise import Noisy, robust_evidence
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate
-from odescope.study.options import Candidates, Data, Driven, Measured
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured
 
 A, B, G = 9.0, 0.4, 2.0
 STEP, NOISE, PIECE = 0.04, 0.005, 5

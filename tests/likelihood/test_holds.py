@@ -5,7 +5,8 @@ import pytest
 
 from odescope.export.model_file import from_json, to_json
 from odescope.pipeline.identification import identify
-from odescope.study.options import Candidates, Data, Driven, Measured, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured, Study
 
 PERIOD, COUNT, FINE = 0.1, 1000, 16
 STIFFNESS = (2.0 * np.pi / (9.0 * PERIOD)) ** 2

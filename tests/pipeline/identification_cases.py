@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from odescope.likelihood.search import LikelihoodSearch
-from odescope.study.options import Candidates, Data, Driven, Measured, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured, Study
 
 ROOT = Path(__file__).parents[2]
 

@@ -7,7 +7,8 @@ from msgspec import structs
 from odescope.errors import Stopped
 from odescope.events import Event, Note, StageBegan
 from odescope.pipeline.identification import DraftReady, EquationsReady, identify
-from odescope.study.options import Candidates, Data, Driven, Measured, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured, Study
 
 STUDY = Study(
     data=Data(time="t"),

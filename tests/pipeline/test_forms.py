@@ -17,7 +17,8 @@ from odescope.model.relation import NORMAL
 from odescope.model.simulation import simulate
 from odescope.pipeline import forms
 from odescope.pipeline.identification import identify
-from odescope.study.options import Candidates, Driven, Measured, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Driven, Measured, Study
 
 CART = Study(
     data=TIME,

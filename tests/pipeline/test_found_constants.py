@@ -8,7 +8,8 @@ from odescope import InputError, simulate
 from odescope.export.languages.text import to_text
 from odescope.export.model_file import from_json, to_json
 from odescope.pipeline.identification import identify
-from odescope.study.options import Candidates, Data, Driven, Measured, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import parse_study, study_toml
 
 PERIOD, COUNT, NOISE = 0.01, 2000, 0.002

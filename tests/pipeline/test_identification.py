@@ -22,7 +22,8 @@ from odescope.export.model_file import from_json, to_json
 from odescope.library.tape import evaluate, write_tape
 from odescope.pipeline.identification import identify
 from odescope.recordings.record import Record, Records
-from odescope.study.options import Candidates, Data, Driven, Measured
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,8 @@ from odescope.recordings.readers import records_from
 from odescope.regression.problem import pose
 from odescope.selection.ranking import criteria
 from odescope.signals.estimate import estimate_signals
-from odescope.study.options import Candidates, Data
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data
 
 T = 0.01 * np.arange(3001)
 LAW = {"q_ddot*sin(q)", "q_dot**2*cos(q)", "q_dot*sin(q)", "cos(q)", "u"}

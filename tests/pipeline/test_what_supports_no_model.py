@@ -20,7 +20,8 @@ from odescope.commands.demo import cart_pendulum, table_two
 from odescope.errors import InputError, NoModelError
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.pipeline.identification import identify
-from odescope.study.options import Candidates, Driven, Measured, Regression
+from odescope.study.library_options import Candidates
+from odescope.study.options import Driven, Measured, Regression
 
 
 def test_an_identity_left_in_is_named_in_the_notes(log):

@@ -14,7 +14,8 @@ from odescope.likelihood.search import LikelihoodSearch
 from odescope.report import summary, to_html
 from odescope.report.figures.catalogue import pictures
 from odescope.report.page import report_files
-from odescope.study.options import Candidates, Data, Driven, Filtering, Measured, Regression, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Filtering, Measured, Regression, Study
 from odescope.study.toml import parse_study
 
 BLANK = ('<svg viewBox="0 0 1 1"></svg>', b"")

@@ -14,7 +14,8 @@ from odescope.pipeline.identification import identify
 from odescope.regression.proposers import BackwardElimination
 from odescope.regression.rows import NoiseWeighted
 from odescope.report.assemble import summary
-from odescope.study.options import Candidates, Data, Driven, Filtering, Measured, Regression, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Filtering, Measured, Regression, Study
 from odescope.study.toml import parse_study, study_toml
 
 PACKAGE = """
