@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import msgspec
 
+from odescope.errors import InputError
 from odescope.model.scores import VersionScore
 from odescope.pipeline.competition import Contender
 from odescope.study.options import Study
 
 
 def versions_of(study: Study) -> tuple[Study, ...]:
-    """Return the study for each of the columns that its inputs are offered in, one column an input."""
-    inputs = study.inputs
-    offered = [i.column if isinstance(i.column, tuple) else (i.column,) for i in inputs.values()]
+    """Return the study for each of the columns that its inputs are offered in; the k-th of every input go together.
+
+    Raises:
+        InputError: the inputs are not offered in equally many columns.
+    """
+    several = {name: i.column for name, i in study.inputs.items() if isinstance(i.column, tuple)}
+    if not several:
+        return (study,)
+    if len(counts := {len(columns) for columns in several.values()}) > 1:
+        told = ", ".join(f"{name} in {len(columns)}" for name, columns in several.items())
+        raise InputError(
+            f"inputs are offered in different numbers of columns: {told}; list equally many, in the same order: all"
+            " commands first, then all that was measured"
+        )
     return tuple(
         msgspec.structs.replace(
             study,
             inputs={
-                name: msgspec.structs.replace(i, column=column)
-                for (name, i), column in zip(inputs.items(), columns, strict=True)
+                name: msgspec.structs.replace(i, column=several[name][k]) if name in several else i
+                for name, i in study.inputs.items()
             },
         )
-        for columns in product(*offered)
+        for k in range(*counts)
     )
 
 

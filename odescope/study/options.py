@@ -97,8 +97,8 @@ class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     Attributes:
         column: the column that holds it; left out, that of its own name. Where it was recorded more than once, as a
-            command and as measured, a list: the column that describes the record best is taken, the result says how
-            each did.
+            command and as measured, a list: the column that describes the record best is taken, and the result says
+            how each did. The first of every list go together, and so on.
         hold: what it does between samples: it is held ("zero"), runs linearly, or is band-limited; "auto" lets the
             likelihood decide.
         unit: of the column, for names and plots.

@@ -5,6 +5,7 @@ import pytest
 
 from odescope import Candidates, Data, Driven, InputError, Measured, NoModelError, Study, identify
 from odescope.events import Note
+from odescope.pipeline.versions import versions_of
 
 PERIOD = 0.02
 LIBRARY = Candidates(basis=("x", "x_dot", "u"), degree=2)
@@ -84,3 +85,11 @@ def test_the_same_column_twice_or_none_is_refused():
 def test_a_column_that_lacks_is_named():
     with pytest.raises(InputError, match="missing_one"):
         identify(study(u=("measured", "missing_one")), log(0))
+
+
+def test_columns_of_several_inputs_go_together():
+    both = study(u=("command", "measured"), v=("v1", "v2"))
+    assert [[i.column for i in v.inputs.values()] for v in versions_of(both)] == [["command", "v1"], ["measured", "v2"]]
+    assert versions_of(study(u="measured")) == (study(u="measured"),)
+    with pytest.raises(InputError, match="u in 2, v in 3"):
+        versions_of(study(u=("command", "measured"), v=("a", "b", "c"), w="d"))
