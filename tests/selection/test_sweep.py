@@ -11,7 +11,7 @@ from odescope.library.parse import Scope
 from odescope.library.tape import evaluate, write_tape
 from odescope.regression.factor import factorise
 from odescope.regression.proposers import BackwardElimination, EnergyThreshold
-from odescope.selection.sweep import Sweep, primitive, nested_libraries, sweep
+from odescope.selection.sweep import Sweep, nested_libraries, primitive, sweep
 
 repeatable = settings(derandomize=True, deadline=None, max_examples=60)
 WIDTH = 12
