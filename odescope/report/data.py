@@ -241,7 +241,7 @@ class Thumbnail(Plain, frozen=True):
 
 def side_by_side(runs: int) -> int:
     """Return how many thumbnails stand side by side."""
-    return next((wide for most, wide in ((1, 1), (4, 2), (6, 3), (16, 4)) if runs <= most), 6)
+    return next((wide for most, wide in ((1, 1), (2, 2), (3, 3), (4, 2), (6, 3), (16, 4)) if runs <= most), 6)
 
 
 class Thumbnails(Plain, frozen=True):

@@ -67,21 +67,23 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
     found = findings(model.scores)
     path = () if model.scores is None or len(model.scores.path) < 2 else model.scores.path
     judged = None if model.scores is None else model.scores.likelihood
+    equations = tuple(
+        Markup(math(e))
+        for e in (
+            *(stated_mathml(e, model.shown_relations) for e in model.equations),
+            *parameters_mathml(model.parameters),
+        )
+    )
     return template("page.html.jinja").render(
         r=report,
         model=model,
-        equations=tuple(
-            Markup(math(e))
-            for e in (
-                *(stated_mathml(e, model.shown_relations) for e in model.equations),
-                *parameters_mathml(model.parameters),
-            )
-        ),
+        equations=equations,
         formulas=tuple(Markup(math(f)) for f in mechanisms_mathml(model.shown_mechanisms, model.names)),
         mechanisms=_mechanisms(report),
         relations=_relations(report),
         trust=trust(model.scores),
         found=found,
+        bracketed=any("<mtext>(" in e for e in equations),
         cautions=cautions(model, {name: shown_unit(own) for name, own in quantity_units(model).items()}),
         notes=[note for note in report.notes if note not in found],
         likelihood=judged,

@@ -249,6 +249,7 @@ def _free_runs(report: Report) -> Picture:
     several = len(work.runs) > 1
     whole = sum(run.valid_time >= run.duration for run in work.runs)
     parted = whole < len(work.runs)
+    driven = bool(report.observed.recorded.inputs)
     return Picture(
         "free-run",
         "answer",
@@ -256,7 +257,7 @@ def _free_runs(report: Report) -> Picture:
         f" {len(work.free_runs.runs)} recording{'s' if several else ''}; {whole} of {len(work.runs)} free runs stay"
         " with their recording to its end, the numbers stand in a table below",
         f"The model left to itself: {'each run' if several else 'the run'} starts where the recording does, from a"
-        " state fitted to its first stretch, and sees nothing but the input after that. The"
+        f" state fitted to its first stretch, and sees nothing{' but the input' if driven else ''} after that. The"
         " coefficients were fitted to these recordings."
         + (" Above each is its number, and how long the model stays with it." if several else "")
         + (
