@@ -21,12 +21,12 @@ from odescope import Candidates, Identification, LikelihoodSearch, Study, identi
 from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
 from odescope.model.simulation import simulate
-from odescope.pipeline.evaluation import VALID_ERROR
 from odescope.recordings.readers import records_from
 from odescope.recordings.record import Records
 from odescope.report.at_work import predicted
 from odescope.signals.estimate import Signals, estimate_signals
 from odescope.study.toml import read_study
+from odescope.validation.agreement import VALID_ERROR
 
 STUDIES = Path(__file__).parents[1] / "docs" / "studies"
 CASES = (

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from PIL import Image
 
-WIDTH, HEIGHT, COLOURS = 1060, 900, 48
+WIDTH, HEIGHT, COLOURS = 1060, 1490, 48
 HERE = Path(__file__).parent
 
 

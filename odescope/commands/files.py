@@ -8,12 +8,13 @@ import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from odescope.errors import InputError
 from odescope.export.model_file import to_json
 from odescope.model.model import Model
+from odescope.model.prediction import relation_errors
 from odescope.model.scores import PathScore
 from odescope.pipeline.identification import Identification
 from odescope.study.options import Study
@@ -47,7 +48,7 @@ PATH_COLUMNS = ("terms", "held_out_error", "spread", "chosen", "dropped", "stati
 
 
 def candidates_csv(result: Identification) -> str:
-    """Return candidates.csv: one row a family member, best first in each target."""
+    """Return candidates.csv: one row a family member, best first in each target; those of the model are chosen."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(CANDIDATE_COLUMNS)
@@ -73,7 +74,26 @@ def candidates_csv(result: Identification) -> str:
                     repr(float(search.inclusion[list(c.support)].min())),
                 )
             )
+    writer.writerows(_no_candidates(result))
     return out.getvalue()
+
+
+def _no_candidates(result: Identification) -> Iterator[tuple[object, ...]]:
+    """Yield a row for every relation of the model that is no candidate, as one behind all of these."""
+    candidates = {s.problem.target: (s, c) for s, c in zip(result.searches, result.chosen, strict=True)}
+    if len(candidates) == len(result.model.targets) and None not in result.chosen:
+        return
+    model, signals, columns = result.model, result.signals, result.signals.joined()
+    variables, targets = (columns[[signals.row(n) for n in names]] for names in (model.variables, model.targets))
+    found = relation_errors(model, variables, targets)
+    for target, relation, errors in zip(model.targets, model.relations, found, strict=True):
+        search, chosen = candidates.get(target, (None, None))
+        if chosen is None:
+            ranked = () if search is None else search.ranked.candidates
+            support = " + ".join(t.product.expanded.text for t in relation.terms)
+            family = 1 + max((c.family + 1 for c in ranked), default=0)
+            told = (target, "", support, len(relation.terms), 0, *map(repr, errors))
+            yield (*told, len(ranked) + 1, 1, family, "", "", "")
 
 
 def result_files(result: Identification, resolved: Study, report: Mapping[str, str | bytes]) -> dict[str, str | bytes]:

@@ -56,14 +56,14 @@ def mathml_sum(parts: Iterable[tuple[float, str]], digits: int = 6) -> str:
     return mathml_joined(bodies)
 
 
-def mathml_joined(bodies: Iterable[tuple[bool, str]]) -> str:
-    """Return MathML of a sum of bodies, each with whether it is negative, over lines if long."""
+def mathml_joined(bodies: Iterable[tuple[bool, str]], line: int = LINE) -> str:
+    """Return MathML of a sum of bodies, each with whether it is negative, over lines of so many characters if long."""
     rows: list[list[str]] = [[]]
     width = 0
     for negative, body in bodies:
         sign = MINUS if negative else "<mo>+</mo>" if any(rows) else ""
-        length = len(_MARKUP.sub("", body)) + 3
-        if rows[-1] and width + length > LINE:
+        length = written_length(body) + 3
+        if rows[-1] and width + length > line:
             rows.append([])
             width = 0
         rows[-1].append(sign + body)
@@ -72,6 +72,11 @@ def mathml_joined(bodies: Iterable[tuple[bool, str]]) -> str:
         return f"<mrow>{''.join(rows[0]) or '<mn>0</mn>'}</mrow>"
     lines = "".join(f'<mtr><mtd columnalign="left"><mrow>{"".join(row)}</mrow></mtd></mtr>' for row in rows)
     return f'<mtable class="lines">{lines}</mtable>'
+
+
+def written_length(body: str) -> int:
+    """Return about how many characters of MathML are seen."""
+    return len(_MARKUP.sub("", body))
 
 
 def mathml_fraction(numerator: str, denominator: str) -> str:

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 
-from odescope.library.expression import signed_sum
+from odescope.library.expression import Term, signed_sum
 from odescope.library.latex import LATEX, latex_fraction, latex_name, latex_number, latex_sum
-from odescope.library.mathml import MATHML, math, mathml_fraction, mathml_name, mathml_number, mathml_sum
-from odescope.library.printer import print_combination, print_product
+from odescope.library.mathml import (
+    LINE,
+    MATHML,
+    TIMES,
+    math,
+    mathml_fraction,
+    mathml_joined,
+    mathml_name,
+    mathml_number,
+    mathml_sum,
+    written_length,
+)
+from odescope.library.printer import print_combination, print_product, print_term
 from odescope.model.equations import Equation
 from odescope.model.explicit import Quotient
 from odescope.model.mechanism_display import mechanisms_latex, mechanisms_mathml
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation, RelationTerm
-from odescope.model.rounding import rounded
+from odescope.model.rounding import rounded, with_last_digits
+
+SAME = 1e-9  # of a coefficient: less is rounding
 
 
 def equation_text(equation: Equation) -> str:
@@ -65,6 +78,56 @@ def equation_mathml(equation: Equation) -> str:
         return quotient_mathml(equation)
     left = mathml_sum((t.coefficient, product_mathml(t)) for t in equation.left)
     return f"{left}<mo>=</mo>{print_combination(MATHML, equation.right)}"
+
+
+def stated_mathml(equation: Equation, relations: Sequence[Relation]) -> str:
+    """Return an equation in MathML with standard errors, in brackets behind the digits that they are of.
+
+    A fraction has them where it is one relation solved for its target; one of several relations has none.
+
+    Args:
+        equation: as it is shown.
+        relations: of the model, with the same names for constants.
+    """
+    if not isinstance(equation, Quotient):
+        left = _stated((t.coefficient, product_mathml(t), t.std_error) for t in equation.left)
+        right = [t for t in equation.terms if t not in equation.left]
+        room = max(LINE - written_length(left), LINE // 2)
+        return f"{left}<mo>=</mo>{_stated(((-t.coefficient, product_mathml(t), t.std_error) for t in right), room)}"
+    errors = _errors_of(equation, relations)
+    if errors is None:
+        return quotient_mathml(equation)
+    parts = [
+        _stated((c, print_term(MATHML, term), errors[factor, term]) for c, term in side.parts)
+        for factor, side in ((None, equation.numerator), (equation.target, equation.denominator))
+    ]
+    right_side = parts[0] if equation.plain else mathml_fraction(*parts)
+    return f"{mathml_name(equation.target)}<mo>=</mo>{right_side}"
+
+
+def _errors_of(quotient: Quotient, relations: Sequence[Relation]) -> dict[tuple[str | None, Term], float | None] | None:
+    """Return the errors of the coefficients of a fraction by factor and term; None where it is not one relation."""
+    sides = ((None, -1.0, quotient.numerator), (quotient.target, 1.0, quotient.denominator))
+    wanted = {(factor, term): sign * c for factor, sign, side in sides for c, term in side.parts}
+    for relation in relations:
+        known = {(t.factor, t.term): t for t in relation.terms}
+        if known.keys() == wanted.keys() and all(
+            abs(known[key].coefficient - c) <= SAME * abs(c) for key, c in wanted.items()
+        ):
+            return {key: t.std_error for key, t in known.items()}
+    return None
+
+
+def _stated(parts: Iterable[tuple[float, str, float | None]], line: int = LINE) -> str:
+    """Return a signed sum of coefficient, product and standard error in MathML."""
+    bodies = list[tuple[bool, str]]()
+    for coefficient, product, error in parts:
+        value, digits = with_last_digits(abs(coefficient), error)
+        size = f"<mrow>{mathml_number(value)}<mtext>({digits})</mtext></mrow>" if digits else mathml_number(value)
+        alone = product == mathml_number("1")
+        body = size if alone else product if size == mathml_number("1") else size + TIMES + product
+        bodies.append((coefficient < 0.0, body))
+    return mathml_joined(bodies, line)
 
 
 def quotient_latex(quotient: Quotient) -> str:

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from odescope.arrays import FloatArray
 from odescope.model.model import Model
-from odescope.model.simulation import drive, follow
+from odescope.model.simulation import drive, follow, known_from
 from odescope.recordings.record import Record, Records, less_offsets
 from odescope.signals.differentiators import Differentiator, Spectral
 from odescope.signals.filling import filled, measured_derivatives
@@ -33,7 +33,8 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
     """Return the state (n,) at the first sample.
 
     Filtered values and derivatives start it; then the measured coordinates of a short first stretch are fitted by the
-    model's own free run; values that nobody measured have no part in that.
+    model's own free run; values that nobody measured have no part in that, nor those before an input that acts late was
+    recorded (`known_from`).
 
     Args:
         model: its coordinates and inputs are columns of the record.
@@ -54,6 +55,7 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
     weights = np.array([1.0 / max(found[c.name].noise, 1e-9 * _size(record, c.name)) for c in model.coordinates])
     measured = np.column_stack([record.column(c.name) for c in model.coordinates])
     counts = np.column_stack([record.counted(c.name) for c in model.coordinates])
+    counts[: known_from(model.inputs, record.t)] = 0.0
     enough = np.flatnonzero(np.cumsum(np.count_nonzero(counts, axis=1)) >= LEAST_SAMPLES)
     shortest = max(shortest, int(enough[0]) + 1 if len(enough) else len(record))
     inputs = np.array([record.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(record)).T

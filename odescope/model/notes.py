@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from odescope.model.free_run_notes import free_run_sentences
 from odescope.model.scores import (
     Conserved,
     Doubts,
@@ -80,14 +81,7 @@ def _trust(scores: ModelScores) -> Iterator[str]:
                 f"Fitted without the held-out stretches and run freely over them, it is {step.error:.2g} standard"
                 f" deviations of the record off{apart}."
             )
-    run = scores.free_run
-    if run is not None:
-        whole = run.valid_time >= run.duration
-        yield "Run freely it stays with the record for " + (
-            f"all {run.duration:.4g} s tried." if whole else f"{run.valid_time:.3g} of {run.duration:.4g} s."
-        )
-        if run.ended:
-            yield f"The free run ended early: {run.ended}."
+    yield from free_run_sentences(scores.free_runs)
     if poles := _poles(scores):
         yield f"Expect poles in {_listed(poles)}."
     elif any(s.denominator is not None for s in scores.targets.values()):

@@ -16,3 +16,14 @@ def rounded(value: float, error: float | None) -> tuple[str, str]:
     if decimals is not None:
         return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
     return f"{value:.6g}", "" if error is None else f"{error:.2g}"
+
+
+def with_last_digits(value: float, error: float | None) -> tuple[str, str]:
+    """Return a coefficient and its standard error in units of its last digit, as 1.2345 and 23; "" for none of these.
+
+    Where powers of ten would read better, the coefficient stands alone.
+    """
+    decimals = None if error is None else places(value, error)
+    if decimals is None or error is None:
+        return f"{value:.6g}", ""
+    return f"{value:.{decimals}f}", f"{round(error * 10.0**decimals)}"

@@ -39,12 +39,35 @@ class TargetScore(msgspec.Struct, frozen=True):
     denominator: Denominator | None = None
 
 
-class FreeRun(msgspec.Struct, frozen=True):
-    """A simulation of the last part of the longest record, and how long it stayed with it, in seconds."""
+class CoordinateRun(msgspec.Struct, frozen=True):
+    """How long a free run stayed with one coordinate, in seconds, its fit in per cent and its error in the unit.
+
+    Fit and error are None where the run ended early, the fit also where what was measured is constant.
+    """
+
+    valid_time: float
+    fit: Number = None
+    rmse: Number = None
+
+
+class FreeRun(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A free run from the start of a recording, counted from 1, and how long it stayed with it, in seconds.
+
+    `duration` is how much was run, `recorded` the length of a recording of which that is but the first part.
+    `valid_time` is that of the coordinate which parts first.
+    """
 
     duration: float
     valid_time: float
     ended: str | None = None
+    recording: int = 1
+    recorded: Number = None
+    coordinates: dict[str, CoordinateRun] = {}
+
+    @property
+    def stays(self) -> bool:
+        """Whether it stays with the recording for all that was run."""
+        return self.valid_time >= self.duration
 
 
 class Step(msgspec.Struct, frozen=True):
@@ -185,7 +208,7 @@ class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     """
 
     targets: dict[str, TargetScore] = {}
-    free_run: FreeRun | None = None
+    free_runs: tuple[FreeRun, ...] = ()
     likelihood: Likelihood | None = None
     left_out: int = 0
     outliers: dict[str, int] = {}

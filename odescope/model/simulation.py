@@ -135,6 +135,17 @@ def drive(inputs: Sequence[Input], t: FloatArray, values: FloatArray) -> Drive:
     return Drive(nodes, np.where(order < len(t), order, -1), begin, end, period)
 
 
+def known_from(inputs: Sequence[Input], t: FloatArray) -> int:
+    """Return the first sample at which all inputs that act late had been recorded when they began to act.
+
+    Args:
+        inputs: with their delays.
+        t: (N,) ascending sample times in seconds.
+    """
+    latest = max((i.delay for i in inputs), default=0.0)
+    return min(int(np.searchsorted(t - t[0], latest)), len(t) - 1) if latest > 0.0 else 0
+
+
 def _polygon(i: Input, since: FloatArray, samples: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the times of an input's corners as they act, and its values there."""
     if i.hold != "band-limited":

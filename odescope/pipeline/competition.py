@@ -18,9 +18,9 @@ from odescope.pipeline.constants import Substituted, constants_of, substitute, s
 from odescope.pipeline.filtering import Filtered, Prepared
 from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
-from odescope.pipeline.joint_models import adopt, as_adopted, determined
+from odescope.pipeline.joint_models import adopt, determined
 from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.stages import Chosen, draw_anew, pose_all, propose, refine_form, search_all
+from odescope.pipeline.stages import draw_anew, pose_all, propose, refine_form, search_all
 from odescope.pipeline.work import Work
 from odescope.signals.estimate import Signals
 from odescope.study.library_options import Form
@@ -47,8 +47,13 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
     best = min(tried, key=lambda r: r.criterion)
     if not best.proposals:
         return best
+    named = {product: written for product, (_, written) in best.substituted.named.items()}
     searches = draw_anew(work, best.searches, best.proposals[0][0])
-    return replace(best, searches=searches, elsewhere=tuple(r for r in tried if r is not best))
+    return replace(
+        best,
+        searches=tuple(replace(s, named=named) for s in searches),
+        elsewhere=tuple(r for r in tried if r is not best),
+    )
 
 
 def _regress_at(work: Work, substituted: Substituted, filtered: Filtered) -> Regressed:
@@ -60,14 +65,6 @@ def _regress_at(work: Work, substituted: Substituted, filtered: Filtered) -> Reg
     except NoModelError as failure:
         return Regressed(substituted, problems, whole=whole, failure=failure, in_vain=searches)
     return Regressed(substituted, problems, searches, proposals, whole)
-
-
-def adopted(regressed: Regressed, model: Model) -> Chosen:
-    """Return the candidate of every target that has the terms of the model, or that was proposed."""
-    if not regressed.proposals:
-        return ()
-    chosen = regressed.proposals[0][0]
-    return tuple(as_adopted(s, c, r) for s, c, r in zip(regressed.searches, chosen, model.relations, strict=True))
 
 
 @dataclass(frozen=True, eq=False)

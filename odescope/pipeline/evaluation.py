@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 
 import numpy as np
 
-from odescope.arrays import FloatArray
 from odescope.errors import NoModelError
 from odescope.likelihood.findings import likelihood_scores
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
-from odescope.model.model import Json, Model, without_delays
+from odescope.model.model import Json, Model
 from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore, TimeScore
-from odescope.model.simulation import Trajectory, simulate
+from odescope.pipeline.adopted import Adopted
 from odescope.pipeline.joint_models import Search, samples_of
 from odescope.pipeline.reduce import Whole
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Records
-from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
-
-VALID_ERROR = 0.3  # the normalised state error that ends the valid time
-FIFTH = 5  # of the longest record: its last part
+from odescope.validation.free_runs import FreeRunOf, free_run_score
 
 
 def domain(signals: Signals, model: Model, whole: Whole | None) -> dict[str, tuple[float, float]]:
@@ -48,11 +43,11 @@ def scores(
     model: Model,
     signals: Signals,
     searches: Sequence[Search],
-    chosen: Sequence[Candidate],
+    chosen: Adopted,
     refinement: Refinement | None,
     seed: int,
 ) -> ModelScores:
-    """Return how well each target is predicted, how far a free run holds, and what the likelihood found.
+    """Return how well each target is predicted, and what the likelihood found.
 
     What held-out data say of a candidate of the regression is not said of mechanisms: their relations share
     coefficients, and free runs judge them instead.
@@ -61,7 +56,7 @@ def scores(
         model: what was found.
         signals: what it was found in.
         searches: the search of every target, in their order.
-        chosen: the candidate of every target with the model's terms.
+        chosen: the candidate of every target with the model's terms; of one without, held-out data say nothing.
         refinement: the end of the likelihood stage, where it ran.
         seed: of the points that sample the box of the data.
     """
@@ -70,8 +65,7 @@ def scores(
     sound = {target: _denominator(**ranges[target]) for target in model.targets}
     return ModelScores(
         targets={target: TargetScore(denominator=d) for target, d in sound.items()}
-        if model.mechanisms
-        else {
+        | {
             c.target: TargetScore(
                 r2_held_out=float(c.target_r2),
                 rmse_held_out=float(c.target_rmse),
@@ -80,8 +74,8 @@ def scores(
                 denominator=sound[c.target],
             )
             for c, s in zip(chosen, searches, strict=True)
+            if c is not None and not model.mechanisms
         },
-        free_run=free_run(model, signals),
         likelihood=None if refinement is None else likelihood_scores(refinement, signals.targets),
     )
 
@@ -90,47 +84,17 @@ def _denominator(data: Sequence[float], box: Sequence[float]) -> Denominator:
     return Denominator((data[0], data[1]), (box[0], box[1]))
 
 
-@dataclass(frozen=True, eq=False)
-class LastPart:
-    """The last part of the longest record, on which a model is seen at work.
+def free_run_scores(model: Model, runs: Sequence[FreeRunOf], records: Records, signals: Signals) -> tuple[FreeRun, ...]:
+    """Return how free runs from the starts of the recordings went.
 
-    `record` is the record's number, `first` its first sample that belongs to the part; `t` (N,) seconds from there,
-    states (N, n) and inputs (N, m) in the order of the model's.
+    Args:
+        model: that was run.
+        runs: over some or all of the recordings.
+        records: all of these.
+        signals: say how noisy each coordinate is.
     """
-
-    record: int
-    first: int
-    t: FloatArray
-    states: FloatArray
-    inputs: FloatArray
-
-    @staticmethod
-    def of(signals: Signals, model: Model) -> LastPart:
-        """Return the last part of some signals."""
-        rows = samples_of(signals, model)
-        record = int(np.argmax([r.shape[1] for r in rows]))
-        first = rows[record].shape[1] - max(rows[record].shape[1] // FIFTH, 2)
-        states, inputs = np.split(rows[record][:, first:].T, [len(model.states)], axis=1)
-        t = np.arange(len(states), dtype=np.float64) * np.float64(signals.period)
-        return LastPart(record, first, t, np.ascontiguousarray(states), np.ascontiguousarray(inputs))
-
-    def run(self, model: Model) -> Trajectory:
-        """Simulate a model freely from the first state of the part."""
-        # The inputs of signals are shifted to when they act: no delay is left for the simulation.
-        return simulate(without_delays(model), self.t, self.inputs, self.states[0])
-
-
-def free_run(model: Model, signals: Signals) -> FreeRun:
-    """Return how a free run over the last part went: valid until its error passes 0.3 of the spread of the states."""
-    part = LastPart.of(signals, model)
-    run = part.run(model)
-    spread = np.maximum(np.concatenate(list(signals.columns), axis=1).std(axis=1), 1e-300)
-    scale = np.array([spread[signals.row(s)] for s in model.states])
-    reached = len(run.t)
-    error = np.sqrt(np.mean(((run.states - part.states[:reached]) / scale) ** 2, axis=1))
-    late = np.flatnonzero(error > VALID_ERROR)
-    valid = float(part.t[late[0]]) if late.size else float(part.t[reached - 1])
-    return FreeRun(duration=float(part.t[-1]), valid_time=valid, ended=run.ended)
+    noise = {c.name: c.noise for c in signals.channels}
+    return tuple(free_run_score(model, of, noise, records.runs[of.number - 1].duration) for of in runs)
 
 
 def require_prediction(found: ModelScores | None, follows: bool) -> None:

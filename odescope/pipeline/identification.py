@@ -24,8 +24,9 @@ from odescope.model.relation import Relation, RelationTerm
 from odescope.model.scores import DelayScore, ModelScores, OffsetScore, Streamed
 from odescope.parallel.dask_cluster import open_workers
 from odescope.parallel.workers import Workers
-from odescope.pipeline.competition import Winner, adopted, best_of, compete, regress
-from odescope.pipeline.evaluation import domain, free_run, provenance, require_prediction, scores, time_score
+from odescope.pipeline.adopted import Adopted, adopted
+from odescope.pipeline.competition import Winner, best_of, compete, regress
+from odescope.pipeline.evaluation import domain, free_run_scores, provenance, require_prediction, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.gate import gated_scores
 from odescope.pipeline.inputs import hold_scores
@@ -39,27 +40,30 @@ from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Records
 from odescope.selection.advice import advice
-from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
 from odescope.signals.gated import Reasons
 from odescope.study.options import LeftOut, Study
 from odescope.study.pieces import tables
+from odescope.validation.free_runs import FreeRunOf, free_runs
 
 
 @dataclass(frozen=True, eq=False)
 class Identification:
     """The result: what went in, what every stage found, and the model.
 
-    `seconds` is the time of each stage, `memory` the most that the process had held, in bytes, when it ended;
-    `left_out` are mechanisms that no data could tell from others; `searched` are the inputs as they were known before
-    the likelihood stage, which may find delays; `gated` says why a sample of a record does not count.
+    `chosen` are the candidates of the searches that the model is made of, one a target: None where its relation is none
+    of them, as with mechanisms. `seconds` is the time of each stage, `memory` the most that the process had held, in
+    bytes, when it ended; `left_out` are mechanisms that no data could tell from others; `searched` are the inputs as
+    they were known before the likelihood stage, which may find delays; `gated` says why a sample of a record does not
+    count; `free_runs` are those of the model from the starts of the recordings; a draft has none. `cleaned` are the
+    recordings that these are over: without what does not count, otherwise as they were recorded.
     """
 
     study: Study
     records: Records
     signals: Signals
     searches: tuple[Search, ...]
-    chosen: tuple[Candidate, ...]
+    chosen: Adopted
     model: Model
     refinement: Refinement | None
     seconds: dict[str, float]
@@ -67,6 +71,8 @@ class Identification:
     left_out: LeftOut = ()
     searched: tuple[Input, ...] = ()
     gated: Reasons = field(default_factory=dict)
+    free_runs: tuple[FreeRunOf, ...] = ()
+    cleaned: Records | None = None
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the equations, how far to trust them, and the notes."""
@@ -97,9 +103,14 @@ class Identification:
         scored = () if self.model.scores is None else self.model.scores.path
         for score, model in zip(scored, self.path, strict=True):
             if score.terms == terms:
-                chosen = tuple(msgspec.structs.replace(s, chosen=s is score) for s in scored)
-                scores = ModelScores(path=chosen, free_run=free_run(model, self.signals))
-                return replace(self, model=replace(model, scores=scores))
+                on_path = tuple(msgspec.structs.replace(s, chosen=s is score) for s in scored)
+                over = self.records if self.cleaned is None else self.cleaned
+                runs = free_runs(model, over)
+                told = free_run_scores(model, runs, over, self.signals)
+                scores = ModelScores(path=on_path, free_runs=told)
+                searches, chosen = adopted(self.searches, model)
+                model = replace(model, scores=scores)
+                return replace(self, model=model, free_runs=runs, searches=searches, chosen=chosen)
         known = ", ".join(str(s.terms) for s in scored) or "none"
         raise InputError(f"there is no model with {terms} terms on the path; those on it have {known}")
 
@@ -239,13 +250,20 @@ def _identified(
     filtered = estimate(work, prepared)
     regressed = regress(work, prepared, filtered)
 
-    def result(seen: Filtered, model: Model, refinement: Refinement | None, left_out: LeftOut = ()) -> Identification:
+    def result(
+        seen: Filtered,
+        model: Model,
+        refinement: Refinement | None,
+        left_out: LeftOut = (),
+        runs: tuple[FreeRunOf, ...] = (),
+    ) -> Identification:
+        searches, chosen = adopted(regressed.searches, model)
         return Identification(
             work.study,
             seen.sample.records,
             seen.signals,
-            regressed.searches,
-            adopted(regressed, model),
+            searches,
+            chosen,
             model,
             refinement,
             work.seconds,
@@ -253,6 +271,8 @@ def _identified(
             left_out,
             filtered.inputs,
             filtered.gated,
+            runs,
+            seen.undelayed,
         )
 
     if regressed.model is not None:
@@ -263,10 +283,19 @@ def _identified(
         with work.stage("model"):
             model = _judged(work.study, seen, regressed, winner)
             require_prediction(model.scores, winner.follows)
+            model, runs = _run_freely(work, seen, model)
     except NoModelError as failure:
         work.monitor.tell(_nothing_found(work, filtered, regressed, failure))
         raise
-    return result(seen, model, winner.refinement, winner.left_out), winner
+    return result(seen, model, winner.refinement, winner.left_out, runs), winner
+
+
+def _run_freely(work: Work, seen: Filtered, model: Model) -> tuple[Model, tuple[FreeRunOf, ...]]:
+    """Return the model with the scores of its free runs from the starts of the recordings, and these."""
+    runs = free_runs(model, seen.undelayed, work.monitor.check)
+    told = free_run_scores(model, runs, seen.undelayed, seen.signals)
+    judged = ModelScores() if model.scores is None else model.scores
+    return replace(model, scores=msgspec.structs.replace(judged, free_runs=told)), runs
 
 
 def _nothing_found(work: Work, filtered: Filtered, regressed: Regressed, failure: NoModelError) -> NothingFound:
@@ -308,7 +337,7 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
     """Return the model with its scores, its domain and what it was made from."""
     model, refinement = winner.model, winner.refinement
     signals, sample, whole = filtered.signals, filtered.sample, regressed.whole
-    told = scores(model, signals, regressed.searches, adopted(regressed, model), refinement, study.random.seed)
+    told = scores(model, signals, *adopted(regressed.searches, model), refinement, study.random.seed)
     told = msgspec.structs.replace(
         told,
         left_out=filtered.left_out,

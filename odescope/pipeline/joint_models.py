@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 
 import msgspec
@@ -12,6 +12,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.library.expression import Term
+from odescope.library.product import Product
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Model
@@ -34,7 +35,8 @@ LEAST_MISSED = 0.01  # of its weighted power: what a plain start may miss
 class Search:
     """What was done for one target: its regression problem, all supports found, the ranked candidates.
 
-    `inclusion` (m,) is the share of bootstrap replicates that chose each term, with the chosen relation's guess.
+    `inclusion` (m,) is the share of bootstrap replicates that chose each term, with the chosen relation's guess;
+    `named` are terms with the names of constants, by those of the library that hold numbers for them.
     """
 
     problem: Problem
@@ -42,6 +44,7 @@ class Search:
     ranked: Ranked
     removed: tuple[tuple[str, int], ...]
     inclusion: FloatArray
+    named: Mapping[Product, Product] = field(default_factory=dict)
 
 
 def to_relation(problem: Problem, candidate: Candidate) -> Relation:
@@ -185,18 +188,6 @@ def without_common_factor(relation: Relation) -> Relation:
     powers = {atom: min(t.power_of(atom) for t in terms) for atom, _ in terms[0].factors}
     inverse = Term.of((atom, -power) for atom, power in powers.items() if power > 0)
     return Relation(tuple(replace(t, product=t.product * inverse) for t in relation.terms))
-
-
-def as_adopted(search: Search, chosen: Candidate, relation: Relation) -> Candidate:
-    """Return the candidate with the terms of the model's relation; where none has them, the one chosen before.
-
-    Args:
-        search: for one target.
-        chosen: the candidate of the regression's model.
-        relation: of the model in the end.
-    """
-    adopted, terms = {t.product for t in relation.terms}, search.problem.terms
-    return next((c for c in search.ranked.candidates if {terms[j] for j in c.support} == adopted), chosen)
 
 
 def samples_of(signals: Signals, model: Model) -> list[FloatArray]:

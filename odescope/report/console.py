@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 from odescope.model.model import Model
 from odescope.model.notes import share
 from odescope.model.scores import PathScore
 from odescope.report.assemble import model_of
-from odescope.report.data import Report
+from odescope.report.data import Report, RunShown
+
+LISTED = 6  # recordings
 
 
 def table_text(report: Report) -> str:
@@ -24,10 +28,19 @@ def table_text(report: Report) -> str:
 
 def trust_text(report: Report) -> str:
     """Return what held-out data and the free run say of every equation, as text."""
-    model, work = model_of(report), report.at_work
+    model = model_of(report)
     held_out = "" if model.scores is None else "".join(_held_out(step) for step in model.scores.path if step.chosen)
-    run = f"free run: {work.valid_time:.4g} of {work.duration:.4g} s with the record"
-    return _equations_text(report, model) + held_out + run + (f"; {work.ended}" if work.ended else "") + "\n"
+    return _equations_text(report, model) + held_out + "".join(_free_runs(report.at_work.runs))
+
+
+def _free_runs(runs: Sequence[RunShown]) -> Iterator[str]:
+    for run in runs[:LISTED]:
+        which = "free run" if len(runs) == 1 else f"free run of recording {run.recording}"
+        ended = f"; {run.ended}" if run.ended else ""
+        yield f"{which}: {run.valid_time:.4g} of {run.duration:.4g} s with the record{ended}\n"
+    if len(runs) > LISTED:
+        stay = sum(run.valid_time >= run.duration for run in runs)
+        yield f"free runs of all {len(runs)} recordings tried: {stay} stay with their record to its end\n"
 
 
 def _equations_text(report: Report, model: Model) -> str:

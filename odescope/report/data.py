@@ -201,26 +201,67 @@ class Searched(Plain, frozen=True):
         return tuple(term for term, sign in zip(self.columns, row.signs, strict=True) if sign != ".")
 
 
-class StretchFit(Plain, frozen=True):
-    """How the model predicts one target on the stretch shown: R^2 of the model, and of its terms fitted without it."""
+class TargetFit(Plain, frozen=True):
+    """R^2 of one target over all the data: by the model, and by its terms fitted without the part in question."""
 
     target: str
     model: float | None
     refitted: float | None
 
 
-class AtWork(Plain, frozen=True):
-    """The model on one stretch of the record; `held_out` says whether the refitted lines have not seen it."""
+class Stays(Plain, frozen=True):
+    """How a free run stays with one coordinate: valid time in seconds, fit in per cent, error in the unit."""
 
-    targets: Chart
-    free_run: Chart
-    held_out: bool
-    begin: float
-    end: float
-    fits: tuple[StretchFit, ...]
+    coordinate: str
+    unit: str
     valid_time: float
+    fit: float | None
+    rmse: float | None
+
+
+class RunShown(Plain, frozen=True):
+    """The free run over one recording, counted from 1; `duration` of its `recorded` seconds were run."""
+
+    recording: Count
+    source: str
     duration: float
+    recorded: float
+    valid_time: float
     ended: str
+    coordinates: tuple[Stays, ...]
+
+
+class Thumbnail(Plain, frozen=True):
+    """A recording and the free run over it, a panel a coordinate; `mark` is where the two part, if they do."""
+
+    title: str
+    panels: tuple[Panel, ...]
+    mark: float | None
+
+
+def side_by_side(runs: int) -> int:
+    """Return how many thumbnails stand side by side."""
+    return next((wide for most, wide in ((1, 1), (2, 2), (3, 3), (4, 2), (6, 3), (16, 4)) if runs <= most), 6)
+
+
+class Thumbnails(Plain, frozen=True):
+    """The free runs that there is room for; `left_out` counts the others."""
+
+    runs: tuple[Thumbnail, ...]
+    left_out: Count = 0
+
+
+class AtWork(Plain, frozen=True):
+    """The model at work: free runs from the start of every recording, and its targets from instant to instant.
+
+    `held_out` says whether the targets are also predicted by coefficients that have not seen them.
+    """
+
+    free_runs: Thumbnails
+    runs: tuple[RunShown, ...]
+    targets: Chart
+    fits: tuple[TargetFit, ...]
+    held_out: bool
 
 
 class Coefficient(Plain, frozen=True):

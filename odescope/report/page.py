@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from odescope.library.mathml import math, mathml_name
 from odescope.library.mechanism import FORCE_ON
 from odescope.library.parse import Scope
-from odescope.model.display import equation_mathml, parameters_mathml, product_mathml, relation_mathml
+from odescope.model.cautions import cautions
+from odescope.model.display import parameters_mathml, product_mathml, relation_mathml, stated_mathml
 from odescope.model.mechanism_display import HEADINGS, by_kind, mechanisms_mathml, reaction_mathml, term_mathml
 from odescope.model.notes import findings, trust
 from odescope.model.relation import FoundMechanism, RelationTerm
@@ -20,7 +21,8 @@ from odescope.report.assemble import model_of, to_json_text
 from odescope.report.data import Report
 from odescope.report.figures.catalogue import Picture, draw_job, pictures
 from odescope.report.numerals import raised as exponent_digits
-from odescope.report.units import mechanism_units
+from odescope.report.units import mechanism_units, quantity_units
+from odescope.report.units import shown as shown_unit
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -65,16 +67,24 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
     found = findings(model.scores)
     path = () if model.scores is None or len(model.scores.path) < 2 else model.scores.path
     judged = None if model.scores is None else model.scores.likelihood
+    equations = tuple(
+        Markup(math(e))
+        for e in (
+            *(stated_mathml(e, model.shown_relations) for e in model.equations),
+            *parameters_mathml(model.parameters),
+        )
+    )
     return template("page.html.jinja").render(
         r=report,
         model=model,
-        equations=tuple(
-            Markup(math(e)) for e in (*map(equation_mathml, model.equations), *parameters_mathml(model.parameters))
-        ),
-        formulas=tuple(Markup(math(f)) for f in mechanisms_mathml(model.shown_mechanisms, model.names, errors=False)),
+        equations=equations,
+        formulas=tuple(Markup(math(f)) for f in mechanisms_mathml(model.shown_mechanisms, model.names)),
         mechanisms=_mechanisms(report),
         relations=_relations(report),
-        trust=(*trust(model.scores), *found),
+        trust=trust(model.scores),
+        found=found,
+        bracketed=any("<mtext>(" in e for e in equations),
+        cautions=cautions(model, {name: shown_unit(own) for name, own in quantity_units(model).items()}),
         notes=[note for note in report.notes if note not in found],
         likelihood=judged,
         limits=((judged and judged.limits) or ())[:MOST_LISTED],

@@ -19,7 +19,7 @@ WIDE, CLOSE, WHOLE = 640, 360, 960  # pixels of the wide and the close view, and
 MOST_PANELS = 8  # of one figure
 MOST_RUNS = 12  # rows of the table
 CLOSE_PERIODS = 40.0  # of the highest cutoff, and at most a fifth of the longest recording
-BEYOND = 0.5  # of the height of the line: where samples further off are marked
+BEYOND = 0.5  # of the height of a line: where samples further off are marked, and predictions cut off
 CLOSE_UP = "close-up: time (s)"
 Truth = Mapping[str, FloatArray]  # name of a state or target -> its true samples, one a sample of the only recording
 
@@ -60,12 +60,16 @@ class Clock:
         ]
 
     def close(self, result: Identification) -> tuple[float, float]:
-        """Return the stretch, in the middle of the longest recording, that is worth a close look."""
-        run = self.records.runs[self.longest]
-        highest = max(c.cutoff for c in result.signals.channels)
+        """Return the stretch of the longest recording that is worth a close look: where the targets are largest."""
+        run, signals = self.records.runs[self.longest], result.signals
+        highest = max(c.cutoff for c in signals.channels)
         width = min(run.duration / 5.0, CLOSE_PERIODS / highest)
-        middle = self.offsets[self.longest] + run.duration / 2.0
-        return middle - width / 2.0, middle + width / 2.0
+        targets = signals.columns[self.longest][[signals.row(t) for t in signals.targets]]
+        size = np.sum((targets / np.maximum(targets.std(axis=1, keepdims=True), 1e-300)) ** 2, axis=0)
+        count = max(min(round(width / signals.period), len(size)), 1)
+        sums = np.concatenate([[0.0], np.cumsum(size)])
+        begin = float(self.kept(result)[self.longest][int(np.argmax(sums[count:] - sums[:-count]))])
+        return begin, begin + width
 
 
 Trace = tuple[str, Role, Sequence[FloatArray], Sequence[FloatArray]]
@@ -88,6 +92,28 @@ def panel(label: str, traces: Sequence[Trace], close: tuple[float, float] | None
         cut = [(x[s], y[s]) for x, y, s in zip(xs, ys, inside, strict=True) if s.stop > s.start]
         near.append(line_of(text, role, [x for x, _ in cut], [y for _, y in cut], CLOSE) if cut else _empty(text, role))
     return Panel(label=label, wide=wide, close=tuple(near))
+
+
+def near(
+    times: Sequence[FloatArray], values: Sequence[FloatArray], recorded: Sequence[FloatArray]
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return the pieces of lines that stay near the range of what was recorded: what runs away would flatten the rest.
+
+    Args:
+        times: (N,) of every record.
+        values: (N,) or fewer from its start.
+        recorded: (N,) of every record; the range is that of all.
+    """
+    low, high = min(float(r.min()) for r in recorded), max(float(r.max()) for r in recorded)
+    span = BEYOND * max(high - low, 1e-300)
+    xs, ys = list[FloatArray](), list[FloatArray]()
+    for t, y in zip(times, values, strict=True):
+        inside: BoolArray = (y >= low - span) & (y <= high + span)
+        there = np.flatnonzero(inside)
+        pieces = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
+        xs += [t[p] for p in pieces]
+        ys += [y[p] for p in pieces]
+    return xs, ys
 
 
 def _empty(label: str, role: Role) -> Line:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from odescope.model.relation import Relation
 from odescope.pipeline.identification import Identification
 from odescope.pipeline.joint_models import Search
 from odescope.report.data import (
@@ -29,23 +28,14 @@ MOST_LISTED = 60  # dependent terms
 def searched(result: Identification) -> tuple[Searched, ...]:
     """Return what was searched for every target."""
     units = quantity_units(result.model)
-    relations = dict(zip(result.model.targets, result.model.relations, strict=True))
     return tuple(
-        _searched(search, chosen, relations[target], shown(units[target]))
+        _searched(search, chosen, shown(units[target]))
         for search, chosen in zip(result.searches, result.chosen, strict=False)
         for target in (search.problem.target,)
     )
 
 
-def columns_of(search: Search, relation: Relation) -> tuple[int, ...] | None:
-    """Return the columns of the library that a relation's terms are, in order; None where it lacks one of them."""
-    place = {product: j for j, product in enumerate(search.problem.terms)}
-    if not {t.product for t in relation.terms} <= place.keys():
-        return None
-    return tuple(place[t.product] for t in relation.terms)
-
-
-def _searched(search: Search, chosen: Candidate, relation: Relation, unit: str) -> Searched:
+def _searched(search: Search, chosen: Candidate | None, unit: str) -> Searched:
     problem, ranked = search.problem, search.ranked.candidates
     texts = [term.text for term in problem.terms]
     columns, rows = _grid(search, chosen, texts)
@@ -75,15 +65,15 @@ def _searched(search: Search, chosen: Candidate, relation: Relation, unit: str) 
             for j in np.argsort(-search.inclusion, kind="stable")
             if search.inclusion[j] >= LEAST_INCLUSION
         ),
-        adopted=set(columns_of(search, relation) or ()) == set(chosen.support),
+        adopted=chosen is not None,
     )
 
 
-def _grid(search: Search, chosen: Candidate, texts: list[str]) -> tuple[list[int], tuple[Row, ...]]:
+def _grid(search: Search, chosen: Candidate | None, texts: list[str]) -> tuple[list[int], tuple[Row, ...]]:
     """Return the columns and rows of the grid: the chosen candidate, and the best that its columns have room for."""
     ranked = search.ranked.candidates
     best, used = list[Candidate](), set[int]()
-    for c in (chosen, *ranked):
+    for c in (*([] if chosen is None else [chosen]), *ranked):
         if len(used | set(c.support)) <= MOST_COLUMNS and len(best) < MOST_ROWS and not any(c is b for b in best):
             best.append(c)
             used |= set(c.support)

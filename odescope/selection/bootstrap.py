@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
+from odescope.library.product import Product
 from odescope.parallel.workers import Workers, nothing
 from odescope.regression.factor import Factor, merge
 from odescope.regression.problem import Problem
 from odescope.regression.proposers import Proposer, Support
 from odescope.selection.criterion import penalty
 from odescope.selection.ranking import Candidate
+from odescope.selection.sweep import primitive
 
 REPLICATES = 50  # together no dearer than two sweeps
 LEAST_PIVOT = 1e-4  # of unit columns
@@ -23,12 +25,14 @@ LEAST_PIVOT = 1e-4  # of unit columns
 class _Drawn:
     """What replicates are drawn from, and how they are searched: the factors of pieces and their Gram matrices.
 
-    Shapes: grams (pieces, m, m) of columns divided by scale (m,); own are the columns with the target.
+    Shapes: grams (pieces, m, m) of columns divided by scale (m,); own are the columns with the target, terms the m
+    products of the library.
     """
 
     pieces: tuple[Factor, ...]
     grams: FloatArray
     scale: FloatArray
+    terms: tuple[Product, ...]
     own: frozenset[int]
     guess: int
     nested: tuple[Support, ...]
@@ -48,6 +52,7 @@ def inclusion(
 
     A replicate draws as many pieces of the record as there are, with replacement, merges their factors, and searches
     with the chosen relation's guess: one guess instead of m, so that all replicates cost about as much as a sweep.
+    Forms of one law count once: a law times a function is counted as the law.
 
     Args:
         problem: with the factors of the pieces.
@@ -72,7 +77,8 @@ def _drawn(problem: Problem, chosen: Candidate, nested: Sequence[Support], propo
     scale = problem.factor.scale
     scaled = np.array([(p.r * p.scale / scale) for p in problem.pieces])
     grams = scaled.transpose(0, 2, 1) @ scaled
-    return _Drawn(problem.pieces, grams, scale, frozenset(problem.own), chosen.guess, searched, tuple(proposers))
+    own = frozenset(problem.own)
+    return _Drawn(problem.pieces, grams, scale, problem.terms, own, chosen.guess, searched, tuple(proposers))
 
 
 def _merged(times: IntArray, drawn: _Drawn) -> Factor:
@@ -94,7 +100,10 @@ def _merged(times: IntArray, drawn: _Drawn) -> Factor:
 
 
 def _best(times: IntArray, drawn: _Drawn) -> Support:
-    """Return the relation of least criterion that holds the target and the guess; empty if there is none."""
+    """Return the relation of least criterion that holds the target and the guess; empty if there is none.
+
+    A multiple of a relation is that relation: what is common to all its terms is divided out.
+    """
     factor, guess = _merged(times, drawn), drawn.guess
     found = {
         tuple(sorted((*support, guess)))
@@ -109,4 +118,8 @@ def _best(times: IntArray, drawn: _Drawn) -> Support:
         rest = max(factor.residual(factor.solve(support, guess)), 1e-10 * float(factor.scale[guess]))
         return 2.0 * factor.rows * float(np.log(rest)) + dear * len(support)
 
-    return min((s for s in sorted(found) if set(s) & drawn.own), key=criterion, default=())
+    best = min((s for s in sorted(found) if set(s) & drawn.own), key=criterion, default=())
+    if not best:
+        return best
+    place = {term: j for j, term in enumerate(drawn.terms)}
+    return tuple(sorted(primitive(best, drawn.terms, place).values()))

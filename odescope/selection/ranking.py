@@ -185,6 +185,28 @@ def criteria(problem: Problem, supports: Sequence[Support]) -> FloatArray:
     return np.where(scores.sound, _criteria(problem, supports, scores), np.inf)
 
 
+def as_candidate(problem: Problem, support: Support, found: Sweep) -> Candidate | None:
+    """Return a relation as a candidate in a cluster and a family of its own; None where its denominator changes sign.
+
+    Args:
+        problem: of the target.
+        support: its columns, a target term among them.
+        found: what searches came upon: the guesses that led to it, if any.
+    """
+    if not set(support) & set(problem.own):
+        return None
+    scores = score(problem, [support], [left_column(problem, support)])
+    if not scores.sound[0]:
+        return None
+    known = dict(zip((tuple(sorted(s)) for s in found.supports), found.guesses, strict=True))
+    guesses = known.get(tuple(sorted(support)), ())
+    alone = Sweep((support,), (guesses or support,), found.width)
+    candidate = _candidate(
+        problem, alone, np.zeros(1, dtype=np.int64), scores, _criteria(problem, [support], scores), 0
+    )
+    return replace(candidate, guesses=guesses, cluster=-1)
+
+
 def _criteria(problem: Problem, supports: Sequence[Support], scores: Scores) -> FloatArray:
     """Return what ranks each relation, (C,).
 

@@ -84,8 +84,8 @@ def sweep(
 
     for guess, supports in enumerate(Threads().map(search, range(factor.width), check=check)):
         for support in dict.fromkeys(supports):
-            primitive = _primitive((*support, guess), terms, place)
-            found.setdefault(tuple(sorted(primitive.values())), {})[primitive[guess]] = None
+            divided = primitive((*support, guess), terms, place)
+            found.setdefault(tuple(sorted(divided.values())), {})[divided[guess]] = None
     return Sweep(tuple(found), tuple(tuple(g) for g in found.values()), factor.width)
 
 
@@ -105,10 +105,15 @@ def nested_libraries(terms: Sequence[Product], own: Sequence[int]) -> tuple[Supp
     return tuple(s for s in dict.fromkeys([explicit, *sets]) if len(s) > 1 and set(s) & set(own))
 
 
-def _primitive(support: Support, terms: Sequence[Product], place: Mapping[Product, int]) -> dict[int, int]:
+def primitive(support: Support, terms: Sequence[Product], place: Mapping[Product, int]) -> dict[int, int]:
     """Return what each column of a relation becomes when what is common to all its terms is divided out.
 
     Both relations say the same of the target; where the library lacks a quotient the relation stays as it is.
+
+    Args:
+        support: columns of the relation.
+        terms: the library's m products.
+        place: the column of each of them.
     """
     first = terms[support[0]]
     powers = {atom: min(terms[j].term.power_of(atom) for j in support) for atom, _ in first.term.factors}

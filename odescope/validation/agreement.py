@@ -10,6 +10,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 
 VALID_ERROR = 0.3  # of the standard deviation of what was measured: a larger error ends the valid time
+NOISY = 3.0  # standard deviations of the noise: no less ends it, as where what was measured hardly moves
 WINDOW = 11  # samples over which that error is a root mean square, so that noise alone does not end it
 
 Pair = tuple[FloatArray, FloatArray]  # measured (N,), predicted (N,)
@@ -40,20 +41,24 @@ def agreement(pairs: Sequence[Pair]) -> Agreement:
     return Agreement(fit, float(np.sqrt(np.mean(error**2))))
 
 
-def valid_time(t: FloatArray, measured: FloatArray, predicted: FloatArray) -> float:
+def valid_time(t: FloatArray, measured: FloatArray, predicted: FloatArray, noise: float = 0.0) -> float:
     """Return how long the error stays below 0.3 of the standard deviation of what was measured, in seconds.
+
+    Where three standard deviations of the noise are more, it is these that the error has to pass.
 
     Args:
         t: (N,) seconds.
         measured: (N,).
         predicted: (K,) of the first K <= N samples.
+        noise: standard deviation of a sample.
     """
     reached = len(predicted)
     off = (measured[:reached] - predicted) ** 2
     sums = np.concatenate([[0.0], np.cumsum(off)])
     last = np.arange(1, reached + 1)
     first = np.maximum(last - WINDOW, 0)
-    late = np.flatnonzero(np.sqrt((sums[last] - sums[first]) / (last - first)) > VALID_ERROR * float(measured.std()))
+    allowed = max(VALID_ERROR * float(measured.std()), NOISY * noise)
+    late = np.flatnonzero(np.sqrt((sums[last] - sums[first]) / (last - first)) > allowed)
     return float(t[late[0] if late.size else reached - 1] - t[0])
 
 

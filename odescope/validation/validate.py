@@ -10,14 +10,14 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
-from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
-from odescope.model.simulation import Trajectory, simulate
+from odescope.model.simulation import Trajectory
 from odescope.observer.estimate import StateEstimates, estimate_states
 from odescope.observer.noise import measurement_noise
 from odescope.recordings.record import Record, Records
-from odescope.validation.agreement import Agreement, Pair, agreement, turned, valid_time
+from odescope.validation.agreement import Agreement, Pair, agreement
 from odescope.validation.domain import outside_domain
+from odescope.validation.free_runs import FreeRunOf, beside, run_freely
 
 STARTS = 20  # runs in all, spread over the recordings by their lengths
 LEAST_STARTS = 2  # of a recording that is long enough
@@ -44,16 +44,6 @@ class ValidationRow:
     unit: str | None
     valid_time: float | None
     duration: float | None
-
-
-@dataclass(frozen=True, eq=False)
-class FreeRunOf:
-    """The free run of one model over one recording, by its number from 1, beside what was measured."""
-
-    model: str
-    number: int
-    record: Record
-    run: Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,21 +98,24 @@ def together(parts: Sequence[Validation]) -> Validation:
 
 
 def _validated(name: str, model: Model, records: Records, noise: Mapping[str, float] | None) -> Validation:
-    free = [(record, _run(model, record)) for record in records]
+    known, unknown = dict[str, float](), ""
+    try:
+        known = measurement_noise(model, noise)
+    except InputError as error:
+        if noise:
+            raise
+        unknown = f"{name}: no one-step predictions: {error}"
+    free = [(record, run_freely(model, record)) for record in records]
     pieces = [list(_many(model, record, records)) for record in records]
-    rows = [*_rows(name, model, FREE, [[run] for run in free]), *_rows(name, model, MANY, pieces)]
+    rows = [*_rows(name, model, FREE, [[run] for run in free], known), *_rows(name, model, MANY, pieces, known)]
     notes = [
         f"{name}: the free run of {_label(number, record)} ended early: {run.ended}"
         for number, (record, run) in enumerate(free, 1)
         if run.ended
     ]
     columns = {c: [r.column(c) for r in records] for c in (*_measured(model), *(i.name for i in model.inputs))}
-    try:
-        measurement_noise(model, noise)
-    except InputError as error:
-        if noise:
-            raise
-        notes.append(f"{name}: no one-step predictions: {error}")
+    if unknown:
+        notes.append(unknown)
     else:
         estimates = estimate_states(model, records, noise)
         rows += _one_step(name, model, records, estimates)
@@ -137,13 +130,6 @@ def _measured(model: Model) -> tuple[str, ...]:
     return tuple(c.name for c in model.coordinates)
 
 
-def _run(model: Model, part: Record) -> Trajectory:
-    """Return the free run over a record, or part of one, from a state fitted to its first stretch."""
-    start = initial_state(model, part)
-    inputs = np.array([part.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(part)).T
-    return simulate(model, part.t, np.ascontiguousarray(inputs), start)
-
-
 def _many(model: Model, record: Record, records: Records) -> Iterator[tuple[Record, Trajectory]]:
     """Yield free runs over the pieces of a record."""
     share = max(LEAST_STARTS, round(STARTS * len(record) / records.samples))
@@ -151,7 +137,7 @@ def _many(model: Model, record: Record, records: Records) -> Iterator[tuple[Reco
     edges = np.linspace(0, len(record), count + 1).astype(np.int64).tolist()
     for first, stop in pairwise(edges):
         part = record.part(first, stop)
-        yield part, _run(model, part)
+        yield part, run_freely(model, part)
 
 
 def _label(number: int, record: Record) -> str:
@@ -160,25 +146,27 @@ def _label(number: int, record: Record) -> str:
 
 
 def _rows(
-    name: str, model: Model, prediction: str, runs: list[list[tuple[Record, Trajectory]]]
+    name: str,
+    model: Model,
+    prediction: str,
+    runs: list[list[tuple[Record, Trajectory]]],
+    noise: Mapping[str, float],
 ) -> Iterator[ValidationRow]:
-    """Yield the rows of free runs, given those of every recording."""
+    """Yield the rows of free runs, given those of every recording, and the noise of what is known of it."""
     for c in model.coordinates:
         every, times = list[Pair | None](), list[tuple[float, float]]()
         for number, own in enumerate(runs, 1):
             pieces, spans = list[Pair](), list[tuple[float, float]]()
             for record, run in own:
-                measured, predicted = record.column(c.name), run.column(c.name) + c.offset
-                predicted = turned(predicted, measured) if c.angle else predicted
-                there = record.counted(c.name)[: len(predicted)] > 0.0
-                pieces.append((measured[: len(predicted)][there], predicted[there]))
-                spans.append((valid_time(record.t, measured, predicted), record.duration))
+                pair, valid = beside(model, c, FreeRunOf(name, number, record, run), noise.get(c.name, 0.0))
+                pieces.append(pair)
+                spans.append((valid, record.duration))
             whole = all(run.ended is None for _, run in own)
             measured, predicted = (np.concatenate(part) for part in zip(*pieces, strict=True))
-            pair = (measured, predicted) if whole else None
+            joined = (measured, predicted) if whole else None
             if len(runs) > 1:
-                yield _row(name, _label(number, own[0][0]), prediction, c.name, c.unit, _agreed([pair]), spans)
-            every.append(pair)
+                yield _row(name, _label(number, own[0][0]), prediction, c.name, c.unit, _agreed([joined]), spans)
+            every.append(joined)
             times += spans
         yield _row(name, ALL, prediction, c.name, c.unit, _agreed(every), times)
 

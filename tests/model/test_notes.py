@@ -39,10 +39,10 @@ def test_a_model_without_scores_is_not_judged():
 
 
 def test_trust_in_a_sound_model_and_in_one_of_regression_alone():
-    sound = ModelScores(targets={"x_dot": GOOD, "y_dot": GOOD}, free_run=FreeRun(8.0, 8.0), likelihood=JUDGED)
+    sound = ModelScores(targets={"x_dot": GOOD, "y_dot": GOOD}, free_runs=(FreeRun(8.0, 8.0),), likelihood=JUDGED)
     assert trust(sound) == (
         "On held-out data it predicts 99.80 % of the variance of x_dot and 99.80 % of the variance of y_dot (R²).",
-        "Run freely it stays with the record for all 8 s tried.",
+        "Run freely from its start, it stays with the recording for all of its 8 s.",
         "No denominator vanishes between the states of the data.",
         "It follows the record to within its noise: residual variance 1.020 times that of the noise.",
     )

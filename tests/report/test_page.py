@@ -76,7 +76,7 @@ def test_every_text_of_the_report_is_escaped(report, result):
 
     plain = poison(json.loads(to_json_text(report)))
     scores = plain["model"]["scores"]
-    scores["free_run"]["ended"] = poisoned
+    scores["free_runs"][0]["ended"] = poisoned
     scores["targets"][poisoned] = scores["targets"]["x_dot"]
     scores["likelihood"] |= {
         "hints": [poisoned],
@@ -144,10 +144,10 @@ def test_what_to_trust_is_said_in_words(page, result):
     )
     assert "No denominator vanishes between the states of the data." in page.text
     run = FreeRun(duration=8.0, valid_time=0.5, ended="the states grew without bound")
-    early = replace(result, model=replace(result.model, scores=msgspec.structs.replace(scores, free_run=run)))
+    early = replace(result, model=replace(result.model, scores=msgspec.structs.replace(scores, free_runs=(run,))))
     told = summary(early)
     text = Page(to_html(told, blank(told))).text
-    assert "Run freely it stays with the record for 0.5 of 8 s. The free run ended early: the states grew" in text
+    assert "Run freely from its start, it stays with the recording for 0.5 of 8 s. The free run ended early:" in text
 
 
 def test_what_is_known_before_the_likelihood_stage_can_be_shown_like_a_result():
@@ -204,14 +204,14 @@ def test_the_grid_holds_the_signs_of_the_candidates(report, result):
 
 def test_held_out_means_held_out(report, result):
     """The refitted coefficients do not change when the stretch they are judged on does."""
-    from odescope.report.at_work import predicted, without_last
+    from odescope.report.at_work import predicted, without_folds
 
     assert report.at_work.held_out
-    search = result.searches[0]
-    last = max(b.fold for b in search.problem.blocks)
-    factor = search.problem.training[last]
-    assert factor.rows < search.problem.factor.rows
-    refitted = without_last(result, 0)
+    problem = result.searches[0].problem
+    models = without_folds(result)
+    assert models.keys() == {b.fold for b in problem.blocks}
+    assert all(problem.training[fold].rows < problem.factor.rows for fold in models)
+    refitted = models[0]
     for own, other in zip(refitted.relations[0].terms, result.model.relations[0].terms, strict=True):
         assert own.coefficient == pytest.approx(other.coefficient, rel=0.02)
         assert own.std_error is None

@@ -134,9 +134,9 @@ def test_free_runs_shift_the_input(tmp_path):
 def test_scores_and_report_do_not_take_the_delay_twice():
     data = late_tank(1, 0.3, noise=0.0005)
     result = identify(Study(**STUDY, inputs={"u": Driven(delay=0.3)}), data)
-    free_run = result.model.scores.free_run
-    assert free_run.valid_time == free_run.duration
-    (shown,) = at_work(result).free_run.panels
+    (free_run,) = result.model.scores.free_runs
+    assert free_run.stays
+    (shown,) = at_work(result).free_runs.runs[0].panels
     lines = {line.role: np.array([line.x, line.y], dtype=float) for line in shown.wide}
-    record, model = lines["estimated"], lines["model"]
+    record, model = lines["recorded"], lines["model"]
     assert np.max(np.abs(np.interp(record[0], *model) - record[1])) < 0.02

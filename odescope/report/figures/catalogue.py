@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 
 from odescope.model.scores import PathScore
-from odescope.report.data import Chart, Observed, Periodogram, Report, Searched
+from odescope.report.data import Chart, Observed, Periodogram, Report, Searched, Thumbnails
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Kind = Literal["chart", "spectra", "correlation", "candidates", "accuracy", "path"]
-Drawable = Chart | Searched | tuple[Periodogram, ...] | tuple[Searched, ...] | tuple[PathScore, ...]
+Kind = Literal["chart", "thumbnails", "spectra", "correlation", "candidates", "accuracy", "path"]
+Drawable = Chart | Thumbnails | Searched | tuple[Periodogram, ...] | tuple[Searched, ...] | tuple[PathScore, ...]
 _TYPES: dict[Kind, Any] = {
     "chart": Chart,
+    "thumbnails": Thumbnails,
     "spectra": tuple[Periodogram, ...],
     "correlation": Searched,
     "candidates": Searched,
@@ -46,9 +47,11 @@ def draw(kind: Kind, data: Drawable) -> Figure:
     """Return the figure of a kind for its data."""
     from odescope.report.figures import draw_grids, draw_lines
     from odescope.report.figures.draw_path import draw_path
+    from odescope.report.figures.draw_thumbnails import draw_thumbnails
 
     how: dict[Kind, Any] = {
         "chart": draw_lines.draw_chart,
+        "thumbnails": draw_thumbnails,
         "spectra": draw_lines.draw_spectra,
         "correlation": draw_grids.draw_correlation,
         "candidates": draw_grids.draw_candidates,
@@ -75,7 +78,7 @@ def pictures(report: Report) -> tuple[Picture, ...]:
     scores = model.scores
     path = () if scores is None or len(scores.path) < 2 else (_path(scores.path),)
     early = early_pictures(report.observed, report.searches, other_form=bool(model.mechanisms))
-    return (*early, *path, _targets(report), _free_run(report))
+    return (_free_runs(report), *early, *path, _targets(report))
 
 
 def early_pictures(
@@ -159,7 +162,7 @@ def _correlation(number: int, searched: Searched) -> Picture:
     more = searched.correlations.left_out
     return Picture(
         f"correlation-{number}",
-        "library",
+        "correlations",
         f"Matrix of the correlations between {len(searched.correlations.terms)} candidate terms for {searched.target}",
         f"Correlation between the candidate terms for {searched.target} (about zero, as the regression sees them). Pale"
         " is good: two terms that are dark where their row and column meet say nearly the same on these data, and the"
@@ -171,8 +174,8 @@ def _correlation(number: int, searched: Searched) -> Picture:
 
 
 def _candidates(number: int, searched: Searched, other_form: bool) -> Picture:
-    changed = "" if searched.adopted else " The likelihood then changed the chosen row: see its steps below."
-    if other_form:
+    changed = "" if searched.adopted else " The model above is none of these: it has a term that this library lacks."
+    if other_form and not searched.adopted:
         changed = " The model above is none of these: another form was preferred to relations."
     return Picture(
         f"candidates-{number}",
@@ -220,46 +223,57 @@ def _path(path: tuple[PathScore, ...]) -> Picture:
     )
 
 
-def _stretch(report: Report) -> str:
-    work = report.at_work
-    where = f"the last fifth of the {'record' if report.observed.recorded.recordings == 1 else 'longest recording'}"
-    honest = (
-        " The dash-dotted line is held out from this stretch: the same terms, their coefficients regressed on the"
-        " other blocks"
-        " of the data. The dashed line is the model as reported, whose coefficients and terms have seen the whole"
-        " record,"
-        " this stretch included; the terms were chosen with it in both."
-        if work.held_out
-        else " Nothing here is held out: the model has seen this stretch."
-    )
-    return f"Shown is {where}, {work.begin:.4g} s to {work.end:.4g} s.{honest}"
-
-
 def _targets(report: Report) -> Picture:
+    work = report.at_work
+    honest = (
+        " The dash-dotted line has not seen what it predicts: the same terms, every part of the data by coefficients"
+        " that were regressed on the other parts. The dashed line is the model as reported, which has seen it all; the"
+        " terms were chosen with all of it in both."
+        if work.held_out
+        else " Nothing here is held out: the model has seen all of it."
+    )
     return Picture(
         "targets",
         "work",
         "Line plots over time of the predicted beside the estimated targets, with a close-up",
         "The targets as estimated from the record and as the model predicts them from the states and inputs at the same"
-        f" instant. {_stretch(report)} Look for peaks that the prediction misses in one direction only.",
+        f" instant; close up where they are largest.{honest} Look for peaks that the prediction misses in one direction"
+        f" only.{_left_out(work.targets)}",
         "chart",
-        report.at_work.targets,
+        work.targets,
     )
 
 
-def _free_run(report: Report) -> Picture:
+def _free_runs(report: Report) -> Picture:
     work = report.at_work
+    several = len(work.runs) > 1
+    whole = sum(run.valid_time >= run.duration for run in work.runs)
+    parted = whole < len(work.runs)
+    driven = bool(report.observed.recorded.inputs)
     return Picture(
         "free-run",
-        "work",
-        f"Line plots over time of every state in a free run of the model beside the record, valid for"
-        f" {work.valid_time:.4g} of {work.duration:.4g} s",
-        "The model left to itself: it starts from the record's state at the left edge and sees nothing but the input"
-        f" after that. {_stretch(report)} A chaotic system must part from its record some time, however good the model:"
-        " look how long it stays, and whether it moves alike afterwards."
-        + (f" The run ended early: {work.ended}." if work.ended else ""),
-        "chart",
-        work.free_run,
+        "answer",
+        "Line plots over time of every coordinate: free runs of the model beside what was measured, in"
+        f" {len(work.free_runs.runs)} recording{'s' if several else ''}; {whole} of {len(work.runs)} free runs stay"
+        " with their recording to its end, the numbers stand in a table below",
+        f"The model left to itself: {'each run' if several else 'the run'} starts where the recording does, from a"
+        f" state fitted to its first stretch, and sees nothing{' but the input' if driven else ''} after that. The"
+        " coefficients were fitted to these recordings."
+        + (" Above each is its number, and how long the model stays with it." if several else "")
+        + (
+            " A free run has parted (vertical line) where its error passes 30 % of the spread of what was measured. A"
+            " chaotic system must part from its record some time, however good the model: look how long it stays, and"
+            " whether it moves alike afterwards."
+            if parted
+            else ""
+        )
+        + (
+            f" {work.free_runs.left_out} more recordings, which the model stays with no shorter, found no room here."
+            if work.free_runs.left_out
+            else ""
+        ),
+        "thumbnails",
+        work.free_runs,
     )
 
 

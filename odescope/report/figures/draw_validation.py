@@ -21,7 +21,7 @@ from odescope.report.figures.style import (
     plain,
     style,
 )
-from odescope.validation.validate import FreeRunOf
+from odescope.validation.free_runs import FreeRunOf
 
 COLOURS = (VERMILLION, BLUE, GREEN, ORANGE, SKY)
 DASHES = ((0, (4, 1.6)), (0, (4, 1.4, 1, 1.4)), (0, (1, 1.2)), (0, (7, 2)), (0, (2, 1)))

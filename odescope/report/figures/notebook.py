@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING
 
 from odescope.errors import InputError, nearest
 from odescope.pipeline.identification import Identification
-from odescope.report.at_work import at_work
+from odescope.report.at_work import targets_chart
 from odescope.report.data import Searched
 from odescope.report.figures.draw_grids import draw_accuracy, draw_candidates, draw_correlation
 from odescope.report.figures.draw_lines import draw_chart, draw_spectra
 from odescope.report.figures.draw_path import draw_path
+from odescope.report.figures.draw_thumbnails import draw_thumbnails
+from odescope.report.free_runs import runs_over, thumbnails
 from odescope.report.recorded import Truth, derivatives_chart, signals_chart, spectra
 from odescope.report.searches import searched
 
@@ -62,13 +64,13 @@ def plot_path(result: Identification) -> Figure:
 
 
 def plot_targets(result: Identification, truth: Truth | None = None) -> Figure:
-    """Return the predicted beside the estimated targets on the last fifth of the longest recording (Fig. 6)."""
-    return draw_chart(at_work(result, truth).targets)
+    """Return the predicted beside the estimated targets over all the data (Fig. 6)."""
+    return draw_chart(targets_chart(result, truth)[0])
 
 
 def plot_free_run(result: Identification) -> Figure:
-    """Return a free run of the model beside the record on the last fifth of the longest recording (Fig. 7)."""
-    return draw_chart(at_work(result).free_run)
+    """Return the free runs of the model from the start of every recording, beside what was measured (Fig. 7)."""
+    return draw_thumbnails(thumbnails(result, runs_over(result)))
 
 
 def _of(result: Identification, target: str | None) -> Searched:

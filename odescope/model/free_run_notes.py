@@ -1,0 +1,64 @@
+"""Sentences about free runs from the start of the recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from odescope.model.scores import FreeRun
+
+MANY = 4  # coordinates whose fits are told one by one
+
+
+def free_run_sentences(runs: Sequence[FreeRun]) -> Iterator[str]:
+    """Yield how long the free runs of a model stay with its recordings, how well they fit, and which ended early."""
+    if len(runs) == 1:
+        (run,) = runs
+        stays = f"{_length(run)}" if run.stays else f"{run.valid_time:.3g} of {run.duration:.4g} s"
+        yield f"Run freely from its start, it stays with the recording for {stays}{_fits(runs)}."
+    elif runs:
+        yield f"Run freely from their starts, it stays with {_which(runs)}{_fits(runs)}."
+    for run in runs:
+        if run.ended:
+            which = "The free run" if len(runs) == 1 else f"The free run over recording {run.recording}"
+            yield f"{which} ended early: {run.ended}."
+
+
+def _length(run: FreeRun) -> str:
+    if run.recorded is None:
+        return f"all of its {run.duration:.4g} s"
+    return f"all of the first {run.duration:.4g} s, which were tried, of {run.recorded:.4g} s"
+
+
+def _which(runs: Sequence[FreeRun]) -> str:
+    tried = "" if runs[-1].recording == len(runs) else f" that were tried, of {runs[-1].recording},"
+    lost = [run for run in runs if not run.stays]
+    if not lost:
+        return f"all {len(runs)} recordings{tried} to their ends"
+    first = min(lost, key=lambda run: run.valid_time / run.duration)
+    parted = f"{first.valid_time:.3g} of {first.duration:.4g} s of recording {first.recording}"
+    if len(lost) == len(runs):
+        return f"none of the {len(runs)} recordings{tried} to its end; it parts soonest after {parted}"
+    rest = "the other" if len(lost) == 1 else "the others soonest"
+    return (
+        f"{len(runs) - len(lost)} of {len(runs)} recordings{tried} to their ends and parts from {rest} after {parted}"
+    )
+
+
+def _fits(runs: Sequence[FreeRun]) -> str:
+    """Return the range of the fits of every coordinate over the recordings, where free runs stay with them."""
+    if not all(run.stays for run in runs):
+        return ""
+    told = []
+    for name in runs[0].coordinates:
+        known = [run.coordinates[name].fit for run in runs if name in run.coordinates]
+        fits = [fit for fit in known if fit is not None]
+        if fits:
+            low, high = (_percent(end) for end in (min(fits), max(fits)))
+            told.append(f"{name} {low}" if low == high else f"{name} {low} to {high}")
+    few = told[:MANY] + (["..."] if len(told) > MANY else [])
+    return f" (fit of {', '.join(few)})" if told else ""
+
+
+def _percent(fit: float) -> str:
+    """Return a fit as a percentage that is not rounded up to the whole."""
+    return "over 99.9 %" if 99.9 < fit < 100.0 else f"{fit:.3g} %"

@@ -1,0 +1,131 @@
+"""Free runs of a model over recordings, each from a state that is fitted to the first stretch of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from odescope.arrays import BoolArray
+from odescope.model.initial_state import initial_state
+from odescope.model.model import Model
+from odescope.model.scores import CoordinateRun, FreeRun
+from odescope.model.simulation import Trajectory, known_from, simulate
+from odescope.parallel.workers import nothing
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Record, Records
+from odescope.validation.agreement import Pair, agreement, turned, valid_time
+
+MOST_RECORDINGS = 48  # that are run freely where nobody asked for them all
+MOST_SAMPLES = 500_000  # of these together: of longer recordings the first part is run
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRunOf:
+    """The free run of one model over one recording, by its number from 1, beside what was measured."""
+
+    model: str
+    number: int
+    record: Record
+    run: Trajectory
+
+
+def run_freely(model: Model, part: Record) -> Trajectory:
+    """Return the free run over a record, or part of one, from a state fitted to its first stretch."""
+    start = initial_state(model, part)
+    inputs = np.array([part.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(part)).T
+    return simulate(model, part.t, np.ascontiguousarray(inputs), start)
+
+
+def free_runs(model: Model, records: Records, check: Callable[[], None] = nothing) -> tuple[FreeRunOf, ...]:
+    """Return the free runs from the start of every recording; of very many, of some that are spread over them.
+
+    Args:
+        model: its coordinates and inputs are columns of the records.
+        records: as they were recorded, whatever the offsets of coordinates and the delays of inputs.
+        check: called before each run; what it raises ends them.
+    """
+    count = min(len(records), MOST_RECORDINGS)
+    numbers = np.rint(np.linspace(0, len(records) - 1, count)).astype(np.int64).tolist()
+    longest = MOST_SAMPLES // count
+    found = []
+    for number in numbers:
+        check()
+        record = records.runs[number]
+        part = record if len(record) <= longest else record.part(0, longest)
+        found.append(FreeRunOf("model", number + 1, part, run_freely(model, part)))
+    return tuple(found)
+
+
+def beside(model: Model, c: Coordinate, of: FreeRunOf, noise: float) -> tuple[Pair, float]:
+    """Return what was measured of a coordinate beside a free run, as far as that goes, and the valid time in seconds.
+
+    Args:
+        model: that was run.
+        c: the coordinate.
+        of: the run; of its record values that nobody measured have no part, nor those before `known_from`.
+        noise: standard deviation of a sample of the coordinate, 0 where it is not known.
+    """
+    record, there = of.record, counting(model, c, of.record)
+    measured, predicted = record.column(c.name), of.run.column(c.name) + c.offset
+    seen = there[: len(predicted)]
+    if not seen.any():
+        return (measured[:0], predicted[:0]), 0.0
+    measured, predicted, t = measured[there], predicted[seen], record.t[there]
+    predicted = turned(predicted, measured) if c.angle else predicted
+    valid = valid_time(t, measured, predicted, noise)
+    # Samples that do not count, at either end, were stayed with where those between them were.
+    whole = valid >= float(t[len(predicted) - 1] - t[0])
+    end = float(of.run.t[-1]) if whole else valid + float(t[0])
+    return (measured[: len(predicted)], predicted), end - float(record.t[0])
+
+
+def counting(model: Model, c: Coordinate, record: Record) -> BoolArray:
+    """Return which samples (N,) of a coordinate a free run is compared with.
+
+    Args:
+        model: whose inputs may act late: what acted before the record began is not known.
+        c: the coordinate.
+        record: that is run over.
+    """
+    there: BoolArray = record.counted(c.name) > 0.0
+    there[: known_from(model.inputs, record.t)] = False
+    return there
+
+
+def free_run_score(model: Model, of: FreeRunOf, noise: Mapping[str, float], recorded: float) -> FreeRun:
+    """Return how a free run went.
+
+    Args:
+        model: that was run.
+        of: the run.
+        noise: standard deviation of a sample, by coordinate; one that it lacks counts as 0.
+        recorded: length in seconds of the recording, of which the run may have followed a first part.
+    """
+    found = dict(_coordinates(model, of, noise))
+    duration = of.record.duration
+    return FreeRun(
+        duration=duration,
+        valid_time=min((c.valid_time for c in found.values()), default=duration),
+        ended=of.run.ended,
+        recording=of.number,
+        recorded=recorded if recorded > duration else None,
+        coordinates=found,
+    )
+
+
+def _coordinates(model: Model, of: FreeRunOf, noise: Mapping[str, float]) -> Iterator[tuple[str, CoordinateRun]]:
+    for c in model.coordinates:
+        if not counting(model, c, of.record).any():
+            continue
+        pair, valid = beside(model, c, of, noise.get(c.name, 0.0))
+        agreed = None if of.run.ended else agreement([pair])
+        yield (
+            c.name,
+            CoordinateRun(
+                valid_time=valid,
+                fit=None if agreed is None else agreed.fit,
+                rmse=None if agreed is None else agreed.rmse,
+            ),
+        )

@@ -1,0 +1,91 @@
+"""Sentences on free runs, and on what a model is not for."""
+
+import pytest
+
+from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
+from odescope.model.cautions import cautions
+from odescope.model.free_run_notes import free_run_sentences
+from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
+from odescope.model.scores import CoordinateRun, FreeRun, Likelihood, ModelScores
+from odescope.recordings.coordinate import Coordinate, Input
+
+
+def run(duration, valid, recording=1, fit=None, **more):
+    coordinates = {"x": CoordinateRun(valid, fit, 0.1)}
+    return FreeRun(duration, valid, recording=recording, coordinates=coordinates, **more)
+
+
+def told(*runs):
+    return list(free_run_sentences(runs))
+
+
+def test_one_recording_is_told_in_seconds():
+    start = "Run freely from its start, it stays with the recording for "
+    assert told(run(8.0, 8.0, fit=98.76)) == [f"{start}all of its 8 s (fit of x 98.8 %)."]
+    assert told(run(65.0, 36.34, fit=10.0)) == [f"{start}36.3 of 65 s."]
+    assert told(run(8.0, 8.0, recorded=3600.0)) == [f"{start}all of the first 8 s, which were tried, of 3600 s."]
+    assert told(run(8.0, 8.0, fit=99.99)) == [f"{start}all of its 8 s (fit of x over 99.9 %)."]
+    assert told(run(8.0, 0.5, ended="met a pole"))[1] == "The free run ended early: met a pole."
+    assert told() == []
+
+
+def test_of_several_recordings_it_is_told_which_is_lost_first():
+    start = "Run freely from their starts, it stays with "
+    fits = [run(8.0, 8.0, k, fit=90.0 + k) for k in (1, 2, 3)]
+    assert told(*fits) == [f"{start}all 3 recordings to their ends (fit of x 91 % to 93 %)."]
+    lost = told(fits[0], run(8.0, 2.0, 2), run(4.0, 0.5, 3))
+    assert lost == [
+        f"{start}1 of 3 recordings to their ends and parts from the others soonest after 0.5 of 4 s of recording 3."
+    ]
+    none = told(run(8.0, 2.0, 1), run(4.0, 0.5, 2))
+    assert none == [f"{start}none of the 2 recordings to its end; it parts soonest after 0.5 of 4 s of recording 2."]
+    spread = told(run(8.0, 8.0, 1), run(8.0, 8.0, 90))
+    assert spread == [f"{start}all 2 recordings that were tried, of 90, to their ends."]
+
+
+TERMS = {"x_ddot": (1.0, None), "sin(phi)": (2.0, 0.1), "x_dot": (0.3, 0.2), "u": (-1.0, 0.01)}
+
+
+def model(terms=TERMS, scores=None):
+    scope = Scope.of(("x", "phi", "x_dot", "phi_dot", "u"))
+    first = [
+        RelationTerm(Product("x_ddot") if t == "x_ddot" else Product(None, parse_term(t, scope)), c, e)
+        for t, (c, e) in terms.items()
+    ]
+    second = [RelationTerm(Product("phi_ddot"), 1.0), RelationTerm(Product(None, parse_term("phi", scope)), 4.0, 0.1)]
+    return Model(
+        (Coordinate("x", 2, cyclic=True), Coordinate("phi", 2, angle=True)),
+        (Input("u"),),
+        (Relation(tuple(first)), Relation(tuple(second))),
+        scores=scores,
+        domain={"x": (-9.0, 9.0), "phi": (-0.2, 0.3), "x_dot": (-1.0, 2.0), "phi_dot": (-3.0, 4.0), "u": (-5.0, 5.0)},
+    )
+
+
+def test_the_data_bound_what_it_is_for():
+    (ranges,) = [line for line in cautions(model(), {"u": "N"}) if "extrapolates" in line]
+    assert "u from −5 to 5 N" in ranges
+    assert "phi from −0.2 to 0.3," in ranges  # an angle that never turned over
+    assert "x from" not in ranges  # cyclic: the equations do not hold it
+
+
+def test_terms_of_which_little_is_known_are_named():
+    lines = cautions(model(), {})
+    assert lines[-1].endswith("no small part of them: x_dot in x_ddot (± 67 %).")
+    sure = cautions(model({**TERMS, "x_dot": (0.3, 0.003)}), {})
+    assert sure[-1] == "The least certain coefficient is that of sin(phi) in x_ddot: ± 5 %."
+
+
+def test_how_far_ahead_is_the_soonest_that_a_free_run_parts():
+    scores = ModelScores(free_runs=(run(8.0, 8.0), run(8.0, 3.21, 2), run(8.0, 5.0, 3)))
+    assert "further ahead than some 3.2 s" in cautions(model(scores=scores), {})[0]
+    whole = ModelScores(free_runs=(run(8.0, 8.0),))
+    assert not any("further ahead" in line for line in cautions(model(scores=whole), {}))
+
+
+@pytest.mark.parametrize("follows", [True, False])
+def test_a_model_that_is_uncertain_as_a_whole_says_so_first(follows):
+    scores = ModelScores(likelihood=Likelihood(follows, 9.0, 0.1, True, 3, None, (), ()))
+    assert cautions(model(scores=scores), {})[0].startswith("Uncertain: ") is not follows
