@@ -127,11 +127,11 @@ def attempt(job: tuple[str, float, int]) -> dict[str, str]:
     except NoModelError as error:
         return dict.fromkeys(case.truth, f"none: {error.stage}")
     outcome = {}
-    for search, chosen in zip(result.searches, result.chosen, strict=True):
-        found = {search.problem.terms[j].expanded.text for j in chosen.support}
-        truth = case.truth[chosen.target]
+    for target, relation in zip(result.model.targets, result.model.relations, strict=True):
+        found = {term.product.expanded.text for term in relation.terms}
+        truth = case.truth[target]
         extra, missing = sorted(found - truth), sorted(truth - found)
-        outcome[chosen.target] = "" if found == truth else f"missing {missing}, extra {extra}"
+        outcome[target] = "" if found == truth else f"missing {missing}, extra {extra}"
     return outcome
 
 
