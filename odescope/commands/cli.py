@@ -14,7 +14,7 @@ from odescope.errors import OdescopeError, Stopped
 from odescope.export import languages, programs
 
 if TYPE_CHECKING:
-    from odescope.report.data import Report
+    from odescope.commands.run import RunResult
 
 EXPORTS = sorted({*languages.names(), *programs.names()})
 
@@ -132,7 +132,7 @@ def identify(
             monitor=Monitor(tell),
             cluster=cluster,
         )
-    _say_trust(run.report)
+    _say_trust(run)
 
 
 @app.command(short_help="Run a model under a recording's inputs.")
@@ -151,8 +151,9 @@ def simulate(
     ] = None,
 ) -> None:
     """Run a model freely from the first sample of a recording, under its inputs."""
-    from odescope.commands.files import check_file, refuse_overwriting
+    from odescope.commands.files import refuse_overwriting
     from odescope.commands.free_run import free_runs
+    from odescope.files import check_file
 
     if out is not None:
         check_file(out)
@@ -190,9 +191,10 @@ def filter_(
     recording: Recording = None,
 ) -> None:
     """Estimate the states of a machine, velocities included, with standard deviations: a Kalman filter or smoother."""
-    from odescope.commands.files import check_file, refuse_overwriting
-    from odescope.commands.model_data import TimeColumns
+    from odescope.commands.files import refuse_overwriting
     from odescope.commands.observe import NoiseOptions, filtered
+    from odescope.files import check_file
+    from odescope.model.recorded import TimeColumns
 
     if out is not None:
         check_file(out)
@@ -224,10 +226,11 @@ def validate(
     recording: Recording = None,
 ) -> None:
     """Judge models on data that they have not seen: fits of free runs and of one-step predictions, valid times."""
-    from odescope.commands.files import check_writable, refuse_overwriting, write_files
-    from odescope.commands.model_data import TimeColumns
+    from odescope.commands.files import check_writable, refuse_overwriting
     from odescope.commands.terminal import say
     from odescope.commands.validation import FIGURE, TABLE, ValidationFiles, validated, validation_files
+    from odescope.files import write_files
+    from odescope.model.recorded import TimeColumns
 
     named = ValidationFiles.of(files, data or ())
     if out is not None:
@@ -259,7 +262,7 @@ def demo(
 
     with shown() as tell:
         run = run_demo(out, seed, level, friction, Monitor(tell))
-    _say_trust(run.report)
+    _say_trust(run)
     say(table_text(run.report))
 
 
@@ -299,8 +302,8 @@ def export(
 
 def _deliver(text: str, lines: Iterable[str], out: Path | None) -> None:
     """Write a table to a file, and what there is to say of it beside; without a file that is standard output's."""
-    from odescope.commands.files import write_file
     from odescope.commands.terminal import say
+    from odescope.files import write_file
 
     if out is None:
         for line in lines:
@@ -311,11 +314,12 @@ def _deliver(text: str, lines: Iterable[str], out: Path | None) -> None:
         say("".join(f"{line}\n" for line in lines))
 
 
-def _say_trust(report: Report) -> None:
-    """Say on standard error how far to trust what was found."""
+def _say_trust(run: RunResult) -> None:
+    """Say on standard error how far to trust what was found, coefficient by coefficient and as a whole."""
+    from odescope.commands.terminal import errors_text
     from odescope.report.console import trust_text
 
-    print(f"\n{trust_text(report)}", end="", file=sys.stderr)
+    print(f"{errors_text(run.result.model)}\n{trust_text(run.report)}", end="", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from odescope.likelihood.search import LikelihoodSearch
 from odescope.recordings.checks import is_degrees
 from odescope.recordings.coordinate import Coordinate, Hold, Input
 from odescope.recordings.gaps import Gaps
+from odescope.recordings.headings import TimeUnit
 from odescope.recordings.layout import Layout
 from odescope.regression.proposers import EnergyThreshold
 from odescope.regression.rank import told_apart
@@ -50,11 +51,13 @@ Mechanisms = tuple[tuple[Mechanism, ...], LeftOut]  # candidates, and those left
 class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where the recordings are and how they are laid out; see `odescope.recordings.layout.Layout`.
 
-    `memory` is what an identification may take, in MB: of a longer log the chunks are read one by one.
+    `memory` is what an identification may take, in MB: of a longer log the chunks are read one by one. `time_unit` is
+    that of the column `time`, by default what its heading says, as in "time (ms)", else seconds.
     """
 
     files: tuple[str, ...] = ()
     time: str | None = None
+    time_unit: TimeUnit | None = None
     sample_period: float | None = None
     recording: str | None = None
     gaps: Gaps = "bridge"
@@ -287,6 +290,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             recording=self.data.recording,
             gaps=self.data.gaps,
             jitter=self.data.jitter,
+            time_unit=self.data.time_unit or "s",
         )
 
     def _couples(self) -> bool:
