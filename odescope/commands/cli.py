@@ -10,6 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from odescope.commands.options import (
+    BasisOption,
+    ClusterOption,
+    DegreeOption,
+    DelayOption,
+    GapsOption,
+    ModelFile,
+    Recording,
+    SamplePeriod,
+    Sources,
+    StatesFile,
+    Time,
+)
 from odescope.errors import OdescopeError, Stopped
 from odescope.export import languages, programs
 
@@ -78,23 +91,15 @@ def main() -> None:
         raise
 
 
-# What several commands take.
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")]
-StatesFile = Annotated[Path | None, typer.Option(help="CSV file for the states.", show_default="standard output")]
-Time = Annotated[
-    str | None, typer.Option(help="Column that holds the time.", show_default="as identified, else t or time")
-]
-SamplePeriod = Annotated[float | None, typer.Option(help="Sampling period in seconds, where no column has it.")]
-Recording = Annotated[str | None, typer.Option(help="Column that splits files into recordings.")]
-
-
 @app.command(short_help="Identify the equations behind a recording.")
 def identify(
-    source: Annotated[Path, typer.Argument(metavar="STUDY.toml | DATA", help="A study, or a data file with options.")],
+    sources: Sources,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results.", show_default="the source's name, beside it")
     ] = None,
-    time: Annotated[str | None, typer.Option(help="Column that holds the time in seconds.")] = None,
+    time: Annotated[
+        str | None, typer.Option(help="Column that holds the time, in seconds or as its heading says.")
+    ] = None,
     sample_period: SamplePeriod = None,
     coordinate: Annotated[
         list[str] | None,
@@ -106,13 +111,12 @@ def identify(
     order: Annotated[
         int | None, typer.Option(help="Order of the equations of all coordinates.", show_default="1")
     ] = None,
-    recording: Annotated[str | None, typer.Option(help="Column that splits a file into recordings.")] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(
-            metavar="local | tcp://HOST:PORT", help="Run on Dask workers, which read the files where they lie."
-        ),
-    ] = None,
+    recording: Recording = None,
+    gaps: GapsOption = None,
+    delay: DelayOption = None,
+    basis: BasisOption = None,
+    degree: DegreeOption = None,
+    cluster: ClusterOption = None,
 ) -> None:
     """Identify the equations behind a recording: writes model.json, report.html and more to a folder."""
     from odescope.commands.arguments import DataArguments, resolve, results_folder
@@ -120,15 +124,19 @@ def identify(
     from odescope.commands.terminal import shown
     from odescope.events import Monitor
 
-    given = DataArguments(time, sample_period, tuple(coordinate or ()), tuple(input_ or ()), order, recording)
-    study, folder = resolve(source, given)
+    coordinates, inputs = tuple(coordinate or ()), tuple(input_ or ())
+    given = DataArguments(
+        time, sample_period, coordinates, inputs, order, recording, gaps, tuple(delay or ()), tuple(basis or ()), degree
+    )
+    study, folder = resolve(sources, given)
+    place = results_folder(sources)
     with shown() as tell:
         run = run_study(
             study,
             folder,
-            results_folder(source) if out is None else out,
-            title=source.stem,
-            source=source,
+            place if out is None else out,
+            title=sources[0].stem if len(sources) == 1 else place.name,
+            source=sources[0],
             monitor=Monitor(tell),
             cluster=cluster,
         )

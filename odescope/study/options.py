@@ -42,6 +42,7 @@ else:
 
 
 Span = tuple[float, float] | Literal["scale"]
+MOST_DEGREE = 12
 ANY_SCALE = (0.3, 3.0)  # where a constant is drawn from whose range the data will say
 
 LeftOut = tuple[tuple[Mechanism, tuple[Mechanism, ...]], ...]  # each with what it is a combination of
@@ -132,7 +133,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     preset: Literal["default", "paper"] = "default"
     basis: tuple[str, ...] | None = None
-    degree: Annotated[int, msgspec.Meta(ge=1, le=12)] = 3
+    degree: Annotated[int, msgspec.Meta(ge=1, le=MOST_DEGREE)] = 3
     terms: tuple[str, ...] | None = None
     rules: tuple[AnyRule, ...] | None = None
     functions: dict[str, str] = {}
