@@ -181,9 +181,19 @@ def _driven(column: str | None, flags: list[str], text: str) -> Driven:
 
 def results_folder(sources: Sequence[Path]) -> Path:
     """Return the default folder: beside the first source, called like it less its endings, and how many follow."""
-    source = sources[0] if sources[0].name not in ("", "..") else sources[0].resolve()
-    name = source.name.translate({ord(sign): None for sign in "*?"})
-    name = f"results{name}" if name != source.name and name.startswith(".") else name
-    stem = Path(name.removesuffix(".gz")).stem.lstrip(".")
+    stem, name = source_stem(sources), _whole(sources[0]).name
+    return _whole(sources[0]).parent / (stem if stem != name else f"{stem}-results")
+
+
+def source_stem(sources: Sequence[Path]) -> str:
+    """Return what results are called by default: as the first source less its endings, and how many follow."""
+    name = _whole(sources[0]).name
+    bare = "".join(sign for sign in name if sign not in "*?")
+    only_ending = bare != name and bare.startswith(".")  # of *.csv
+    stem = "" if only_ending else Path(bare.removesuffix(".gz")).stem.lstrip(".")
     more = f"-and-{len(sources) - 1}-more" if len(sources) > 1 else ""
-    return source.parent / (f"{stem}{more}" if more or stem not in ("", name) else f"{stem}-results".lstrip("-"))
+    return f"{stem or 'results'}{more}"
+
+
+def _whole(source: Path) -> Path:
+    return source if source.name not in ("", "..") else source.resolve()

@@ -13,6 +13,7 @@ import typer
 from odescope.commands.options import (
     BasisOption,
     ClusterOption,
+    DataFiles,
     DegreeOption,
     DelayOption,
     GapsOption,
@@ -141,6 +142,22 @@ def identify(
             cluster=cluster,
         )
     _say_trust(run)
+
+
+@app.command(short_help="Write a study from a look at data.")
+def init(
+    sources: DataFiles,
+    out: Annotated[
+        Path | None, typer.Option(help="The study.", show_default="the source's name with .toml, beside it")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a study that is there.")] = False,
+) -> None:
+    """Write a commented study from a look at data: columns, sampling, units, angles, what to leave out."""
+    from odescope.commands.init import init_study
+
+    path, drafted = init_study(sources, out, force)
+    told = f"coordinates: {drafted.coordinates}, inputs: {drafted.inputs}"
+    print(f"wrote {path} ({told}): read it, then run odescope identify {path}", file=sys.stderr)
 
 
 @app.command(short_help="Run a model under a recording's inputs.")

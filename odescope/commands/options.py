@@ -40,3 +40,4 @@ Sources = Annotated[
     list[Path],
     typer.Argument(metavar="STUDY.toml | DATA ...", help="A study; or data files, folders, patterns, with options."),
 ]
+DataFiles = Annotated[list[Path], typer.Argument(metavar="DATA ...", help="Data files, folders and patterns.")]

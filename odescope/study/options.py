@@ -30,6 +30,7 @@ from odescope.regression.rank import told_apart
 from odescope.regression.rows import NoiseWeighted
 from odescope.selection.ranking import Ranking
 from odescope.signals.differentiators import Spectral
+from odescope.signals.rates import how_to_give
 
 if TYPE_CHECKING:  # pieces of one's own go in from Python; what a file may name beside the kinds below, see pieces
     from odescope.regression.proposers import Proposer as AnyProposer
@@ -262,7 +263,11 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         names = [n for c in found for n in (*c.states, c.target)] + list(self.inputs)
         for name in names:
             if names.count(name) > 1:
-                raise InputError(f"the name {name!r} is used twice among coordinates, their derivatives and inputs")
+                of = next((c for c in found if name in c.states[1:]), None)
+                hint = "" if of is None else f": {how_to_give(name, of.name, of.order)}, {name} with another name"
+                raise InputError(
+                    f"the name {name!r} is used twice among coordinates, their derivatives and inputs{hint}"
+                )
             if name in FUNCTIONS or name == "identity":
                 raise InputError(f"{name!r} is the name of a function; call the coordinate or input something else")
         return found
