@@ -76,6 +76,7 @@ class _Keys(msgspec.Struct):
 
 def to_json(model: Model) -> str:
     """Return the text of model.json; floats round-trip, and null stands for a number that is not finite."""
+    check_kind(model, Model, "what is written")
     file: dict[str, object] = {
         "format": "odescope/model",
         "version": 1,
@@ -107,7 +108,6 @@ def write_model(model: Model, path: Path | str) -> None:
     Raises:
         InputError: it cannot be written.
     """
-    check_kind(model, Model, "what is written")
     write_file(as_path(path, "a model file"), to_json(model))
 
 

@@ -226,6 +226,7 @@ def identify(
         raise InputError(
             f"what is identified must be odescope.Study; {said(study)} came: odescope.read_study reads a study file"
         )
+    study.measured()
     study, data = settled_columns(study, data)
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
     with threadpool_limits(1, "blas"), open_workers(cluster) as workers:

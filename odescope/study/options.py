@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import msgspec
@@ -15,7 +14,7 @@ from odescope.library.defaults import check_basis, default_library, default_rule
 from odescope.library.functions import FUNCTIONS
 from odescope.library.lagrangian import lagrangian
 from odescope.library.mechanism import Mechanism
-from odescope.library.parse import Definition, Scope, parse_term
+from odescope.library.parse import Scope, parse_term
 from odescope.library.reactions import reactions, saturation
 from odescope.library.rules import AnyRule
 from odescope.library.ties import tied
@@ -31,6 +30,8 @@ from odescope.regression.rows import NoiseWeighted
 from odescope.selection.ranking import Ranking
 from odescope.signals.differentiators import Spectral
 from odescope.signals.rates import how_to_give
+from odescope.study.definitions import definition
+from odescope.study.kinds import check_fields, check_parts
 
 if TYPE_CHECKING:  # pieces of one's own go in from Python; what a file may name beside the kinds below, see pieces
     from odescope.regression.proposers import Proposer as AnyProposer
@@ -67,6 +68,7 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     memory: float = 1000.0
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not 0.0 < self.memory < math.inf:
             raise InputError(f"memory must be a number of megabytes, got {self.memory!r}")
 
@@ -79,6 +81,9 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     cyclic: bool = False
     angle: bool = False
     unit: str | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -98,6 +103,7 @@ class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         if self.hold not in ("auto", *get_args(Hold)):
             expected = ", ".join(map(repr, ("auto", *get_args(Hold))))
             raise InputError(f"hold must be one of {expected}, got {self.hold!r}")
+        check_fields(self)
         if self.delay not in ("auto", "estimate") and not (isinstance(self.delay, float) and math.isfinite(self.delay)):
             raise InputError(f'delay must be a number of seconds, "auto" or "estimate", got {self.delay!r}')
 
@@ -154,6 +160,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     def __post_init__(self) -> None:
         if self.form not in ("auto", *get_args(Form)):
             raise InputError(f'form must be "auto", {", ".join(map(repr, get_args(Form)))}; {self.form!r} came')
+        check_fields(self)
         for name, form in _BELONG.items():
             if getattr(self, name) is not None and self.form not in ("auto", form):
                 raise InputError(f'[library] {name} belongs to form = "{form}", but form is "{self.form}"')
@@ -251,6 +258,8 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         Raises:
             InputError: there is none, a name is not usable, two names clash, or one reads the column of the time.
         """
+        check_parts(self, "coordinates", Measured)
+        check_parts(self, "inputs", Driven)
         if not self.coordinates:
             raise InputError("a study needs at least one coordinate: add [coordinates.NAME]")
         for name, c in self.coordinates.items():
@@ -328,7 +337,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         for name in self.parameters:
             if name in names or name in FUNCTIONS or name in functions or name == "identity":
                 raise InputError(f"[library.parameters] {name!r} is taken by a state, an input or a function")
-        return Scope.of(names, [_definition(head, body) for head, body in functions.items()], self.parameters)
+        return Scope.of(names, [definition(head, body) for head, body in functions.items()], self.parameters)
 
     def mechanisms(self, form: Form) -> Mechanisms:
         """Return the mechanisms of Lagrange's equations or of reactions, and those left out as combinations of others.
@@ -385,10 +394,3 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             library = default_library(coordinates, inputs, targets, scope).thin(options.rules or (), scope)
         check_basis(coordinates, library)
         return library
-
-
-def _definition(head: str, body: str) -> Definition:
-    spelled = re.fullmatch(r"\s*([A-Za-z_]\w*)\s*\(\s*([A-Za-z_]\w*(?:\s*,\s*[A-Za-z_]\w*)*)\s*\)\s*", head, re.ASCII)
-    if spelled is None:
-        raise InputError(f'[library.functions] wants "name(argument, ...)" = "expression"; {head!r} came')
-    return Definition(spelled[1], tuple(p.strip() for p in spelled[2].split(",")), body)
