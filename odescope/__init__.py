@@ -36,6 +36,7 @@ _HOMES = {
     "selection.ranking": ("Ranking", "rank"),
     "model.model": ("Model",),
     "model.relation": ("Relation", "RelationTerm"),
+    "model.coefficients": ("CoefficientRow",),
     "model.explicit": ("explicit",),
     "model.simulation": ("Trajectory", "simulate"),
     "model.initial_state": ("initial_state",),
@@ -55,12 +56,13 @@ _HOMES = {
     "export.programs.julia": ("to_julia",),
     "export.programs.matlab": ("to_matlab",),
     "export.programs.modelica": ("to_modelica",),
-    "export.model_file": ("from_json", "read_model", "to_json"),
+    "export.model_file": ("from_json", "read_model", "to_json", "write_model"),
     "study.library_options": ("Candidates",),
     "study.options": ("Data", "Driven", "Filtering", "Measured", "Regression", "Study"),
     "study.toml": ("read_study",),
     "pipeline.joint_models": ("Search", "to_relation"),
     "pipeline.identification": ("Identification", "identify"),
+    "commands.results": ("save_result", "write_report"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -1,4 +1,6 @@
 # Drawn from the table in __init__.py: change the table, then run `./run python .ci/stub.py`.
+from odescope.commands.results import save_result as save_result
+from odescope.commands.results import write_report as write_report
 from odescope.errors import InputError as InputError
 from odescope.errors import NoModelError as NoModelError
 from odescope.errors import OdescopeError as OdescopeError
@@ -11,6 +13,7 @@ from odescope.export.languages.text import to_text as to_text
 from odescope.export.model_file import from_json as from_json
 from odescope.export.model_file import read_model as read_model
 from odescope.export.model_file import to_json as to_json
+from odescope.export.model_file import write_model as write_model
 from odescope.export.program_files import ProgramFiles as ProgramFiles
 from odescope.export.programs.antimony import to_antimony as to_antimony
 from odescope.export.programs.c import to_c as to_c
@@ -29,6 +32,7 @@ from odescope.library.rules import Identity as Identity
 from odescope.library.rules import MaximumDegree as MaximumDegree
 from odescope.library.rules import MaximumFactors as MaximumFactors
 from odescope.likelihood.search import LikelihoodSearch as LikelihoodSearch
+from odescope.model.coefficients import CoefficientRow as CoefficientRow
 from odescope.model.explicit import explicit as explicit
 from odescope.model.initial_state import initial_state as initial_state
 from odescope.model.model import Model as Model

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Iterable
+from pathlib import Path
 
 
 class OdescopeError(Exception):
@@ -53,3 +55,40 @@ def nearest(name: str, known: Iterable[str]) -> str:
         return f"did you mean {close[0]!r}?"
     shown = ", ".join(options[:12]) + (", ..." if len(options) > 12 else "")
     return f"there are: {shown}" if options else "there are none"
+
+
+def as_path(given: object, what: str) -> Path:
+    """Return a path that a caller gave as such or as text; `what` says what of.
+
+    Raises:
+        InputError: it is neither.
+    """
+    if isinstance(given, str | os.PathLike):
+        return Path(os.fspath(given))
+    raise InputError(f"{what} is named by its path, as text or pathlib.Path; {said(given)} came")
+
+
+def said(given: object) -> str:
+    """Return what a value is, in words for a message: its kind, and its shape where it has one."""
+    if given is None:
+        return "None"
+    kind, shape = type(given).__name__.removeprefix("nd"), getattr(given, "shape", None)
+    article = "an" if kind[:1].lower() in "aeiou" else "a"
+    return f"{article} {kind}" + (f" of shape {shape}" if isinstance(shape, tuple) else "")
+
+
+def check_kind(given: object, kind: type, what: str) -> None:
+    """Refuse what is not of a kind.
+
+    Args:
+        given: what came.
+        kind: a public class of the package.
+        what: it is given as, for the message.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if not isinstance(given, kind):
+        part = kind.__name__.lower()
+        hint = f": pass its .{part}" if isinstance(getattr(given, part, None), kind) else ""
+        raise InputError(f"{what} must be odescope.{kind.__name__}; {said(given)} came{hint}")

@@ -206,7 +206,12 @@ def test_readme_python_runs(
     assert found.keys() == {"x", "x_dot", "x_ddot"}
     assert found["x"] == pytest.approx(omega**2, rel=1e-3)
     assert found["x_dot"] == pytest.approx(2 * decay, rel=0.05)
-    assert capsys.readouterr().out.startswith("x_ddot = ")
+    out = capsys.readouterr().out
+    assert out.startswith("x_ddot = ")
+    assert re.search(r"^model +free run +x +9\d", out, re.MULTILINE)
+    table = session["table"]
+    assert list(table.columns)[:4] == ["equation", "term", "coefficient", "std_error"]  # type: ignore[attr-defined]
+    assert session["run"].states[1, 0] == pytest.approx(np.cos(1.0), rel=0.1)  # type: ignore[attr-defined]
 
 
 def test_readme_study_is_a_study() -> None:

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TypeVar, get_args
+from typing import Literal, TypeVar, get_args
 
-from odescope.errors import InputError
+from odescope.errors import InputError, nearest
+from odescope.library.parse import parse_term
 from odescope.recordings.coordinate import Hold
-from odescope.recordings.readers import column_names
+from odescope.recordings.gaps import Gaps
+from odescope.recordings.headings import Heading
+from odescope.recordings.readers import column_names, find_files
+from odescope.study.library_options import MOST_DEGREE, Candidates
 from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import read_study
 
@@ -18,7 +23,7 @@ Column = TypeVar("Column", Measured, Driven)
 
 @dataclass(frozen=True)
 class DataArguments:
-    """What a command line says of a data file; None and () where it says nothing.
+    """What a command line says of data files; None and () where it says nothing.
 
     Attributes:
         time: column that holds the time.
@@ -26,7 +31,11 @@ class DataArguments:
         coordinates: NAME[:cyclic][:angle][:order=N] of each.
         inputs: NAME[:HOLD] of each.
         order: of the equations of all coordinates that do not say theirs.
-        recording: column that splits the file into recordings.
+        recording: column that splits the files into recordings.
+        gaps: what is done about them.
+        delays: INPUT=SECONDS of each, or INPUT=estimate.
+        basis: functions that terms are products of, several in one text with commas between.
+        degree: of the terms.
     """
 
     time: str | None = None
@@ -35,48 +44,112 @@ class DataArguments:
     inputs: tuple[str, ...] = ()
     order: int | None = None
     recording: str | None = None
+    gaps: str | None = None
+    delays: tuple[str, ...] = ()
+    basis: tuple[str, ...] = ()
+    degree: int | None = None
 
 
-def resolve(source: Path, given: DataArguments) -> tuple[Study, Path]:
-    """Return the study of a file, a study or data with arguments, and the folder that its files are relative to.
+def resolve(sources: Sequence[Path], given: DataArguments) -> tuple[Study, Path]:
+    """Return the study of files, a study or data with arguments, and the folder that its files are relative to.
 
     Raises:
-        InputError: the file cannot be read, or the arguments do not go together.
+        InputError: a file cannot be read, or the arguments do not go together.
     """
-    if source.suffix.lower() != ".toml":
-        return study_of(source, given), Path()
+    studies = [source for source in sources if source.suffix.lower() == ".toml"]
+    if not studies:
+        return study_of(sources, given), Path()
+    if len(sources) > 1:
+        raise InputError(
+            f"{studies[0].name} is a study: it is identified alone, and names its data itself, files = [...] in [data]"
+        )
     if given != DataArguments():
         raise InputError("with a study file, data options belong in the study; only --out may stand beside it")
-    return read_study(source), source.parent
+    return read_study(studies[0]), studies[0].parent
 
 
-def study_of(source: Path, given: DataArguments) -> Study:
-    """Return the study of a data file that arguments describe.
+def study_of(sources: Sequence[Path], given: DataArguments) -> Study:
+    """Return the study of data files that arguments describe.
 
     Raises:
         InputError: an argument is missing, given twice, or says what cannot be.
     """
+    first = find_files(sources)[0]
+    labels = column_names(first)
     if not given.coordinates:
-        columns = ", ".join(column_names(source))
         raise InputError(
-            f"name at least one measured column of {source.name}, --coordinate NAME, or pass a study (.toml) instead;"
-            f" its columns are: {columns}"
+            f"name at least one measured column of {first.name}, --coordinate NAME, or pass a study (.toml) instead,"
+            f" which odescope init {sources[0]} writes; its columns are: {', '.join(labels)}"
         )
     if given.time is None and given.sample_period is None:
         raise InputError("name the column that holds the time, --time NAME, or give --sample-period SECONDS")
+    if given.gaps is not None and given.gaps not in get_args(Gaps):
+        raise InputError(f"--gaps {given.gaps}: expected one of {', '.join(get_args(Gaps))}")
+    data = Data(
+        files=tuple(map(str, sources)),
+        time=given.time,
+        sample_period=given.sample_period,
+        recording=given.recording,
+        gaps=next((gaps for gaps in get_args(Gaps) if gaps == given.gaps), Data().gaps),
+    )
+    inputs = _each("input", given.inputs, labels, _driven)
     study = Study(
-        data=Data(files=(str(source),), time=given.time, sample_period=given.sample_period, recording=given.recording),
-        coordinates=_each("coordinate", given.coordinates, lambda flags, text: _measured(flags, text, given.order)),
-        inputs=_each("input", given.inputs, _driven),
+        data=data,
+        coordinates=_each("coordinate", given.coordinates, labels, partial(_measured, given.order)),
+        inputs=_delayed(inputs, given.delays),
+        library=_library(given),
     )
     study.measured()
+    scope = study.scope()
+    for function in study.library.basis or ():
+        parse_term(function, scope)
     return study
 
 
-def _each(option: str, texts: Sequence[str], column: Callable[[list[str], str], Column]) -> dict[str, Column]:
+def _library(given: DataArguments) -> Candidates:
+    """Return the library of a basis; the default one where none is given."""
+    basis = tuple(part.strip() for text in given.basis for part in text.split(",") if part.strip())
+    if given.degree is not None and not basis:
+        raise InputError(
+            "--degree is that of a basis: name its functions, such as --basis x,x_dot,u; without, the library is the"
+            " default of the coordinates"
+        )
+    if given.degree is not None and not 1 <= given.degree <= MOST_DEGREE:
+        raise InputError(f"--degree {given.degree}: expected a whole number from 1 to {MOST_DEGREE}")
+    if not basis:
+        return Candidates()
+    return Candidates(basis=basis) if given.degree is None else Candidates(basis=basis, degree=given.degree)
+
+
+def _delayed(inputs: dict[str, Driven], texts: Sequence[str]) -> dict[str, Driven]:
+    """Return inputs with the delays that are given."""
+    found = dict(inputs)
+    for text in texts:
+        label, _, value = text.rpartition("=")
+        name = Heading.of(label).name
+        if name not in inputs:
+            raise InputError(f"--delay {text}: {label!r} is no --input; {nearest(name, inputs)}")
+        try:
+            delay: float | Literal["auto", "estimate"]
+            delay = "auto" if value == "auto" else "estimate" if value == "estimate" else float(value)
+        except ValueError:
+            expected = f"INPUT=SECONDS, such as {name}=0.02, or {name}=estimate"
+            raise InputError(f"--delay {text}: expected {expected}") from None
+        own = inputs[name]
+        found[name] = Driven(column=own.column, hold=own.hold, unit=own.unit, delay=delay)
+    return found
+
+
+def _each(
+    option: str, texts: Sequence[str], labels: Sequence[str], column: Callable[[str | None, list[str], str], Column]
+) -> dict[str, Column]:
     found: dict[str, Column] = {}
     for text in texts:
-        name, *flags = text.split(":")
+        label, *flags = text.split(":")
+        name, read = label, None
+        if not (name.isascii() and name.isidentifier()):
+            # Only of a column that is there: anything else is a slip, and its plain name would hide that.
+            name, read = (Heading.of(label).name, label) if label in labels else (label, None)
         if not (name.isascii() and name.isidentifier()):
             raise InputError(
                 f"--{option}: {name!r} is not a plain name; in a study file, a {option} with a plain name can read any"
@@ -84,31 +157,44 @@ def _each(option: str, texts: Sequence[str], column: Callable[[list[str], str], 
             )
         if name in found:
             raise InputError(f"--{option} {name} is given twice")
-        found[name] = column(flags, text)
+        found[name] = column(read, flags, text)
     return found
 
 
-def _measured(flags: list[str], text: str, order: int | None) -> Measured:
+def _measured(order: int | None, column: str | None, flags: list[str], text: str) -> Measured:
     own = 1 if order is None else order
     for flag in flags:
         if flag.startswith("order=") and flag[6:].isdecimal():
             own = int(flag[6:])
         elif flag not in ("cyclic", "angle"):
             raise InputError(f"--coordinate {text}: after the name come cyclic, angle or order=N; {flag!r} came")
-    return Measured(order=own, cyclic="cyclic" in flags, angle="angle" in flags)
+    return Measured(column=column, order=own, cyclic="cyclic" in flags, angle="angle" in flags)
 
 
-def _driven(flags: list[str], text: str) -> Driven:
+def _driven(column: str | None, flags: list[str], text: str) -> Driven:
     for hold in ("auto", *get_args(Hold)):
         if (flags or ["auto"]) == [hold]:
-            return Driven(hold=hold)
+            return Driven(column=column, hold=hold)
     raise InputError(
         f"--input {text}: after the name comes auto, {', '.join(get_args(Hold))} or nothing; {':'.join(flags)!r} came"
     )
 
 
-def results_folder(source: Path) -> Path:
-    """Return the default folder: beside the source, called like it less its endings."""
-    name = source.name
-    stem = Path(name.removesuffix(".gz")).stem.lstrip(".")
-    return source.parent / (stem if stem not in ("", name) else f"{stem}-results")
+def results_folder(sources: Sequence[Path]) -> Path:
+    """Return the default folder: beside the first source, called like it less its endings, and how many follow."""
+    stem, name = source_stem(sources), _whole(sources[0]).name
+    return _whole(sources[0]).parent / (stem if stem != name else f"{stem}-results")
+
+
+def source_stem(sources: Sequence[Path]) -> str:
+    """Return what results are called by default: as the first source less its endings, and how many follow."""
+    name = _whole(sources[0]).name
+    bare = "".join(sign for sign in name if sign not in "*?")
+    only_ending = bare != name and bare.startswith(".")  # of *.csv
+    stem = "" if only_ending else Path(bare.removesuffix(".gz")).stem.lstrip(".")
+    more = f"-and-{len(sources) - 1}-more" if len(sources) > 1 else ""
+    return f"{stem or 'results'}{more}"
+
+
+def _whole(source: Path) -> Path:
+    return source if source.name not in ("", "..") else source.resolve()

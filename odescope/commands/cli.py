@@ -10,11 +10,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from odescope.commands.options import (
+    BasisOption,
+    ClusterOption,
+    DataFiles,
+    DegreeOption,
+    DelayOption,
+    GapsOption,
+    ModelFile,
+    Recording,
+    SamplePeriod,
+    Sources,
+    StatesFile,
+    Time,
+)
 from odescope.errors import OdescopeError, Stopped
 from odescope.export import languages, programs
 
 if TYPE_CHECKING:
-    from odescope.report.data import Report
+    from odescope.commands.run import RunResult
 
 EXPORTS = sorted({*languages.names(), *programs.names()})
 
@@ -78,23 +92,15 @@ def main() -> None:
         raise
 
 
-# What several commands take.
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")]
-StatesFile = Annotated[Path | None, typer.Option(help="CSV file for the states.", show_default="standard output")]
-Time = Annotated[
-    str | None, typer.Option(help="Column that holds the time.", show_default="as identified, else t or time")
-]
-SamplePeriod = Annotated[float | None, typer.Option(help="Sampling period in seconds, where no column has it.")]
-Recording = Annotated[str | None, typer.Option(help="Column that splits files into recordings.")]
-
-
 @app.command(short_help="Identify the equations behind a recording.")
 def identify(
-    source: Annotated[Path, typer.Argument(metavar="STUDY.toml | DATA", help="A study, or a data file with options.")],
+    sources: Sources,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results.", show_default="the source's name, beside it")
     ] = None,
-    time: Annotated[str | None, typer.Option(help="Column that holds the time in seconds.")] = None,
+    time: Annotated[
+        str | None, typer.Option(help="Column that holds the time, in seconds or as its heading says.")
+    ] = None,
     sample_period: SamplePeriod = None,
     coordinate: Annotated[
         list[str] | None,
@@ -106,13 +112,12 @@ def identify(
     order: Annotated[
         int | None, typer.Option(help="Order of the equations of all coordinates.", show_default="1")
     ] = None,
-    recording: Annotated[str | None, typer.Option(help="Column that splits a file into recordings.")] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(
-            metavar="local | tcp://HOST:PORT", help="Run on Dask workers, which read the files where they lie."
-        ),
-    ] = None,
+    recording: Recording = None,
+    gaps: GapsOption = None,
+    delay: DelayOption = None,
+    basis: BasisOption = None,
+    degree: DegreeOption = None,
+    cluster: ClusterOption = None,
 ) -> None:
     """Identify the equations behind a recording: writes model.json, report.html and more to a folder."""
     from odescope.commands.arguments import DataArguments, resolve, results_folder
@@ -120,19 +125,39 @@ def identify(
     from odescope.commands.terminal import shown
     from odescope.events import Monitor
 
-    given = DataArguments(time, sample_period, tuple(coordinate or ()), tuple(input_ or ()), order, recording)
-    study, folder = resolve(source, given)
+    coordinates, inputs = tuple(coordinate or ()), tuple(input_ or ())
+    given = DataArguments(
+        time, sample_period, coordinates, inputs, order, recording, gaps, tuple(delay or ()), tuple(basis or ()), degree
+    )
+    study, folder = resolve(sources, given)
+    place = results_folder(sources)
     with shown() as tell:
         run = run_study(
             study,
             folder,
-            results_folder(source) if out is None else out,
-            title=source.stem,
-            source=source,
+            place if out is None else out,
+            title=sources[0].stem if len(sources) == 1 else place.name,
+            source=sources[0],
             monitor=Monitor(tell),
             cluster=cluster,
         )
-    _say_trust(run.report)
+    _say_trust(run)
+
+
+@app.command(short_help="Write a study from a look at data.")
+def init(
+    sources: DataFiles,
+    out: Annotated[
+        Path | None, typer.Option(help="The study.", show_default="the source's name with .toml, beside it")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a study that is there.")] = False,
+) -> None:
+    """Write a commented study from a look at data: columns, sampling, units, angles, what to leave out."""
+    from odescope.commands.init import init_study
+
+    path, drafted = init_study(sources, out, force)
+    told = f"coordinates: {drafted.coordinates}, inputs: {drafted.inputs}"
+    print(f"wrote {path} ({told}): read it, then run odescope identify {path}", file=sys.stderr)
 
 
 @app.command(short_help="Run a model under a recording's inputs.")
@@ -151,8 +176,9 @@ def simulate(
     ] = None,
 ) -> None:
     """Run a model freely from the first sample of a recording, under its inputs."""
-    from odescope.commands.files import check_file, refuse_overwriting
+    from odescope.commands.files import refuse_overwriting
     from odescope.commands.free_run import free_runs
+    from odescope.files import check_file
 
     if out is not None:
         check_file(out)
@@ -190,9 +216,10 @@ def filter_(
     recording: Recording = None,
 ) -> None:
     """Estimate the states of a machine, velocities included, with standard deviations: a Kalman filter or smoother."""
-    from odescope.commands.files import check_file, refuse_overwriting
-    from odescope.commands.model_data import TimeColumns
+    from odescope.commands.files import refuse_overwriting
     from odescope.commands.observe import NoiseOptions, filtered
+    from odescope.files import check_file
+    from odescope.model.recorded import TimeColumns
 
     if out is not None:
         check_file(out)
@@ -224,10 +251,11 @@ def validate(
     recording: Recording = None,
 ) -> None:
     """Judge models on data that they have not seen: fits of free runs and of one-step predictions, valid times."""
-    from odescope.commands.files import check_writable, refuse_overwriting, write_files
-    from odescope.commands.model_data import TimeColumns
+    from odescope.commands.files import check_writable, refuse_overwriting
     from odescope.commands.terminal import say
     from odescope.commands.validation import FIGURE, TABLE, ValidationFiles, validated, validation_files
+    from odescope.files import write_files
+    from odescope.model.recorded import TimeColumns
 
     named = ValidationFiles.of(files, data or ())
     if out is not None:
@@ -259,7 +287,7 @@ def demo(
 
     with shown() as tell:
         run = run_demo(out, seed, level, friction, Monitor(tell))
-    _say_trust(run.report)
+    _say_trust(run)
     say(table_text(run.report))
 
 
@@ -299,8 +327,8 @@ def export(
 
 def _deliver(text: str, lines: Iterable[str], out: Path | None) -> None:
     """Write a table to a file, and what there is to say of it beside; without a file that is standard output's."""
-    from odescope.commands.files import write_file
     from odescope.commands.terminal import say
+    from odescope.files import write_file
 
     if out is None:
         for line in lines:
@@ -311,11 +339,12 @@ def _deliver(text: str, lines: Iterable[str], out: Path | None) -> None:
         say("".join(f"{line}\n" for line in lines))
 
 
-def _say_trust(report: Report) -> None:
-    """Say on standard error how far to trust what was found."""
+def _say_trust(run: RunResult) -> None:
+    """Say on standard error how far to trust what was found, coefficient by coefficient and as a whole."""
+    from odescope.commands.terminal import errors_text
     from odescope.report.console import trust_text
 
-    print(f"\n{trust_text(report)}", end="", file=sys.stderr)
+    print(f"{errors_text(run.result.model)}\n{trust_text(run.report)}", end="", file=sys.stderr)
 
 
 if __name__ == "__main__":

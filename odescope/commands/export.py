@@ -5,12 +5,13 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from odescope.commands.files import check_file, check_writable, refuse_overwriting, write_file, write_files
+from odescope.commands.files import check_writable, refuse_overwriting
 from odescope.commands.terminal import say
 from odescope.errors import InputError, nearest
 from odescope.export import languages, programs
 from odescope.export.model_file import read_model
 from odescope.export.program_files import NAME
+from odescope.files import check_file, write_file, write_files
 
 
 def export_model(model_path: Path, to: str, out: Path | None, name: str | None, force: bool) -> None:

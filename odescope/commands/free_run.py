@@ -11,21 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.commands.model_data import (
-    Sensors,
-    TimeColumns,
-    label_of,
-    lacking_columns,
-    layout_for,
-    model_columns,
-    named_numbers,
-    read_for,
-    time_name,
-)
+from odescope.commands.model_data import Sensors, in_unit, label_of, named_numbers, time_name
 from odescope.errors import InputError
 from odescope.export.model_file import read_model
 from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
+from odescope.model.recorded import TimeColumns, lacking_columns, layout_for, model_columns, read_for, time_unit_of
 from odescope.model.simulation import Trajectory, simulate
 from odescope.recordings.readers import read_times
 from odescope.recordings.record import Record, Records
@@ -81,12 +72,13 @@ def free_runs(
     stamps = read_times(
         data_path, layout_for(model, [data_path], columns, [n for n in model_columns(model) if n in records.names])
     )
+    time_unit = time_unit_of(model, data_path, columns)
     for run in records:
         label = () if recording is None else (label_of(run, [data_path], recording),)
         result = _free_run(model, run, given, sensors)
         runs.append(result)
         own, states = _at_the_rows(result, run, stamps.get(run.source, run.t))
-        for t, row in zip(own.tolist(), sensors.read(states).tolist(), strict=True):
+        for t, row in zip(in_unit(own, time_unit).tolist(), sensors.read(states).tolist(), strict=True):
             writer.writerow((*label, repr(t), *map(repr, row)))
         if result.ended:
             where = f" of recording {label[0]}" if label else ""

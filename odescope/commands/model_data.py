@@ -1,4 +1,4 @@
-"""The recordings that a model is run on: their columns in a file, and what to say where these are missing."""
+"""What commands say of a model and the data that it is run on: options, labels, and how sensors read its states."""
 
 from __future__ import annotations
 
@@ -11,95 +11,9 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, nearest
 from odescope.model.model import Model
-from odescope.recordings.layout import Layout
-from odescope.recordings.readers import column_names, find_files, read_records
-from odescope.recordings.record import Record, Records
-
-TIME_NAMES = ("t", "time", "Time", "T", "TIME")
-
-
-@dataclass(frozen=True)
-class TimeColumns:
-    """Where a command line says that the time is, and what tells recordings apart; None where it says nothing."""
-
-    time: str | None = None
-    sample_period: float | None = None
-    recording: str | None = None
-
-
-def model_columns(model: Model) -> dict[str, str]:
-    """Return the column of every coordinate and input: as when the model was identified, else its own name."""
-    known = model.provenance.get("columns")
-    place = known if isinstance(known, dict) else {}
-    names = [c.name for c in model.coordinates] + [i.name for i in model.inputs]
-    return {name: column if isinstance(column := place.get(name), str) else name for name in names}
-
-
-def lacking_columns(names: Sequence[str], model: Model, files: Sequence[Path]) -> list[str]:
-    """Return the columns of some coordinates or inputs that the first file has not.
-
-    Args:
-        names: of coordinates or inputs.
-        model: whose they are.
-        files: data.
-    """
-    there, place = column_names(files[0]), model_columns(model)
-    return [place[name] for name in names if place[name] not in there]
-
-
-def read_for(model: Model, files: Sequence[Path], given: TimeColumns, names: Sequence[str]) -> Records:
-    """Return the recordings in some files.
-
-    Args:
-        model: whose columns are meant.
-        files: data.
-        given: where the time is; by default as identified, else t, time and the like.
-        names: coordinates and inputs that are wanted.
-
-    Raises:
-        InputError: a file cannot be read, or columns are missing: all of them are named.
-    """
-    files = find_files(files)
-    return read_records(files, layout_for(model, files, given, names))
-
-
-def layout_for(model: Model, files: Sequence[Path], given: TimeColumns, names: Sequence[str]) -> Layout:
-    """Return how some files are read for a model.
-
-    Args:
-        model: whose columns are meant.
-        files: data.
-        given: where the time is; by default as identified, else t, time and the like.
-        names: coordinates and inputs that are wanted.
-
-    Raises:
-        InputError: columns are missing: all of them are named.
-    """
-    place = model_columns(model)
-    for file in files:
-        lacking = lacking_columns(names, model, [file])
-        if lacking:
-            there = column_names(file)
-            inputs = {place[i.name] for i in model.inputs}
-            roles = " and ".join(f"{c!r} is {'an input' if c in inputs else 'a coordinate'}" for c in lacking)
-            hint = nearest(lacking[0], there) if len(lacking) == 1 else f"its columns are {', '.join(there)}"
-            raise InputError(f"no column {', '.join(map(repr, lacking))} in {file.name}: {roles} of the model; {hint}")
-    return Layout(
-        time=_time_column(model, files[0], given),
-        sample_period=given.sample_period,
-        columns=tuple((name, place[name]) for name in names),
-        angles=frozenset(c.name for c in model.coordinates if c.angle and c.name in names),
-        degrees=_in_degrees(model) & set(names),
-        held=frozenset(i.name for i in model.inputs if i.hold == "zero" and i.name in names),
-        inputs=frozenset(i.name for i in model.inputs if i.name in names),
-        recording=given.recording,
-    )
-
-
-def _in_degrees(model: Model) -> frozenset[str]:
-    """Return the angles that were recorded in degrees when the model was identified."""
-    known = model.provenance.get("degrees")
-    return frozenset(c.name for c in model.coordinates if isinstance(known, list) and c.name in known)
+from odescope.model.recorded import TimeColumns, in_degrees, time_label
+from odescope.recordings.headings import TimeUnit, in_seconds
+from odescope.recordings.record import Record
 
 
 def label_of(run: Record, files: Sequence[Path], recording: str) -> str:
@@ -153,7 +67,13 @@ def time_name(model: Model, data: Path, given: TimeColumns) -> str:
         data: a file.
         given: by the command line.
     """
-    return _time_column(model, data, given) or "t"
+    return time_label(model, data, given) or "t"
+
+
+def in_unit(t: FloatArray, unit: TimeUnit) -> FloatArray:
+    """Return times in seconds (N,) in a unit, as few digits as tell them apart: 1.001 s are 1001 ms."""
+    factor, over = in_seconds(unit)
+    return t if unit == "s" else np.array([float(f"{v:.15g}") for v in (t * over / factor).tolist()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +87,7 @@ class Sensors:
     def of(model: Model) -> Sensors:
         """Return the sensors of a model's states, those of angles in degrees where it was identified from such."""
         more = {c.name: c.offset for c in model.coordinates}
-        degrees = _in_degrees(model)
+        degrees = in_degrees(model)
         angular = {s for c in model.coordinates if c.name in degrees for s in c.states}
         return Sensors(
             np.array([more.get(s, 0.0) for s in model.states]),
@@ -182,18 +102,3 @@ class Sensors:
     def state(self, k: int, reading: float) -> float:
         """Return the k-th state from its reading."""
         return float(reading * self.unit[k] - self.offset[k])
-
-
-def _time_column(model: Model, data: Path, given: TimeColumns) -> str | None:
-    """Return the column that holds the time, None where a sample period stands for it."""
-    if given.sample_period is not None or given.time is not None:
-        return given.time
-    known = model.provenance.get("time")
-    there = column_names(data)
-    for name in (known, *TIME_NAMES):
-        if isinstance(name, str) and name in there:
-            return name
-    raise InputError(
-        f"{data.name} has no column called t or time; name it with --time, or give --sample-period. Its columns are"
-        f" {', '.join(there)}"
-    )

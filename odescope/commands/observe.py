@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from odescope.commands.model_data import Sensors, TimeColumns, label_of, named_numbers, read_for, time_name
+from odescope.commands.model_data import Sensors, in_unit, label_of, named_numbers, time_name
 from odescope.export.model_file import read_model
 from odescope.model.model import Model
+from odescope.model.recorded import TimeColumns, read_for, time_unit_of
 from odescope.observer.estimate import StateEstimates, estimate_states
 from odescope.observer.noise import FIT, ProcessNoise, measurement_noise
 from odescope.recordings.record import Records
@@ -69,10 +70,11 @@ def _csv(model: Model, data: Path, columns: TimeColumns, found: StateEstimates, 
     writer.writerow((*labels, time_name(model, data, columns), *model.states, *std, *readings, "innovations_squared"))
     sensors = Sensors.of(model)
     unit = sensors.unit[[model.states.index(c.name) for c in model.coordinates]]
+    time_unit = time_unit_of(model, data, columns)
     for record, run in zip(records, found.runs, strict=True):
         label = () if columns.recording is None else (label_of(record, [data], columns.recording),)
         states, innovations = (sensors.read(run.states), run.std / sensors.unit), (run.innovations, run.expected)
-        table = np.column_stack([run.t, *states, *(i / unit for i in innovations), run.squared])
+        table = np.column_stack([in_unit(run.t, time_unit), *states, *(i / unit for i in innovations), run.squared])
         for row in table.tolist():
             writer.writerow((*label, *("" if v != v else repr(v) for v in row)))
     return out.getvalue()

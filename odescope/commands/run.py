@@ -16,11 +16,11 @@ from odescope.commands.files import (
     check_writable,
     refuse_overwriting,
     result_files,
-    write_files,
     write_results,
 )
 from odescope.errors import Stopped
 from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageBegan
+from odescope.files import write_files
 from odescope.likelihood.kernel import integrate
 from odescope.model.model import Model
 from odescope.parallel.kernels import compiled
@@ -108,7 +108,7 @@ def run_study(
             report = summary(result, title, dict(reference.signals()), reference.table(result.model), watch.known)
             files = report_files(report, painter.paint(pictures(report)))
             monitor.check()
-            written = result_files(result, resolved, files)
+            written = result_files(result, moved(result.study, Path(), out), files)
             write_results(out, written)
         except (KeyboardInterrupt, Stopped):
             raise Stopped(_stopped(watch.progress, out)) from None

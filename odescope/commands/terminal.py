@@ -6,10 +6,16 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from odescope.errors import InputError
 from odescope.events import Event, FilesWritten, Note, Progress, StageBegan
 from odescope.model.notes import uncertain
+
+if TYPE_CHECKING:
+    from odescope.model.model import Model
+
+MOST_ROWS = 20  # of coefficients
 
 
 @contextmanager
@@ -82,6 +88,17 @@ def remark(event: Event) -> str:
     if isinstance(event, Note):
         return f"note: {event.text}"
     return f"wrote {event.folder}/: {', '.join(event.names)}" if isinstance(event, FilesWritten) else ""
+
+
+def errors_text(model: Model) -> str:
+    """Return coefficients with standard errors, as lines, as many as leave a screen for the rest; no text for none."""
+    from odescope.model.coefficients import coefficient_lines, rows_with_errors
+
+    lines = coefficient_lines(rows_with_errors(model.coefficients))
+    shown = (
+        lines if len(lines) <= MOST_ROWS else [*lines[:MOST_ROWS], f"... {len(lines) - MOST_ROWS} more in model.json"]
+    )
+    return "".join(f"{line}\n" for line in ["", *shown]) if lines else ""
 
 
 def plural(part: str) -> str:

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from odescope.commands.model_data import TimeColumns, named_numbers, read_for
+from odescope.commands.model_data import named_numbers
 from odescope.errors import InputError
 from odescope.export.model_file import read_model
 from odescope.model.model import Model
+from odescope.model.recorded import TimeColumns, read_for
 from odescope.recordings.record import Records
 from odescope.validation.validate import Validation, ValidationRow, together, validate
 

@@ -9,7 +9,8 @@ from typing import Any, Literal
 
 import msgspec
 
-from odescope.errors import InputError
+from odescope.errors import InputError, as_path, check_kind
+from odescope.files import write_file
 from odescope.library.mechanism import Kind
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
@@ -75,6 +76,7 @@ class _Keys(msgspec.Struct):
 
 def to_json(model: Model) -> str:
     """Return the text of model.json; floats round-trip, and null stands for a number that is not finite."""
+    check_kind(model, Model, "what is written")
     file: dict[str, object] = {
         "format": "odescope/model",
         "version": 1,
@@ -100,6 +102,15 @@ def to_json(model: Model) -> str:
     return msgspec.json.format(msgspec.json.encode(file), indent=2).decode() + "\n"
 
 
+def write_model(model: Model, path: Path | str) -> None:
+    """Write a model to a file, complete beside its place before it takes it; `read_model` reads it back.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    write_file(as_path(path, "a model file"), to_json(model))
+
+
 def _explicit(model: Model) -> dict[str, str]:
     """Return the fractions that are short enough to be read, by target in the order of the targets."""
     found = dict[str, str]()
@@ -113,12 +124,13 @@ def _prompt(channel: Coordinate | Input) -> dict[str, object]:
     return {key: value for key, value in msgspec.structs.asdict(channel).items() if key not in OPTIONAL or value}
 
 
-def read_model(path: Path) -> Model:
+def read_model(path: Path | str) -> Model:
     """Return the model of a file.
 
     Raises:
         InputError: the file is missing, no JSON, has missing or extra keys, or terms that cannot be read.
     """
+    path = as_path(path, "a model file")
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -20,6 +20,7 @@ from odescope.library.mathml import (
     written_length,
 )
 from odescope.library.printer import print_combination, print_product, print_term
+from odescope.model.coefficients import UNITS, CoefficientRow
 from odescope.model.equations import Equation
 from odescope.model.explicit import Quotient
 from odescope.model.mechanism_display import mechanisms_latex, mechanisms_mathml
@@ -162,8 +163,9 @@ def equations_html(
     mechanisms: Sequence[FoundMechanism] = (),
     names: Sequence[str] = (),
     parameters: Sequence[FoundParameter] = (),
+    rows: Sequence[CoefficientRow] = (),
 ) -> str:
-    """Return mechanisms and equations in MathML, and below them a list of sentences; all text is escaped.
+    """Return mechanisms and equations in MathML, coefficients in a table, and a list of sentences; text is escaped.
 
     Args:
         equations: of the model, as they are shown.
@@ -171,11 +173,26 @@ def equations_html(
         mechanisms: of the model.
         names: its states, inputs and constants, which mechanisms may name.
         parameters: its constants.
+        rows: coefficients with standard errors.
     """
     formulas = [*mechanisms_mathml(mechanisms, names), *map(equation_mathml, equations), *parameters_mathml(parameters)]
     shown = "".join(f"<p>{math(formula)}</p>" for formula in formulas)
     items = "".join(f"<li>{escape(line)}</li>" for line in said)
-    return f"<div>{shown}{f'<ul>{items}</ul>' if items else ''}</div>"
+    return f"<div>{shown}{_table_html(rows)}{f'<ul>{items}</ul>' if items else ''}</div>"
+
+
+def _table_html(rows: Sequence[CoefficientRow]) -> str:
+    """Return coefficients and their standard errors as a table; nothing where there are none."""
+    headings = ("equation", "term", "coefficient", "standard error")
+    cells = [headings]
+    for row in rows:
+        value, error = rounded(row.coefficient, row.std_error)
+        cells.append((row.equation or row.kind, row.term, value + UNITS.get(row.kind, ""), error))
+    lines = [
+        "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in line) + "</tr>"
+        for tag, line in zip(["th"] + ["td"] * len(rows), cells, strict=True)
+    ]
+    return f"<table>{''.join(lines)}</table>" if rows else ""
 
 
 def equations_latex(

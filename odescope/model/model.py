@@ -5,22 +5,31 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import msgspec
+from numpy.typing import ArrayLike
 
+import odescope
 from odescope.errors import InputError
 from odescope.library.expression import Term
 from odescope.library.parse import Scope, parse_term
 from odescope.library.readable import readable
 from odescope.library.tape import Tape, write_tape
+from odescope.model.coefficients import CoefficientRow, mechanism_rows, other_rows, rows_with_errors, term_rows
 from odescope.model.display import equations_html, equations_latex
 from odescope.model.equations import Equation, relation_with_names, shown_equations, with_names
 from odescope.model.explicit import Quotient, explicit
-from odescope.model.notes import trust
+from odescope.model.given import GivenInputs, GivenState
+from odescope.model.notes import trust, uncertain
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation
 from odescope.model.scores import ModelScores
+from odescope.model.screen import screen
 from odescope.model.switches import Switched, switched
 from odescope.recordings.coordinate import Coordinate, Input, state_names
+from odescope.recordings.record import Recorded
+
+SHOWN_DIGITS = 6  # of coefficients at a prompt
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 
@@ -136,9 +145,54 @@ class Model:
                 found[parse_term(text, plain)] = parse_term(written, named)
         return found
 
+    @cached_property
+    def coefficients(self) -> tuple[CoefficientRow, ...]:
+        """Every number of the model with its standard error, for a dataframe: see `CoefficientRow`."""
+        mechanisms, terms = mechanism_rows(self.shown_mechanisms), term_rows(self.shown_relations, self.targets)
+        rest = other_rows([p for p in self.parameters if p.written], self.coordinates, self.inputs, self.scores)
+        named = {term.text: readable(term) for term in self.named_terms}
+        found = (*mechanisms, *terms, *rest)
+        return tuple(replace(row, term=named.get(row.term, row.term)) for row in found)
+
+    # Verbs stand above the model: a method is the function of the package that has its name.
+
+    def simulate(
+        self, t: ArrayLike, inputs: GivenInputs, initial: GivenState, rtol: float = 1e-8, atol: float = 1e-10
+    ) -> odescope.Trajectory:
+        """Return the free run of the model under sampled inputs, see `odescope.simulate`.
+
+        Args:
+            t: (N,) ascending sample times in seconds.
+            inputs: as they were recorded, by name or (N, inputs); None where there are none.
+            initial: states at t[0], by name or (n,).
+            rtol: relative tolerance of a step.
+            atol: absolute tolerance of a step.
+        """
+        return odescope.simulate(self, t, inputs, initial, rtol, atol)
+
+    def validate(self, data: Recorded, noise: Mapping[str, float] | None = None) -> odescope.Validation:
+        """Return how well the model predicts recordings that it has not seen, see `odescope.validate`."""
+        return odescope.validate(self, data, noise)
+
+    def save(self, path: Path | str) -> None:
+        """Write the model to a file, which `odescope.read_model` reads back, see `odescope.write_model`."""
+        odescope.write_model(self, path)
+
+    def __repr__(self) -> str:
+        said = (uncertain(self.scores), *trust(self.scores))
+        equations = odescope.to_text(self, SHOWN_DIGITS).splitlines()
+        return screen(equations, [s for s in said if s], "odescope.to_text(model), model.coefficients")
+
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: mechanisms where there are any, the equations, and how far to trust them."""
-        return equations_html(self.equations, trust(self.scores), self.shown_mechanisms, self.names, self.parameters)
+        """Return what a notebook shows: mechanisms, equations, coefficients, and how far to trust them."""
+        return equations_html(
+            self.equations,
+            trust(self.scores),
+            self.shown_mechanisms,
+            self.names,
+            self.parameters,
+            rows_with_errors(self.coefficients),
+        )
 
     def _repr_latex_(self) -> str:
         """Return mechanisms and equations as LaTeX for a notebook."""

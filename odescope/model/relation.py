@@ -39,10 +39,11 @@ class RelationTerm:
     @property
     def interval(self) -> tuple[float, float] | None:
         """The 95 % interval of the coefficient, None without a standard error."""
-        return _interval(self.coefficient, self.std_error)
+        return interval_of(self.coefficient, self.std_error)
 
 
-def _interval(coefficient: float, std_error: float | None) -> tuple[float, float] | None:
+def interval_of(coefficient: float, std_error: float | None) -> tuple[float, float] | None:
+    """Return the 95 % interval of a coefficient, None without a standard error."""
     return None if std_error is None else (coefficient - NORMAL * std_error, coefficient + NORMAL * std_error)
 
 
@@ -62,7 +63,7 @@ class FoundMechanism(msgspec.Struct, frozen=True):
     @property
     def interval(self) -> tuple[float, float] | None:
         """The 95 % interval of the coefficient, None without a standard error."""
-        return _interval(self.coefficient, self.std_error)
+        return interval_of(self.coefficient, self.std_error)
 
 
 class FoundParameter(msgspec.Struct, frozen=True):

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.errors import InputError
+from odescope.errors import InputError, check_kind, nearest
+from odescope.model.given import GivenInputs, GivenState, first_state, sample_times, sampled_inputs
 from odescope.model.integration import GREW, STIFF, Drive, Equations, integrate
 from odescope.model.model import Model
 from odescope.recordings.between_samples import FINER, laid_out
@@ -36,12 +38,19 @@ class Trajectory:
     ended: str | None
 
     def column(self, name: str) -> FloatArray:
-        """Return one state (K,)."""
+        """Return one state (K,); InputError names the nearest state where there is none."""
+        if name not in self.names:
+            raise InputError(f"no state {name!r}; {nearest(name, self.names)}")
         return self.states[:, self.names.index(name)]
 
 
 def simulate(
-    model: Model, t: FloatArray, inputs: FloatArray, initial: FloatArray, rtol: float = 1e-8, atol: float = 1e-10
+    model: Model,
+    t: ArrayLike,
+    inputs: GivenInputs,
+    initial: GivenState,
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
 ) -> Trajectory:
     """Return the free run of a model under sampled inputs.
 
@@ -54,25 +63,20 @@ def simulate(
     Args:
         model: what to integrate.
         t: (N,) ascending sample times in seconds.
-        inputs: (N, inputs) as they were recorded, in the order of `model.inputs`.
-        initial: (n,) states at t[0], in the order of `model.states`.
+        inputs: as they were recorded: by name, in a dict or dataframe, each of shape (N,) or one number throughout; or
+            an array (N, inputs) in the order of `model.inputs`, (N,) for one; None where the model has none.
+        initial: states at t[0]: by name, velocities too, or (n,) in the order of `model.states`.
         rtol: relative tolerance of a step.
         atol: absolute tolerance of a step.
 
     Raises:
-        InputError: a shape does not fit the model, a number is not finite, or time does not ascend.
+        InputError: a shape or a name does not fit the model, a number is not finite, or time does not ascend.
     """
-    expected = (len(t), len(model.inputs))
-    if inputs.shape != expected or initial.shape != (len(model.states),):
-        raise InputError(
-            f"the model takes inputs of shape {expected} and {len(model.states)} initial states; shapes"
-            f" {inputs.shape} and {initial.shape} came"
-        )
-    if not (np.all(np.isfinite(inputs)) and np.all(np.isfinite(initial)) and np.all(np.isfinite(t))):
-        raise InputError("time, inputs and initial states must be finite")
-    if len(t) == 0 or np.any(np.diff(t) <= 0.0):
-        raise InputError("sample times must ascend, and there must be at least one")
-    return follow(model, t, drive(model.inputs, t, inputs), initial, rtol, atol)
+    check_kind(model, Model, "what is simulated")
+    t = sample_times(t)
+    driving = sampled_inputs(inputs, [i.name for i in model.inputs], len(t))
+    start = first_state(initial, model.states)
+    return follow(model, t, drive(model.inputs, t, driving), start, rtol, atol)
 
 
 def follow(

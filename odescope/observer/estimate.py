@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from odescope.errors import check_kind
 from odescope.model.model import Model
+from odescope.model.recorded import records_for
 from odescope.observer.coefficient_errors import noise_of_coefficients
 from odescope.observer.consistency import Consistency, consistency
 from odescope.observer.noise import (
@@ -18,7 +20,7 @@ from odescope.observer.noise import (
 )
 from odescope.observer.process_noise_fit import fit_process_noise
 from odescope.observer.run import ReadyRecord, StateEstimate, run_filter
-from odescope.recordings.record import Record, Records
+from odescope.recordings.record import Recorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +52,7 @@ class StateEstimates:
 
 def estimate_states(
     model: Model,
-    data: Record | Records | Iterable[Record],
+    data: Recorded,
     noise: Mapping[str, float] | None = None,
     process: ProcessNoise = None,
     smooth: bool = False,
@@ -62,7 +64,7 @@ def estimate_states(
 
     Args:
         model: whose equations are integrated.
-        data: with the coordinates and the inputs of the model.
+        data: with the coordinates and the inputs of the model: records, tables or paths of files, see `validate`.
         noise: standard deviation of a sample, by coordinate; by default as the model was identified.
         process: standard deviation of what the equations leave out, by target, times the root of a second; "fit" for
             what makes the innovations most likely. By default what stands for the standard errors of the coefficients
@@ -72,9 +74,10 @@ def estimate_states(
     Raises:
         InputError: a column is missing, a name is none of the model's, or the noise of a coordinate is not known.
     """
+    check_kind(model, Model, "the observer's model")
     measurement = measurement_noise(model, noise)
     given = process_noise(model, process if isinstance(process, Mapping) else {})
-    recordings = [ReadyRecord.of(model, record) for record in Records.of(data)]
+    recordings = [ReadyRecord.of(model, record) for record in records_for(model, data)]
     if not isinstance(process, Mapping):
         fitted = process == FIT or needs_process_noise(model)
         given = fit_process_noise(recordings, measurement) if fitted else given

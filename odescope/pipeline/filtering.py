@@ -33,6 +33,7 @@ from odescope.signals.estimate import Signals, estimate_signals
 from odescope.signals.filling import filled
 from odescope.signals.gated import Reasons, reasons_of
 from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, gate_outliers, settle_clipping
+from odescope.signals.rates import refuse_rates
 from odescope.signals.slow_sensors import without_repeats
 from odescope.study.library_options import Form
 from odescope.study.options import Mechanisms, Study
@@ -134,6 +135,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
 
     Raises:
         NoModelError: a coordinate holds nothing above its noise.
+        InputError: a coordinate is the velocity of another whose order is above 1.
     """
     study, sample = work.study, prepared.sample
     outliers, clipping = dict[str, int](), None
@@ -172,6 +174,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
             records, undelayed = (Records(tuple(compress(r, long))) for r in (records, undelayed))
             gated = {name: tuple(compress(found, long)) for name, found in gated.items()}
             signals = _signals(study, records, inputs)
+    refuse_rates(signals)
     return Filtered(
         sample, undelayed, records, signals, inputs, lead, delays, clipping, outliers, gated,
         shortest if any(long) else 0.0, left_out,

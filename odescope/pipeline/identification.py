@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 import msgspec
+from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
+import odescope
 from odescope.arrays import Table
-from odescope.errors import InputError, NoModelError
+from odescope.errors import InputError, NoModelError, said
 from odescope.events import Event, Monitor, Note, never, unheard
 from odescope.library.mechanism import Mechanism
 from odescope.library.product import Product
 from odescope.likelihood.findings import doubts
 from odescope.likelihood.refine import Refinement
+from odescope.model.coefficients import CoefficientRow, rows_with_errors
 from odescope.model.display import equations_html
-from odescope.model.model import Model
-from odescope.model.notes import notes_of, trust
+from odescope.model.given import GivenInputs, GivenState
+from odescope.model.model import SHOWN_DIGITS, Model
+from odescope.model.notes import notes_of, trust, uncertain
 from odescope.model.relation import Relation, RelationTerm
 from odescope.model.scores import DelayScore, ModelScores, OffsetScore, Streamed
+from odescope.model.screen import screen
+from odescope.model.simulation import Trajectory
 from odescope.parallel.dask_cluster import open_workers
-from odescope.parallel.workers import Workers
 from odescope.pipeline.adopted import Adopted, adopted
-from odescope.pipeline.competition import Winner, best_of, compete, regress
+from odescope.pipeline.competition import Contender, Winner, compete, regress
 from odescope.pipeline.evaluation import domain, free_run_scores, provenance, require_prediction, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.gate import gated_scores
@@ -34,14 +39,15 @@ from odescope.pipeline.joint_models import Search, to_relation
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.versions import version_score, versions_of
+from odescope.pipeline.versions import best_version
 from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Input
-from odescope.recordings.record import Records
+from odescope.recordings.record import Recorded, Records
 from odescope.selection.advice import advice
 from odescope.signals.estimate import Signals
 from odescope.signals.gated import Reasons
+from odescope.study.columns import settled_columns
 from odescope.study.options import LeftOut, Study
 from odescope.study.pieces import tables
 from odescope.validation.free_runs import FreeRunOf, free_runs
@@ -74,14 +80,53 @@ class Identification:
     free_runs: tuple[FreeRunOf, ...] = ()
     cleaned: Records | None = None
 
+    @property
+    def coefficients(self) -> tuple[CoefficientRow, ...]:
+        """Every number of the model with its standard error, for a dataframe."""
+        return self.model.coefficients
+
+    # Verbs stand above the result, too: a method is the function of the package that has its name.
+
+    def simulate(
+        self, t: ArrayLike, inputs: GivenInputs, initial: GivenState, rtol: float = 1e-8, atol: float = 1e-10
+    ) -> Trajectory:
+        """Return the free run of the model under sampled inputs, see `odescope.simulate`.
+
+        Args:
+            t: (N,) ascending sample times in seconds.
+            inputs: as they were recorded, by name or (N, inputs); None where there are none.
+            initial: states at t[0], by name or (n,).
+            rtol: relative tolerance of a step.
+            atol: absolute tolerance of a step.
+        """
+        return self.model.simulate(t, inputs, initial, rtol, atol)
+
+    def validate(self, data: Recorded, noise: Mapping[str, float] | None = None) -> odescope.Validation:
+        """Return how well the model predicts recordings that it has not seen, see `odescope.validate`."""
+        return self.model.validate(data, noise)
+
+    def save(self, folder: Path | str) -> None:
+        """Write what the identify command writes but for the report to a folder, see `odescope.save_result`."""
+        odescope.save_result(self, folder)
+
+    def write_report(self, folder: Path | str, title: str = "Identification") -> None:
+        """Write report.html, its data and figures to a folder, see `odescope.write_report`."""
+        odescope.write_report(self, folder, title)
+
+    def __repr__(self) -> str:
+        said = (uncertain(self.model.scores), *trust(self.model.scores), *self.notes)
+        equations = odescope.to_text(self.model, SHOWN_DIGITS).splitlines()
+        return screen(equations, [s for s in said if s], "odescope.to_text(result.model), result.coefficients, .notes")
+
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: the equations, how far to trust them, and the notes."""
+        """Return what a notebook shows: the equations with standard errors, how far to trust them, and the notes."""
         return equations_html(
             self.model.equations,
             (*trust(self.model.scores), *self.notes),
             self.model.shown_mechanisms,
             self.model.names,
             self.model.parameters,
+            rows_with_errors(self.model.coefficients),
         )
 
     def _repr_latex_(self) -> str:
@@ -122,7 +167,9 @@ class Identification:
             searches = self.searches
             dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
         judged = None if self.refinement is None else doubts(self.refinement, self.model.targets)
-        units = [f"{name} was recorded in degrees: here it is in radians" for name in sorted(self.study.degrees)]
+        unit = self.study.data.time_unit
+        units = [] if unit in (None, "s") else [f"time was recorded in {unit}: here it is in seconds"]
+        units += [f"{name} was recorded in degrees: here it is in radians" for name in sorted(self.study.degrees)]
         if self.refinement is not None and not self.refinement.follows:  # laws hold of radians alone
             units += degrees_hints(self.records, self.study.measured())
         return (*notes_of(self.model.scores, dependent, judged), *units, *(u.note for u in tables(self.study)[1]))
@@ -159,7 +206,7 @@ class NothingFound(Event):
 
 def identify(
     study: Study,
-    data: Records | Table | Sequence[Table] | None = None,
+    data: Records | Table | Sequence[Table] | Path | str | Sequence[Path | str] | None = None,
     *,
     watch: Callable[[Event], None] | None = None,
     stop: Callable[[], bool] | None = None,
@@ -171,7 +218,7 @@ def identify(
     Args:
         study: the options; its coordinates and inputs name the columns.
         data: recordings in memory: Records, a dataframe with the Arrow interface, a mapping of arrays, or a list of
-            these. Without it the study's files are read, relative to the working directory.
+            these; or paths of files. Without it the study's files are read, relative to the working directory.
         watch: called with every event, in this thread: each stage as it begins (`StageBegan`), how far it got
             (`Progress`), the result before the likelihood stage (`DraftReady`) and at the end (`EquationsReady`), then
             its notes (`Note`); `NothingFound` where it ends without a model. What it raises ends the run.
@@ -187,64 +234,31 @@ def identify(
         Stopped: `stop` said so.
     """
     monitor = Monitor(watch or unheard, stop or never)
+    if not isinstance(study, Study):
+        raise InputError(
+            f"what is identified must be odescope.Study; {said(study)} came: odescope.read_study reads a study file"
+        )
+    study.measured()
+
+    def run(version: Study, monitor: Monitor) -> tuple[Identification, Contender]:
+        settled, own = settled_columns(version, data)
+        return _identified(Work(settled, monitor, workers), own, store)
+
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
     with threadpool_limits(1, "blas"), open_workers(cluster) as workers:
-        result = _best_version(study, monitor, lambda work: _identified(work, data, store), workers)
+        result, versions = best_version(study, monitor, run, NothingFound)
+    if versions:
+        told = msgspec.structs.replace(result.model.scores or ModelScores(), versions=versions)
+        result = replace(result, model=replace(result.model, scores=told))
     monitor.tell(EquationsReady(result))
     for note in result.notes:
         monitor.tell(Note(note))
     return result
 
 
-def _best_version(
-    study: Study, monitor: Monitor, run: Callable[[Work], tuple[Identification, Winner]], workers: Workers
-) -> Identification:
-    """Return the result with that column of every input, of those offered, that describes the record best.
-
-    Args:
-        study: the options.
-        monitor: told what goes on; what columns without a model led to only where there is no model at all.
-        run: goes through the stages.
-        workers: who computes.
-
-    Raises:
-        NoModelError: no column leads to a model.
-    """
-    versions, ends, failures = versions_of(study), list[tuple[Identification, Winner] | None](), list[NoModelError]()
-    in_vain = list[NothingFound]()
-
-    def tell(event: Event) -> None:
-        if isinstance(event, NothingFound):
-            in_vain.append(event)
-        else:
-            monitor.tell(event)
-
-    for version in versions:
-        try:
-            ends.append(run(Work(version, replace(monitor, tell=tell), workers)))
-        except NoModelError as failure:
-            failures.append(failure)
-            ends.append(None)
-    models = [end for end in ends if end is not None]
-    if not models:
-        for event in in_vain[:1]:
-            monitor.tell(event)
-        raise failures[0]
-    winner = best_of([w.best for _, w in models])
-    result = next(r for r, w in models if w.best is winner)
-    if len(versions) == 1:
-        return result
-    told = tuple(
-        version_score(study, version, None if end is None else end[1].best, end is not None and end[1].best is winner)
-        for version, end in zip(versions, ends, strict=True)
-    )
-    scores = msgspec.structs.replace(result.model.scores or ModelScores(), versions=told)
-    return replace(result, model=replace(result.model, scores=scores))
-
-
 def _identified(
     work: Work, data: Records | Table | Sequence[Table] | None, store: Path | None
-) -> tuple[Identification, Winner]:
+) -> tuple[Identification, Contender]:
     """Go through the stages."""
     prepared = prepare(work, data, store)
     filtered = estimate(work, prepared)
@@ -287,7 +301,7 @@ def _identified(
     except NoModelError as failure:
         work.monitor.tell(_nothing_found(work, filtered, regressed, failure))
         raise
-    return result(seen, model, winner.refinement, winner.left_out, runs), winner
+    return result(seen, model, winner.refinement, winner.left_out, runs), winner.best
 
 
 def _run_freely(work: Work, seen: Filtered, model: Model) -> tuple[Model, tuple[FreeRunOf, ...]]:

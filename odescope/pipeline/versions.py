@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
 import msgspec
 
-from odescope.errors import InputError
+from odescope.errors import InputError, NoModelError
+from odescope.events import Event, Monitor
 from odescope.model.scores import VersionScore
-from odescope.pipeline.competition import Contender
+from odescope.pipeline.competition import Contender, best_of
 from odescope.study.options import Study
+
+Result = TypeVar("Result")
 
 
 def versions_of(study: Study) -> tuple[Study, ...]:
@@ -37,7 +44,49 @@ def versions_of(study: Study) -> tuple[Study, ...]:
     )
 
 
-def version_score(study: Study, version: Study, contender: Contender | None, chosen: bool) -> VersionScore:
+def best_version(
+    study: Study, monitor: Monitor, run: Callable[[Study, Monitor], tuple[Result, Contender]], in_vain: type[Event]
+) -> tuple[Result, tuple[VersionScore, ...]]:
+    """Return the result with those columns of the inputs that describe the record best, and how each did if several.
+
+    Args:
+        study: the options.
+        monitor: told what goes on.
+        run: identifies one version.
+        in_vain: what a run tells last that finds no model: told where no version leads to one.
+
+    Raises:
+        InputError: the inputs are not offered in equally many columns.
+        NoModelError: no columns lead to a model.
+    """
+    versions, ends, failures, last = versions_of(study), list[tuple[Result, Contender] | None](), [], list[Event]()
+
+    def tell(event: Event) -> None:
+        if isinstance(event, in_vain):
+            last.append(event)
+        else:
+            monitor.tell(event)
+
+    for version in versions:
+        try:
+            ends.append(run(version, replace(monitor, tell=tell)))
+        except NoModelError as failure:
+            failures.append(failure)
+            ends.append(None)
+    models = [end for end in ends if end is not None]
+    if not models:
+        for event in last[:1]:
+            monitor.tell(event)
+        raise failures[0]
+    best = best_of([contender for _, contender in models])
+    result = next(result for result, contender in models if contender is best)
+    if len(versions) == 1:
+        return result, ()
+    ran = [None if end is None else end[1] for end in ends]
+    return result, tuple(_score(study, v, c, c is best) for v, c in zip(versions, ran, strict=True))
+
+
+def _score(study: Study, version: Study, contender: Contender | None, chosen: bool) -> VersionScore:
     """Return how a version did; without a contender it gave no model.
 
     Args:

@@ -9,6 +9,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError, nearest
+from odescope.recordings.headings import in_seconds
 from odescope.recordings.layout import Layout
 from odescope.recordings.text_files import NUMBER
 
@@ -102,12 +103,12 @@ def numbers(column: ChunkedArray, label: str, source: str) -> FloatArray:
         raise InputError(f"column {label!r} in {source} does not fit 64-bit floats: {first_line(error)}") from error
 
 
-def times(column: ChunkedArray, label: str, source: str) -> FloatArray:
+def times(column: ChunkedArray, layout: Layout, source: str) -> FloatArray:
     """Return a column of times in seconds (N,), NaN where a cell is missing: of numbers, or of dates since 1970.
 
     Args:
-        column: of numbers or dates.
-        label: its name, for messages.
+        column: of numbers in the layout's unit of time, or dates.
+        layout: that names it.
         source: where it came from, for messages.
 
     Raises:
@@ -116,7 +117,8 @@ def times(column: ChunkedArray, label: str, source: str) -> FloatArray:
     import pyarrow as pa
 
     if not pa.types.is_timestamp(column.type):
-        return numbers(column, label, source)
+        factor, over = in_seconds(layout.time_unit)
+        return numbers(column, str(layout.time), source) * factor / over
     ticks = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64()).combine_chunks()
     seconds = 1e-9 * ticks.fill_null(0).to_numpy().astype(np.float64)
     found: FloatArray = np.where(ticks.is_null().to_numpy(zero_copy_only=False), np.nan, seconds)

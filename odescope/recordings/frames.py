@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from odescope.errors import InputError
+from odescope.errors import InputError, said
 from odescope.recordings.columns import Columns, check_columns, first_line, from_arrays, from_table
 from odescope.recordings.layout import Layout
 
@@ -34,6 +34,20 @@ def frame_columns(data: object, layout: Layout, source: str) -> Columns:
         check_columns(layout.used, list(named), source)
         return from_arrays({label: named[label] for label in layout.used}, source)
     raise InputError(
-        f"{source} is a {type(data).__name__}; expected a dataframe with the Arrow interface (pandas, polars, pyarrow)"
+        f"{source} is {said(data)}; expected a dataframe with the Arrow interface (pandas, polars, pyarrow)"
         ", a mapping of name to array, or a list of these; files go to read_records"
     )
+
+
+def table_names(data: object) -> tuple[str, ...]:
+    """Return the names of the columns of a dataframe or a mapping; none of what is neither."""
+    import pyarrow as pa
+
+    if isinstance(data, Mapping):
+        return tuple(map(str, data))
+    if hasattr(data, "__arrow_c_stream__"):
+        try:
+            return tuple(pa.RecordBatchReader.from_stream(data).schema.names)
+        except (pa.ArrowException, ValueError, TypeError):
+            return ()  # reading it says why it cannot be read
+    return ()

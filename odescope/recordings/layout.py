@@ -7,6 +7,7 @@ from typing import get_args
 
 from odescope.errors import InputError, nearest
 from odescope.recordings.gaps import Gaps
+from odescope.recordings.headings import TimeUnit, check_time_unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,8 +16,8 @@ class Layout:
 
     `columns` and `units` are pairs (name in odescope, column in the file) and (name, unit); `angles`, `held` and
     `inputs` hold names in odescope, `degrees` those of angles to convert to radians; `jitter` is a limit in sample
-    periods, None for none; `time` and `recording` are columns in the file, or `recording` a folder's key
-    (lap=7/a.parquet).
+    periods, None for none; `time_unit` is that of the column `time`; `time` and `recording` are columns in the file, or
+    `recording` a folder's key (lap=7/a.parquet).
 
     Raises:
         InputError: not exactly one of `time` and `sample_period`, no column, a tolerance or period out of range.
@@ -33,6 +34,7 @@ class Layout:
     recording: str | None = None
     gaps: Gaps = "bridge"
     jitter: float | None = None
+    time_unit: TimeUnit = "s"
 
     def __post_init__(self) -> None:
         if (self.time is None) == (self.sample_period is None):
@@ -45,6 +47,7 @@ class Layout:
             raise InputError(f"gaps must be 'bridge', 'split' or 'refuse', got {self.gaps!r}")
         if self.jitter is not None and not 0 <= self.jitter < float("inf"):
             raise InputError(f"jitter must be a number of sample periods, 0 or more, got {self.jitter!r}")
+        check_time_unit(self.time_unit)
         for name in (*dict(self.units), *self.angles, *self.degrees, *self.held, *self.inputs):
             if name not in self.names:
                 raise InputError(

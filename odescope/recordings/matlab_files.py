@@ -78,4 +78,5 @@ def matlab_names(path: Path) -> list[str]:
     """Return the names of the variables."""
     from scipy.io import whosmat
 
-    return [name for name, _, _ in whosmat(path)]
+    with _matlab_faults(path):
+        return [name for name, _, _ in whosmat(path)]

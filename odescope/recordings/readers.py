@@ -9,27 +9,30 @@ from pathlib import Path
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.errors import InputError
+from odescope.errors import InputError, as_path
 from odescope.recordings.chunks import Chunk, DataFile
-from odescope.recordings.formats import PARQUET, opened
+from odescope.recordings.formats import FORMATS, PARQUET, opened
 from odescope.recordings.frames import frame_columns
 from odescope.recordings.layout import Layout
 from odescope.recordings.record import Records, Stretch
 from odescope.recordings.tables import check_rows, row_times, stretches
 
+OF_FOLDERS = ((".csv", ".csv.gz"), (".tsv", ".tsv.gz"), (".mat",), (".txt", ".txt.gz"))  # of each the first there is
 
-def read_records(files: Sequence[Path], layout: Layout) -> Records:
+
+def read_records(files: Path | str | Sequence[Path | str], layout: Layout) -> Records:
     """Read one recording a file, or several by the layout's `recording` column, ready for use.
 
-    Each is split or refused at gaps, its angles are unwrapped, its time made uniform. A folder stands for the Parquet
+    Each is split or refused at gaps, its angles are unwrapped, its time made uniform. A folder stands for the data
     files in it.
 
     Raises:
         InputError: a file that is missing, unreadable, of another kind, or whose columns do not serve.
     """
-    if not files:
+    found = find_files(files)
+    if not found:
         raise InputError("no data file: expected at least one")
-    return Records(tuple(s.record for file in find_files(files) for s in _read_file(file, layout)))
+    return Records(tuple(s.record for file in found for s in _read_file(file, layout)))
 
 
 def records_from(data: object, layout: Layout) -> Records:
@@ -104,7 +107,7 @@ def survey(path: Path, layout: Layout) -> DataFile:
     return file
 
 
-def column_names(path: Path) -> tuple[str, ...]:
+def column_names(path: Path | str) -> tuple[str, ...]:
     """Return the names of the columns of a data file, or of the first one in a folder.
 
     Raises:
@@ -115,16 +118,19 @@ def column_names(path: Path) -> tuple[str, ...]:
         return tuple(kind.names(file))
 
 
-def find_files(files: Sequence[Path]) -> tuple[Path, ...]:
-    """Return the files, in order of their paths: of a folder the Parquet files in it, of a pattern those that match.
+def find_files(files: Path | str | Sequence[Path | str]) -> tuple[Path, ...]:
+    """Return the files, in order of their paths: of a folder the data files in it, of a pattern those that match.
 
-    In a name, * stands for anything and ? for one character; a file that is really called so is meant itself. What
-    begins with "_" or "." in a folder is left out, as whoever writes such a dataset puts notes there.
+    Of a folder those are the Parquet files in it and in the folders in it, or, where there are none, the files in
+    itself of the first kind of `OF_FOLDERS` that there is. In a name, * stands for anything and ? for one character; a
+    file that is really called so is meant itself. What begins with "_" or "." in a folder is left out, as whoever
+    writes such a dataset puts notes there.
 
     Raises:
-        InputError: a folder without Parquet files, a pattern that no file matches.
+        InputError: a folder without data files, a pattern that no file matches, what is no path.
     """
-    named = (file for path in map(Path, files) for file in _matching(path))
+    listed = files if isinstance(files, Sequence) and not isinstance(files, str) else [files]
+    named = (file for path in listed for file in _matching(as_path(path, "a data file")))
     return tuple(file for path in named for file in (_dataset(path) if path.is_dir() else (path,)))
 
 
@@ -142,9 +148,10 @@ def _dataset(folder: Path) -> list[Path]:
     for place, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(("_", "."))]  # the walk goes only into these
         files += [Path(place, name) for name in names if name.lower().endswith(PARQUET.endings) and name[0] not in "_."]
+    # Those of other kinds in folders below may be anything, such as the results of a run, and a .txt may be a note.
+    for endings in OF_FOLDERS:
+        files = files or [f for f in folder.iterdir() if f.name.lower().endswith(endings) and f.name[0] not in "_."]
     if not files:
-        raise InputError(
-            f"{folder} is a directory without Parquet files ({', '.join(PARQUET.endings)}), expected a data file or a"
-            " folder of Parquet files; name files of other kinds one by one"
-        )
+        known = ", ".join(ending for kind in FORMATS for ending in kind.endings)
+        raise InputError(f"{folder} is a directory without data files ({known})")
     return sorted(files)

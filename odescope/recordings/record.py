@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeAlias, Union
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.arrays import BoolArray, FloatArray, IntArray, Table
 from odescope.errors import InputError, nearest
 from odescope.recordings.coordinate import Coordinate, check_name
 
@@ -27,6 +29,11 @@ class Repairs:
 
 
 UNREPAIRED = Repairs()
+
+# Recordings as a caller may give them: as they are, as tables, or as paths of files.
+Recorded: TypeAlias = Union[
+    "Record", "Records", Iterable["Record"], Table, Sequence[Table], Path, str, Sequence[Path | str]
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

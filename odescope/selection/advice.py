@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from odescope.arrays import FloatArray
 from odescope.recordings.checks import degrees_hints
 from odescope.recordings.record import Records
 from odescope.regression.problem import Problem
 from odescope.signals.estimate import Signals
+from odescope.signals.rates import explained, rates_given
 
 THE_SAME = 0.999  # of a quantity's variance: what another then says of it leaves nothing to learn from it
-ALIKE = 0.1  # of 1: how far the slope of a rate against a column may be from that of the same quantity
+ALIKE = 0.1  # how far a column may be from the rate of another that it is taken for
 VALUES_A_TERM = 5.0  # independent values that a record should hold for every candidate
 
 
@@ -54,19 +54,11 @@ def _too_short(signals: Signals, problems: Sequence[Problem]) -> Iterator[str]:
 
 def _rates_given(signals: Signals) -> Iterator[str]:
     """Yield for each measured quantity that is the rate of another."""
-    joined = signals.joined()
-    for c in signals.coordinates:
-        rate = joined[signals.row(c.derivative(1))]
-        for other in signals.coordinates:
-            if other.name == c.name:
-                continue
-            given = joined[signals.row(other.name)]
-            slope = float(rate @ given) / max(float(given @ given), 1e-300)
-            if abs(slope - 1.0) < ALIKE and _explained(rate, slope * given) > 1.0 - ALIKE:
-                yield (
-                    f"{other.name} is the rate of {c.name}: give {c.name} order = {c.order + 1} and leave"
-                    f" {other.name} out of the coordinates"
-                )
+    for c, other in rates_given(signals, ALIKE):
+        yield (
+            f"{other.name} is the rate of {c.name}: give {c.name} order = {c.order + 1} and leave"
+            f" {other.name} out of the coordinates"
+        )
 
 
 def _closed_loops(signals: Signals) -> Iterator[str]:
@@ -78,15 +70,8 @@ def _closed_loops(signals: Signals) -> Iterator[str]:
     for i in signals.inputs:
         u = joined[signals.row(i.name)]
         found = np.linalg.lstsq((columns[:, :half].T / scale), u[:half], rcond=None)[0] / scale
-        if _explained(u[half:], found @ columns[:, half:]) > THE_SAME:
+        if explained(u[half:], found @ columns[:, half:]) > THE_SAME:
             yield (
                 f"{i.name} is a function of {', '.join(states)}, as under feedback: what it does cannot be told from"
                 " what they do; record with a reference or a disturbance added to it, or leave it out of the inputs"
             )
-
-
-def _explained(values: FloatArray, prediction: FloatArray) -> float:
-    """Return the part of the variance of values (n,) that a prediction (n,) explains."""
-    spread = values - values.mean()
-    power, left = float(spread @ spread), values - prediction
-    return 1.0 - float(left @ left) / power if power > 0.0 else 0.0

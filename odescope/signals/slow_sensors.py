@@ -27,11 +27,11 @@ def without_repeats(records: Records, coordinates: Sequence[Coordinate]) -> Reco
         records: uniformly sampled.
         coordinates: what was measured.
     """
-    slow = [c.name for c in coordinates if _is_slow([run.column(c.name) for run in records])]
+    slow = [c.name for c in coordinates if is_slow([run.column(c.name) for run in records])]
     return Records.of(_less_repeats(run, slow) for run in records) if slow else records
 
 
-def _is_slow(columns: Sequence[FloatArray]) -> bool:
+def is_slow(columns: Sequence[FloatArray]) -> bool:
     """Tell whether the values (N,) of all records change in a rhythm of two rows or more, and by how much they like."""
     lengths = np.concatenate([np.diff(np.flatnonzero(np.diff(y))) for y in columns])
     if len(lengths) < FEWEST or np.median(lengths) < 2.0:

@@ -9,9 +9,12 @@ import numpy as np
 
 from odescope.errors import InputError
 from odescope.library.rules import AnyRule
+from odescope.study.kinds import check_fields
 
 Span = tuple[float, float] | Literal["scale"]
 Form = Literal["relations", "lagrangian", "reactions"]
+
+MOST_DEGREE = 12
 
 _BELONG: dict[str, Form] = {
     "kinetic": "lagrangian",
@@ -55,7 +58,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     preset: Literal["default", "paper"] = "default"
     basis: tuple[str, ...] | None = None
-    degree: Annotated[int, msgspec.Meta(ge=1, le=12)] = 3
+    degree: Annotated[int, msgspec.Meta(ge=1, le=MOST_DEGREE)] = 3
     terms: tuple[str, ...] | None = None
     rules: tuple[AnyRule, ...] | None = None
     functions: dict[str, str] = {}
@@ -75,6 +78,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     def __post_init__(self) -> None:
         if self.form not in ("auto", *get_args(Form)):
             raise InputError(f'form must be "auto", {", ".join(map(repr, get_args(Form)))}; {self.form!r} came')
+        check_fields(self)
         for name, form in _BELONG.items():
             if getattr(self, name) is not None and self.form not in ("auto", form):
                 raise InputError(f'[library] {name} belongs to form = "{form}", but form is "{self.form}"')

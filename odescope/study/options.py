@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import msgspec
@@ -15,19 +14,23 @@ from odescope.library.defaults import check_basis, default_library, default_rule
 from odescope.library.functions import FUNCTIONS
 from odescope.library.lagrangian import lagrangian
 from odescope.library.mechanism import Mechanism
-from odescope.library.parse import Definition, Scope, parse_term
+from odescope.library.parse import Scope, parse_term
 from odescope.library.reactions import reactions, saturation
 from odescope.library.ties import tied
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.recordings.checks import is_degrees
 from odescope.recordings.coordinate import Coordinate, Hold, Input
 from odescope.recordings.gaps import Gaps
+from odescope.recordings.headings import TimeUnit
 from odescope.recordings.layout import Layout
 from odescope.regression.proposers import EnergyThreshold
 from odescope.regression.rank import told_apart
 from odescope.regression.rows import NoiseWeighted
 from odescope.selection.ranking import Ranking
 from odescope.signals.differentiators import Spectral
+from odescope.signals.rates import how_to_give
+from odescope.study.definitions import definition
+from odescope.study.kinds import check_fields, check_parts
 from odescope.study.library_options import Candidates, Form, Span
 
 if TYPE_CHECKING:  # pieces of one's own go in from Python; what a file may name beside the kinds below, see pieces
@@ -52,6 +55,7 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     Attributes:
         files: one recording a file, or folders of Parquet files; paths are relative to the study file.
         time (s): the column that holds the time; dates and times of day will do.
+        time_unit: of that column; left out, what its heading says, as in "time (ms)", else seconds.
         sample_period (s): the time between rows, where no column holds it; one of the two must be given.
         recording: the column, or the key=value folder, that tells recordings apart.
         gaps: what happens where samples lack: they are bridged up to 32 steps, the recording is split, or it is
@@ -63,6 +67,7 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     files: tuple[str, ...] = ()
     time: str | None = None
+    time_unit: TimeUnit | None = None
     sample_period: float | None = None
     recording: str | None = None
     gaps: Gaps = "bridge"
@@ -70,6 +75,7 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     memory: float = 1000.0
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not 0.0 < self.memory < math.inf:
             raise InputError(f"memory must be a number of megabytes, got {self.memory!r}")
 
@@ -90,6 +96,9 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     cyclic: bool = False
     angle: bool = False
     unit: str | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -117,6 +126,7 @@ class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         if self.hold not in ("auto", *get_args(Hold)):
             expected = ", ".join(map(repr, ("auto", *get_args(Hold))))
             raise InputError(f"hold must be one of {expected}, got {self.hold!r}")
+        check_fields(self)
         if self.delay not in ("auto", "estimate") and not (isinstance(self.delay, float) and math.isfinite(self.delay)):
             raise InputError(f'delay must be a number of seconds, "auto" or "estimate", got {self.delay!r}')
 
@@ -206,6 +216,8 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         Raises:
             InputError: there is none, a name is not usable, two names clash, or one reads the column of the time.
         """
+        check_parts(self, "coordinates", Measured)
+        check_parts(self, "inputs", Driven)
         if not self.coordinates:
             raise InputError("a study needs at least one coordinate: add [coordinates.NAME]")
         for name, c in self.coordinates.items():
@@ -218,7 +230,11 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         names = [n for c in found for n in (*c.states, c.target)] + list(self.inputs)
         for name in names:
             if names.count(name) > 1:
-                raise InputError(f"the name {name!r} is used twice among coordinates, their derivatives and inputs")
+                of = next((c for c in found if name in c.states[1:]), None)
+                hint = "" if of is None else f": {how_to_give(name, of.name, of.order)}, {name} with another name"
+                raise InputError(
+                    f"the name {name!r} is used twice among coordinates, their derivatives and inputs{hint}"
+                )
             if name in FUNCTIONS or name == "identity":
                 raise InputError(f"{name!r} is the name of a function; call the coordinate or input something else")
         return found
@@ -247,6 +263,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             recording=self.data.recording,
             gaps=self.data.gaps,
             jitter=self.data.jitter,
+            time_unit=self.data.time_unit or "s",
         )
 
     def _couples(self) -> bool:
@@ -278,7 +295,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         for name in self.parameters:
             if name in names or name in FUNCTIONS or name in functions or name == "identity":
                 raise InputError(f"[library.parameters] {name!r} is taken by a state, an input or a function")
-        return Scope.of(names, [_definition(head, body) for head, body in functions.items()], self.parameters)
+        return Scope.of(names, [definition(head, body) for head, body in functions.items()], self.parameters)
 
     def mechanisms(self, form: Form) -> Mechanisms:
         """Return the mechanisms of Lagrange's equations or of reactions, and those left out as combinations of others.
@@ -335,10 +352,3 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             library = default_library(coordinates, inputs, targets, scope).thin(options.rules or (), scope)
         check_basis(coordinates, library)
         return library
-
-
-def _definition(head: str, body: str) -> Definition:
-    spelled = re.fullmatch(r"\s*([A-Za-z_]\w*)\s*\(\s*([A-Za-z_]\w*(?:\s*,\s*[A-Za-z_]\w*)*)\s*\)\s*", head, re.ASCII)
-    if spelled is None:
-        raise InputError(f'[library.functions] wants "name(argument, ...)" = "expression"; {head!r} came')
-    return Definition(spelled[1], tuple(p.strip() for p in spelled[2].split(",")), body)

@@ -9,26 +9,29 @@ from pathlib import Path
 import msgspec
 import tomli_w
 
-from odescope.errors import InputError
+from odescope.errors import InputError, as_path
 from odescope.study.messages import explained
 from odescope.study.options import Study
 from odescope.study.pieces import own_pieces, put_in, tables
 
 
-def read_study(path: Path) -> Study:
-    """Return the study of a TOML file.
+def read_study(path: Path | str) -> Study:
+    """Return the study of a TOML file; the files that it names relative to itself are there with their whole paths.
 
     Raises:
         InputError: the file is missing or no TOML, a key is unknown (the nearest is named), or a value does not fit.
     """
+    path = as_path(path, "a study file")
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read the study {path}: {getattr(error, 'strerror', None) or error}") from error
     try:
-        return parse_study(text)
+        study = parse_study(text)
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from error
+    files = tuple(str(path.parent.absolute() / file) for file in study.data.files)
+    return msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, files=files))
 
 
 def parse_study(text: str) -> Study:

@@ -9,12 +9,13 @@ from itertools import pairwise
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.errors import InputError
+from odescope.errors import InputError, check_kind
 from odescope.model.model import Model
+from odescope.model.recorded import records_for
 from odescope.model.simulation import Trajectory
 from odescope.observer.estimate import StateEstimates, estimate_states
 from odescope.observer.noise import measurement_noise
-from odescope.recordings.record import Record, Records
+from odescope.recordings.record import Record, Recorded, Records
 from odescope.validation.agreement import Agreement, Pair, agreement
 from odescope.validation.domain import outside_domain
 from odescope.validation.free_runs import FreeRunOf, beside, run_freely
@@ -65,7 +66,7 @@ class Validation:
 
 def validate(
     models: Model | Mapping[str, Model],
-    data: Record | Records | Iterable[Record],
+    data: Recorded,
     noise: Mapping[str, float] | None = None,
 ) -> Validation:
     """Return how well models predict recordings.
@@ -74,17 +75,20 @@ def validate(
 
     Args:
         models: one, or several by name.
-        data: uniformly sampled, with the coordinates and inputs of all models.
+        data: with the coordinates and inputs of all models: uniformly sampled records, or dataframes, dicts of columns
+            and paths of files, whose columns are called as those that the first model was identified from.
         noise: standard deviation of a sample, by coordinate, for one-step predictions; by default as each model was
             identified. A model that does not say so has no one-step predictions.
 
     Raises:
         InputError: no model, a column is missing, or a name in `noise` is no coordinate.
     """
-    named = {"model": models} if isinstance(models, Model) else dict(models)
+    named = dict(models) if isinstance(models, Mapping) else {"model": models}
     if not named:
         raise InputError("no model: expected at least one")
-    records = Records.of(data)
+    for model in named.values():
+        check_kind(model, Model, "what is validated")
+    records = records_for(next(iter(named.values())), data)
     return together([_validated(name, model, records, noise) for name, model in named.items()])
 
 

@@ -14,7 +14,8 @@ from odescope.likelihood.search import LikelihoodSearch
 from odescope.model.relation import Relation
 from odescope.pipeline.adopted import adopted
 from odescope.pipeline.identification import identify
-from odescope.study.options import Candidates, Data, Driven, Measured, Study
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured, Study
 
 OSCILLATOR = Study(
     data=Data(time="t"),

@@ -267,7 +267,7 @@ def test_bad_files(odescope, name, content, parts):
         assert part in message
 
 
-@pytest.mark.parametrize("source", [".", "/", "..", "a" * 300 + ".csv", "a" * 300 + ".toml"])
+@pytest.mark.parametrize("source", ["/", "..", "a" * 300 + ".csv", "a" * 300 + ".toml"])
 def test_a_source_that_is_no_file_is_an_error_and_no_traceback(run, source):
     assert "odescope: " in run.refused("identify", source, *(() if source.endswith("toml") else OSCILLATOR_OPTIONS))
 

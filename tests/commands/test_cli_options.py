@@ -201,7 +201,10 @@ def test_simulate_and_export_write_to_a_file_what_they_else_print(run):
 def test_export_text_and_latex(run):
     assert run("identify", "run.csv", *OSCILLATOR_OPTIONS).code == 0
     explicit = json.loads(Path("run/model.json").read_text())["explicit"]
-    assert run("export", "run/model.json").out == f"x_ddot = {explicit['x_ddot']}\n"
+    equation, *errors = run("export", "run/model.json").out.splitlines()
+    assert equation == f"x_ddot = {explicit['x_ddot']}"
+    assert [line.split()[:3] for line in errors] == [["#", "x_ddot", term] for term in ("x", "x_dot", "u")]
+    assert all(" +- " in line for line in errors)
     assert run("export", "run/model.json", "--to", "latex").out.startswith(r"\ddot{x} = ")
     assert "latex, mathml, " in run.refused("export", "run/model.json", "--to", "pythn")
     for name, part in (("gone.json", "No such file"), ("run", "Is a directory"), ("run.csv", "not a model")):

@@ -14,12 +14,11 @@ from odescope.commands.files import (
     check_writable,
     refuse_overwriting,
     result_files,
-    write_file,
-    write_files,
     write_results,
 )
 from odescope.errors import InputError
 from odescope.export.model_file import from_json
+from odescope.files import write_file, write_files
 from odescope.pipeline.identification import identify
 from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Driven, Measured, Study

@@ -12,7 +12,7 @@ FUNCTIONS = {f: getattr(np, f) for f in ("sin", "cos", "exp", "abs", "tanh")}
 
 def values(model, text, variables):
     found = {}
-    for line in text.splitlines():
+    for line in (line for line in text.splitlines() if line[0] != "#"):
         target, _, right = line.partition(" = ")
         found[target] = eval(right, {"__builtins__": {}}, FUNCTIONS | variables)  # noqa: S307 (our own output)
     return found

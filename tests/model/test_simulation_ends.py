@@ -74,8 +74,13 @@ def test_relations_that_contradict_each_other_end_the_run():
 @pytest.mark.parametrize(
     ("t", "inputs", "initial", "message"),
     [
-        ([0.0, 0.1, 0.2], np.zeros((2, 1)), np.zeros(4), r"inputs of shape \(3, 1\) and 4 initial states"),
-        ([0.0, 0.1, 0.2], np.zeros((3, 1)), np.zeros(3), r"4 initial states; shapes \(3, 1\) and \(3,\) came"),
+        (
+            [0.0, 0.1, 0.2],
+            np.zeros((2, 1)),
+            np.zeros(4),
+            r"array of shape \(3, 1\), a column each for u; an array of",
+        ),
+        ([0.0, 0.1, 0.2], np.zeros((3, 1)), np.zeros(3), r"array of shape \(4,\); an array of shape \(3,\) came"),
         ([0.0, 0.1, 0.2], np.array([[0.0], [np.nan], [0.0]]), np.zeros(4), "must be finite"),
         ([0.0, 0.1, 0.2], np.zeros((3, 1)), np.array([0.0, np.inf, 0.0, 0.0]), "must be finite"),
         ([0.0, np.nan, 0.2], np.zeros((3, 1)), np.zeros(4), "must be finite"),

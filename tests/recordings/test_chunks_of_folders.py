@@ -53,10 +53,21 @@ def test_folders_stand_for_their_parquet_files(tmp_path):
     sources = [run.source for run in read_records([tmp_path / "b"], layout)]
     assert sources == ["part-0.parquet (lap 1)", "part-1.PQ (lap 1)", "part-0.parquet (lap 2)"]
     assert column_names(tmp_path / "b") == ("t", "x", "note", "force")
-    with pytest.raises(
-        InputError, match=r"is a directory without Parquet files .* name files of other kinds one by one"
-    ):
+    with pytest.raises(InputError, match=r"is a directory without data files \(\.csv, .*\.parquet, "):
         find_files([single, tmp_path / "b/_notes/none"])
+
+
+def test_a_folder_without_parquet_stands_for_the_first_kind_of_data_files_in_itself(tmp_path):
+    for name in ("run2.csv", "run1.CSV", "notes.txt", "_old.csv", "run1/candidates.csv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("t,x\n0,1\n")
+    assert [f.name for f in find_files(tmp_path)] == ["run1.CSV", "run2.csv"]
+    assert find_files(str(tmp_path)) == find_files([tmp_path])
+    for name in ("run2.csv", "run1.CSV"):
+        (tmp_path / name).unlink()
+    assert [f.name for f in find_files(tmp_path)] == ["notes.txt"]
+    with pytest.raises(InputError, match=r"a data file is named by its path, as text or pathlib.Path; an int came"):
+        find_files([3])
 
 
 def test_a_pattern_stands_for_the_files_that_match_in_order(tmp_path):

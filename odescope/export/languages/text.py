@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
+from odescope.errors import check_kind
 from odescope.library.expression import Combination, Term
 from odescope.library.readable import readable
+from odescope.model.coefficients import coefficient_lines, rows_with_errors
 from odescope.model.display import equation_text, parameters_text
 from odescope.model.equations import Equation
 from odescope.model.explicit import Quotient
@@ -19,10 +21,12 @@ def to_text(model: Model, digits: int | None = None) -> str:
     """Return one equation a line: target = fraction, or, where that is long, what multiplies targets = the rest.
 
     Floats round-trip, or are rounded to `digits` significant digits. Where the model is made of mechanisms, these come
-    first, in lines that begin with #.
+    first, in lines that begin with #; else such lines with the standard errors of coefficients follow.
     """
+    check_kind(model, Model, "what is written")
     lines = [f"# {line}" for line in mechanisms_text(model.shown_mechanisms)]
-    return "\n".join([*lines, *equation_lines(model, digits)])
+    errors = [f"# {line}" for line in coefficient_lines(rows_with_errors(model.coefficients))]
+    return "\n".join([*lines, *equation_lines(model, digits), *errors])
 
 
 write = to_text

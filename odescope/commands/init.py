@@ -1,0 +1,244 @@
+"""A study from a look at a data file: the init command."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.commands.arguments import source_stem
+from odescope.errors import InputError
+from odescope.files import check_file, write_file
+from odescope.recordings.columns import recording_codes, times
+from odescope.recordings.coordinate import check_name
+from odescope.recordings.formats import Format, opened
+from odescope.recordings.headings import Heading, TimeUnit, time_unit
+from odescope.recordings.layout import Layout
+from odescope.recordings.periods import at_one_period
+from odescope.recordings.readers import column_names, find_files, read_records
+from odescope.recordings.record import Records
+from odescope.signals.look import Seen, look
+from odescope.study.toml import moved, parse_study
+
+TIMES = re.compile(r"(t|time|timestamp|zeit|temps|clock|stamp)(_.*)?", re.IGNORECASE)
+LABELS = re.compile(r"(run|segment|recording|experiment|trial|lap|series|batch|episode|id)(_.*)?", re.IGNORECASE)
+STEADY = 4.0  # times the median: no step of a clock that nobody calls one is longer
+LEAST_ROWS = 32  # of a recording, on average
+WIDTH = 46  # columns of text before a comment
+
+
+@dataclass(frozen=True)
+class Drafted:
+    """A study as text, and what to say of it."""
+
+    text: str
+    coordinates: int
+    inputs: int
+
+
+def init_study(sources: Sequence[Path], out: Path | None, force: bool) -> tuple[Path, Drafted]:
+    """Write a study of data files, from a look at the first of them.
+
+    Args:
+        sources: data files, folders, patterns.
+        out: file to write; by default beside the first source, called like it.
+        force: whether it may take the place of another.
+
+    Raises:
+        InputError: a file cannot be read, there is nothing to identify in it, or the study exists.
+    """
+    target = sources[0].parent / f"{source_stem(sources)}.toml" if out is None else out
+    if target.exists() and not force:
+        raise InputError(f"{target} exists: name another with --out, or let it be replaced with --force")
+    check_file(target)
+    study = draft(find_files(sources)[0], sources, target.parent)
+    write_file(target, study.text)
+    return target, study
+
+
+@dataclass(frozen=True)
+class ClockColumn:
+    """The column of the time, its unit and what that rests on; None where there is none."""
+
+    label: str | None
+    unit: TimeUnit
+    why: str
+
+
+def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
+    """Return the study of data files.
+
+    Args:
+        file: that is looked at.
+        sources: that the study names.
+        folder: that the study will be in.
+
+    Raises:
+        InputError: the file cannot be read, or no column may be a coordinate.
+    """
+    labels = column_names(file)
+    with opened(file) as kind:
+        every = {label: _numbers(kind, file, label) for label in dict.fromkeys(labels)}
+        columns = {label: values for label, values in every.items() if values is not None}
+        clock = _clock(columns)
+        recording = _recording(kind, file, every, clock)
+    others = [n for n in columns if n not in (clock.label, recording) and np.isfinite(columns[n]).any()]
+    headings = _headings(others)
+    if not headings:
+        raise InputError(f"{file.name} holds no numbers beside the time; its columns are {', '.join(labels)}")
+    records = read_records([file], _layout(clock, recording, headings))
+    seen = look(at_one_period(records, frozenset()), headings)
+    if not any(s.role == "coordinate" for s in seen):
+        told = "; ".join(f"{s.heading.label}: {s.why}" for s in seen)
+        raise InputError(f"no column of {file.name} looks like a coordinate ({told}): write a study, or use identify")
+    empty = [label for label in labels if label not in (*others, clock.label, recording)]
+    text = "\n".join(_lines(sources, folder, clock, recording, records, seen, empty)) + "\n"
+    parse_study(text)
+    return Drafted(text, *(sum(s.role == role for s in seen) for role in ("coordinate", "input")))
+
+
+def _numbers(kind: Format, file: Path, label: str) -> FloatArray | None:
+    """Return a column of numbers or dates (N,), None for one of something else."""
+    layout = Layout(time=label, columns=(("column", label),))
+    try:
+        return times(kind.read(file, layout)[label], layout, file.name)
+    except InputError:
+        return None
+
+
+def _clock(columns: dict[str, FloatArray]) -> ClockColumn:
+    """Return the column of the time: by its name, else one that grows in even steps."""
+    for label in columns:
+        heading = Heading.of(label)
+        if TIMES.fullmatch(heading.name) or (time_unit(label) and heading.unit is None):
+            unit = time_unit(label)
+            return ClockColumn(label, unit or "s", "" if unit in (None, "s") else f"its heading says {unit}")
+    for label, values in columns.items():
+        steps = np.diff(values)
+        if len(steps) and np.all(steps > 0.0) and steps.max() < STEADY * np.median(steps) and values[0] == 0.0:
+            return ClockColumn(label, time_unit(label) or "s", "it grows in even steps")
+    return ClockColumn(None, "s", "")
+
+
+def _recording(kind: Format, file: Path, columns: Mapping[str, FloatArray | None], clock: ClockColumn) -> str | None:
+    """Return the column that changes wherever time goes back, or that is called so and stays for long."""
+    t = None if clock.label is None else columns[clock.label]
+    if clock.label is None or t is None:
+        return None
+    back = set(np.flatnonzero(np.diff(t) < 0.0).tolist())
+    for label in columns:
+        layout = Layout(time=clock.label, columns=(("t", clock.label),), recording=label)
+        called = LABELS.fullmatch(Heading.of(label).name) is not None
+        if label == clock.label or not (called or back):
+            continue
+        try:
+            _, codes = recording_codes(kind.read(file, layout), layout, file.name)
+        except InputError:  # a row without a label: it is none of these
+            continue
+        changes = set(np.flatnonzero(np.diff(codes)).tolist())
+        if changes and back <= changes and (called or back == changes) and len(changes) * LEAST_ROWS < len(codes):
+            return label
+    return None
+
+
+def _headings(labels: Sequence[str]) -> dict[str, Heading]:
+    """Return headings by names that are usable and differ."""
+    found: dict[str, Heading] = {}
+    for k, label in enumerate(labels, 1):
+        heading = Heading.of(label)
+        name = heading.name
+        try:
+            check_name(name, "column")
+        except InputError:
+            name = f"column_{k}"
+        found[name if name not in found else f"{name}_{k}"] = heading
+    return found
+
+
+def _layout(clock: ClockColumn, recording: str | None, headings: dict[str, Heading]) -> Layout:
+    return Layout(
+        time=clock.label,
+        sample_period=1.0 if clock.label is None else None,
+        columns=tuple((name, heading.label) for name, heading in headings.items()),
+        recording=recording,
+        time_unit=clock.unit,
+    )
+
+
+def _lines(
+    sources: Sequence[Path],
+    folder: Path,
+    clock: ClockColumn,
+    recording: str | None,
+    records: Records,
+    seen: Sequence[Seen],
+    empty: Sequence[str],
+) -> Iterator[str]:
+    """Yield the lines of a study."""
+    files = [_from(folder, source) for source in sources]
+    sampled = f"{records.samples} samples in {_count(len(records), 'recording')}"
+    if clock.label is not None:
+        sampled += f", one every {records.runs[0].sample_period:.4g} s, {sum(r.duration for r in records):.4g} s in all"
+    yield "# Drafted from a look at the data: read each line, and correct what was guessed."
+    yield "[data]"
+    yield f"# {sampled}"
+    yield f"files = {_quoted(files)}"
+    if clock.label is None:
+        yield _line("sample_period = 1.0", "CHANGE THIS: seconds; no column holds the time")
+    else:
+        yield _line(f"time = {_quoted(clock.label)}", clock.why or "in seconds")
+    if clock.unit != "s":
+        yield _line(f"time_unit = {_quoted(clock.unit)}", "converted to seconds")
+    if recording is not None:
+        yield _line(f"recording = {_quoted(recording)}", "its changes tell recordings apart")
+    yield from ("", "[coordinates]" + " " * (WIDTH - 13) + "# each has an equation, for its derivative of its order")
+    yield from (_line(f"{s.name} = {_coordinate(s)}", s.why) for s in seen if s.role == "coordinate")
+    inputs = [s for s in seen if s.role == "input"]
+    if inputs:
+        yield from ("", "[inputs]" + " " * (WIDTH - 8) + "# each may stand in every equation")
+        yield from (_line(f"{s.name} = {_input(s)}", s.why) for s in inputs)
+    left_out = [(s.heading.label, s.why) for s in seen if s.role == "neither"]
+    left_out += [(label, "no numbers, or none") for label in empty]
+    if left_out:
+        yield from ("", "# Left out:")
+        yield from (f"#   {label}: {why}" for label, why in left_out)
+
+
+def _coordinate(s: Seen) -> str:
+    parts = [f"order = {s.order}", *_column(s), *(["angle = true"] if s.angle else [])]
+    unit = "deg" if s.degrees else s.heading.unit
+    return "{ " + ", ".join([*parts, *([f"unit = {_quoted(unit)}"] if unit else [])]) + " }"
+
+
+def _input(s: Seen) -> str:
+    parts = [*_column(s), *(['hold = "zero"'] if s.held else [])]
+    parts += [f"unit = {_quoted(s.heading.unit)}"] if s.heading.unit else []
+    return "{ " + ", ".join(parts) + " }" if parts else "{}"
+
+
+def _column(s: Seen) -> list[str]:
+    return [] if s.heading.label == s.name else [f"column = {_quoted(s.heading.label)}"]
+
+
+def _quoted(value: str | list[str]) -> str:
+    """Return text as TOML has it, whose basic strings are those of JSON."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _line(setting: str, comment: str) -> str:
+    return f"{setting:{WIDTH - 1}} # {comment}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + ("" if number == 1 else "s")
+
+
+def _from(folder: Path, source: Path) -> str:
+    """Return the path of a source as seen from the study's folder."""
+    bare = parse_study(f"[data]\nfiles = [{_quoted(source.as_posix())}]\n[coordinates.x]\n")
+    return moved(bare, Path(), folder).data.files[0]

@@ -1,0 +1,179 @@
+"""Column headings that hold more than a name: "x (m)", "Motor angle [deg]", "time_ms"."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from odescope.errors import InputError
+
+TimeUnit = Literal["s", "ms", "us", "ns", "min", "h"]
+
+_TIMES: dict[TimeUnit, tuple[str, ...]] = {
+    "s": ("s", "sec", "secs", "second", "seconds"),
+    "ms": ("ms", "msec", "msecs", "millis", "millisecond", "milliseconds"),
+    "us": ("us", "µs", "μs", "usec", "usecs", "micros", "microsecond", "microseconds"),
+    "ns": ("ns", "nsec", "nanos", "nanosecond", "nanoseconds"),
+    "min": ("min", "mins", "minute", "minutes"),
+    "h": ("h", "hr", "hrs", "hour", "hours"),
+}
+# Times and over: a division by 1000 is exact where the number of seconds has a short decimal, a product with 0.001 not.
+_SECONDS: dict[TimeUnit, tuple[float, float]] = {
+    "s": (1.0, 1.0),
+    "ms": (1.0, 1e3),
+    "us": (1.0, 1e6),
+    "ns": (1.0, 1e9),
+    "min": (60.0, 1.0),
+    "h": (3600.0, 1.0),
+}
+UNITS_OF_TIME: tuple[TimeUnit, ...] = tuple(_TIMES)
+_WITHOUT_BRACKETS = ("s", "ms", "us", "ns")  # in t_min the rest may be the least of something
+_BRACKETED = re.compile(r"^(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]\s*$", re.DOTALL)
+_EXPONENT = re.compile(r"\^?[-+−]?\d+|[⁻⁺]?[⁰¹²³⁴-⁹]+")
+_PREFIXED = re.compile(
+    r"(?:[fpnuµμmcdhkMGT]|da)?(?:m|g|s|A|K|mol|cd|Hz|N|Nm|Pa|J|W|Wh|C|V|F|Ω|Ohm|ohm|S|T|H|L|l|rad|bar|eV|M)"
+)
+_WHOLE = frozenset(
+    [
+        "1",
+        "-",
+        "%",
+        "°",
+        "deg",
+        "degs",
+        "degree",
+        "degrees",
+        "rev",
+        "rpm",
+        "turn",
+        "turns",
+        "°C",
+        "°F",
+        "degC",
+        "degF",
+        "psi",
+        "min",
+        "h",
+        "hr",
+        "d",
+        "day",
+        "in",
+        "ft",
+        "lb",
+        "lbf",
+        "t",
+        "sec",
+        "msec",
+        "usec",
+        "meter",
+        "meters",
+        "metre",
+        "metres",
+        "millimeter",
+        "millimeters",
+        "second",
+        "seconds",
+        "volt",
+        "volts",
+        "newton",
+        "newtons",
+        "radian",
+        "radians",
+        "ampere",
+        "amperes",
+        "amp",
+        "amps",
+        "watt",
+        "watts",
+        "pascal",
+        "kelvin",
+        "celsius",
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A column's label taken apart: a plain name, usable in formulae, and the unit in brackets, if there is one."""
+
+    label: str
+    name: str
+    unit: str | None
+
+    @staticmethod
+    def of(label: str) -> Heading:
+        """Return the parts of a label; what stands in brackets and is no unit belongs to the name."""
+        found = _BRACKETED.match(label)
+        if found is None or not (found[2] == "" or is_unit(found[2])):
+            return Heading(label, plain_name(label), None)
+        return Heading(label, plain_name(found[1]), found[2] or None)
+
+
+def plain_name(text: str) -> str:
+    """Return a name for formulae: ASCII letters, digits and underscores; Greek letters by their names."""
+    spelled = "".join(_greek(c) for c in unicodedata.normalize("NFKD", text))
+    name = re.sub(r"[^A-Za-z0-9_]+", "_", spelled.encode("ascii", "ignore").decode()).strip(
+        "_" if not text.startswith("_") else ""
+    )
+    return f"_{name}" if name[:1].isdigit() else name
+
+
+def _greek(character: str) -> str:
+    found = re.fullmatch(r"GREEK (?:SMALL|CAPITAL) LETTER (?:FINAL )?(\w+)", unicodedata.name(character, ""))
+    return character if found is None else found[1].lower() if character.islower() else found[1].capitalize()
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit, such as m/s^2, N m or deg."""
+    parts = [p for p in re.split(r"[\s/*·.]+", _EXPONENT.sub(" ", text) if text != "1" else text) if p]
+    return bool(parts) and all(p in _WHOLE or _PREFIXED.fullmatch(p) for p in parts)
+
+
+def time_unit(label: str) -> TimeUnit | None:
+    """Return the unit that the heading of a column of time names, in brackets or as its last word; None for none."""
+    heading = Heading.of(label)
+    if heading.unit is not None:
+        return next((unit for unit, words in _TIMES.items() if heading.unit.casefold() in words), None)
+    last = re.split(r"[\s_./-]+", label.strip().casefold())[-1]
+    return next((unit for unit, words in _TIMES.items() if last in words and unit in _WITHOUT_BRACKETS), None)
+
+
+def in_seconds(unit: TimeUnit) -> tuple[float, float]:
+    """Return what a time in a unit is to be multiplied with, and then divided by, to be in seconds."""
+    return _SECONDS[unit]
+
+
+def check_time_unit(unit: str) -> None:
+    """Refuse what is no unit of time."""
+    if unit not in UNITS_OF_TIME:
+        raise InputError(f"time_unit must be one of {', '.join(map(repr, UNITS_OF_TIME))}, got {unit!r}")
+
+
+def find_label(wanted: str, labels: Sequence[str], source: str) -> str | None:
+    """Return the label that is meant by one, itself or the one with the same plain name; None where there is none.
+
+    Args:
+        wanted: as a study or a command line spells it.
+        labels: of the columns.
+        source: where these are, for messages.
+
+    Raises:
+        InputError: several have that name.
+    """
+    if wanted in labels:
+        return wanted
+    name = Heading.of(wanted).name
+    meant = [label for label in dict.fromkeys(labels) if name and Heading.of(label).name == name]
+    if len(meant) > 1:
+        raise InputError(
+            f"{wanted!r} may be {' or '.join(map(repr, meant))} in {source}: name the column as it is spelled there"
+        )
+    return meant[0] if meant else None
+
+
+def names_of(labels: Iterable[str]) -> tuple[str, ...]:
+    """Return the plain names of labels."""
+    return tuple(Heading.of(label).name for label in labels)

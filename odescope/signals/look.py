@@ -1,0 +1,188 @@
+"""A look at the channels of a log that nobody has described: which may be coordinates, which inputs, which neither."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.recordings.checks import degrees_hints, is_degrees
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.headings import Heading
+from odescope.recordings.record import Records
+from odescope.signals.differentiators import Spectral
+from odescope.signals.filling import measured_derivatives
+from odescope.signals.rates import slope_and_share
+from odescope.signals.slow_sensors import is_slow
+
+Role = Literal["coordinate", "input", "neither"]
+
+SAME = 1e-9  # of the variance: what two columns may differ by that hold the same
+A_RATE = 0.9  # of its variance: what a column explains of another's rate that holds that rate, noise and all
+INSIDE = slice(32, -32)  # samples of filtered signals, whose ends are the worst
+FOLLOWS = 0.5  # of the variance: steps of white values have twice that of the values, those of a motion little
+HELD = 0.5  # of the samples repeat the one before: a command that is held
+WRAPS = (2.0 * np.pi, 360.0)
+NEAR_WRAP = 0.1  # of a turn: what a jump may differ from it
+BIG = 0.25  # of a turn: steps of an angle that no wrap explains
+COMMANDS = re.compile(
+    r"(u|f|force|tau|torque|input|command|cmd|ref|reference|setpoint|pwm|duty|voltage|valve|pump|throttle|heater"
+    r"|excitation)(_.*|\d.*)?",
+    re.IGNORECASE,
+)
+POSITIONS = re.compile(
+    r"(x|z|q|r|s|pos|position|disp|displacement|elongation|height)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE
+)
+ANGLES = re.compile(r".*(theta|phi|psi|angle|winkel|yaw|pitch|roll|heading)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE)
+LENGTHS = frozenset({"m", "mm", "cm", "um", "µm", "μm", "nm", "km", "in", "ft", "meter", "metre", "meters", "metres"})
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a column looks like.
+
+    Attributes:
+        name: for formulae.
+        heading: its label, taken apart.
+        role: what it may be.
+        why: in words, what that rests on.
+        order: of the equation of a coordinate.
+        angle: whether it is one.
+        degrees: whether it is in degrees.
+        held: whether an input is held between samples.
+    """
+
+    name: str
+    heading: Heading
+    role: Role
+    why: str
+    order: int = 1
+    angle: bool = False
+    degrees: bool = False
+    held: bool = False
+
+
+def look(records: Records, headings: Mapping[str, Heading]) -> tuple[Seen, ...]:
+    """Return what each column of records looks like, in their order.
+
+    Args:
+        records: uniformly sampled, with all columns that hold numbers.
+        headings: of the columns, by their names in the records.
+    """
+    columns = {name: [run.column(name) for run in records] for name in records.names}
+    useless = {name: why for name in columns if (why := _useless(name, columns, headings))}
+    moving = {name: own for name, own in columns.items() if name not in useless}
+    turns = {name: _wraps(own) for name, own in moving.items()}
+    held = {name for name, own in moving.items() if _held(own)}
+    named = {name for name in moving if COMMANDS.fullmatch(headings[name].name)}
+    geometric = {name for name in moving if turns[name] is not None or _is_geometric(headings[name])}
+    commands = (held | named) - geometric
+    smooth = [name for name in moving if name not in commands and turns[name] is None]
+    rates = _rates(records, smooth)
+    found = []
+    for name in columns:
+        heading = headings[name]
+        if name in useless:
+            found.append(Seen(name, heading, "neither", useless[name]))
+        elif name in rates:
+            found.append(Seen(name, heading, "neither", f"the rate of {rates[name]}, which is found from it"))
+        elif name in commands:
+            why = "held between its samples, as a command is" if name in held else "a command, by its name"
+            found.append(Seen(name, heading, "input", why, held=name in held))
+        else:
+            seen = _coordinate(name, heading, turns[name], set(rates.values()))
+            slow = ", read more often than it is measured" if is_slow(moving[name]) and _follows(moving[name]) else ""
+            unclear = seen.angle and degrees_hints(records, [Coordinate(name, 2, True, unit=heading.unit)])
+            doubt = ', in degrees? Then add unit = "deg"' if unclear else ""
+            found.append(replace(seen, why=seen.why + slow + doubt))
+    return tuple(found)
+
+
+def _useless(name: str, columns: Mapping[str, Sequence[FloatArray]], headings: Mapping[str, Heading]) -> str:
+    """Return why a column says nothing of its own; no text where it may."""
+    own = columns[name]
+    joined = np.concatenate(own)
+    if np.ptp(joined) <= 1e-12 * np.abs(joined).max(initial=0.0):
+        return f"constant, {joined[0]:.6g}"
+    if all(np.ptp(part) == 0.0 for part in own):
+        return "constant within every recording"
+    if all(np.ptp(np.diff(part)) == 0.0 for part in own):
+        return "counts samples"
+    for other in columns:
+        if other == name:
+            return ""
+        twin = np.concatenate(columns[other])
+        (one, first), (two, second) = ((joined.mean(), joined.std()), (twin.mean(), twin.std()))
+        if second > 0.0 and 1.0 - abs(float(np.mean((joined - one) * (twin - two)))) / (first * second) < SAME:
+            return f"the same as {headings[other].label}"
+    return ""
+
+
+def _wraps(own: Sequence[FloatArray]) -> float | None:
+    """Return the turn that a column jumps by, where it jumps by no less; None for one that does not."""
+    steps = np.abs(np.concatenate([np.diff(part) for part in own]))
+    for turn in WRAPS:
+        wraps = np.abs(steps - turn) < NEAR_WRAP * turn
+        if wraps.any() and not np.any(steps[~wraps] > BIG * turn):
+            return turn
+    return None
+
+
+def _held(own: Sequence[FloatArray]) -> bool:
+    """Tell whether a column repeats itself as a command does, which a sensor that is slow does, too."""
+    repeats = np.mean(np.concatenate([np.diff(part) == 0.0 for part in own]))
+    jumps = np.concatenate([np.abs(np.diff(part)) for part in own])
+    # The steps of a coarse encoder are of one or two sizes, all of the least.
+    coarse = np.mean(jumps[jumps > 0.0] < 2.5 * jumps[jumps > 0.0].min()) > HELD
+    levels = len(np.unique(np.concatenate(own)))
+    return bool(repeats > HELD and (levels <= 2 or not coarse) and not (is_slow(own) and _follows(own)))
+
+
+def _follows(own: Sequence[FloatArray]) -> bool:
+    """Tell whether new values go on from the ones before, as those of a motion do and those of a command need not."""
+    new = [part[np.flatnonzero(np.diff(part, prepend=np.nan))] for part in own]
+    spread = np.concatenate(new).var()
+    return bool(np.mean(np.concatenate([np.diff(part) for part in new]) ** 2) < FOLLOWS * spread)
+
+
+def _rates(records: Records, names: Sequence[str]) -> dict[str, str]:
+    """Return the columns that hold the rate of another, in whatever unit, and of which."""
+    if not names or min(len(run) for run in records) < 4 * INSIDE.start:
+        return {}
+    found = {n: measured_derivatives(records, Coordinate(n), Spectral()).values for n in names}
+    joined = {n: [np.concatenate([v[k][INSIDE] for v in own]) for k in (0, 1)] for n, own in found.items()}
+    given = dict[str, str]()
+    for name in names:
+        best = A_RATE
+        for other in names:
+            slope, share = slope_and_share(joined[other][1], joined[name][0])
+            if other != name and slope > 0.0 and share > best and given.get(other) != name:
+                given[name], best = other, share
+    return given
+
+
+def _is_geometric(heading: Heading) -> bool:
+    """Tell whether a heading is that of a length or an angle, by its unit, or by its name where it has none."""
+    if heading.unit is None:
+        return ANGLES.fullmatch(heading.name) is not None
+    return heading.unit in LENGTHS or heading.unit == "rad" or is_degrees(heading.unit)
+
+
+def _coordinate(name: str, heading: Heading, turn: float | None, with_rate: set[str]) -> Seen:
+    """Return what a coordinate is: an angle, a position, an amount."""
+    unit, degrees = heading.unit, is_degrees(heading.unit) or turn == WRAPS[1]
+    if turn is not None or (_is_geometric(heading) and unit not in LENGTHS):
+        wraps = "it wraps by 360" if degrees else "it wraps by 2 pi"
+        why = wraps if turn is not None else "by its name" if unit is None else "by its unit"
+        return Seen(name, heading, "coordinate", f"an angle, {why}", 2, True, degrees)
+    if unit in LENGTHS:
+        return Seen(name, heading, "coordinate", "a position, by its unit", 2)
+    if name in with_rate:
+        return Seen(name, heading, "coordinate", "a position: its rate was measured, too", 2)
+    if unit is None and POSITIONS.fullmatch(heading.name):
+        return Seen(name, heading, "coordinate", "a position, by its name; order 1 for an amount", 2)
+    return Seen(name, heading, "coordinate", "an amount? order 2 for a position")

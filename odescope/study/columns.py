@@ -1,0 +1,93 @@
+"""A study meets the headings of a table: its labels become those of the columns, units in headings are taken over."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TypeAlias, cast
+
+import msgspec
+
+from odescope.arrays import Table
+from odescope.errors import InputError
+from odescope.recordings.frames import table_names
+from odescope.recordings.headings import Heading, find_label, time_unit
+from odescope.recordings.readers import column_names, find_files
+from odescope.recordings.record import Records
+from odescope.study.options import Driven, Measured, Study
+
+InMemory: TypeAlias = Records | Table | Sequence[Table] | None
+
+
+def settled_columns(study: Study, data: InMemory | Path | str | Sequence[Path | str]) -> tuple[Study, InMemory]:
+    """Return a study with the labels that its columns have in the data, and the units that stand there in brackets.
+
+    Paths take the place of the study's files; what is in memory stays as it is. What a study says of a unit stays. A
+    label that is not there stays, too: reading the data tells what there is.
+
+    Args:
+        study: may name a column "x (m)" or x.
+        data: recordings in memory, paths, or None for the study's files.
+
+    Raises:
+        InputError: two columns may be meant by a label, two names read one column, or there is no file.
+    """
+    listed = list(data) if isinstance(data, (list, tuple)) else [data]
+    paths = [os.fspath(path) for path in listed if isinstance(path, (str, PathLike))]
+    if paths and len(paths) == len(listed):
+        study = msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, files=tuple(paths)))
+        return settled_columns(study, None)
+    if data is None and study.data.files:
+        file = find_files(study.data.files)[0]
+        return with_labels(study, column_names(file), file.name), None
+    in_memory = cast("InMemory", data)  # or anything else, which reading it refuses
+    labels = () if isinstance(data, Records) or not listed else table_names(listed[0])
+    return with_labels(study, labels, "the data") if labels else study, in_memory
+
+
+def with_labels(study: Study, labels: Sequence[str], source: str) -> Study:
+    """Return a study as `settled_columns`, given the labels of the columns.
+
+    Args:
+        study: may name a column "x (m)" or x.
+        labels: of the columns.
+        source: where these are, for messages.
+    """
+    own = study.data
+    time = own.time if own.time is None else find_label(own.time, labels, source) or own.time
+    recording = own.recording if own.recording is None else find_label(own.recording, labels, source) or own.recording
+    unit = own.time_unit or (None if time is None else time_unit(time))
+    data = msgspec.structs.replace(own, time=time, recording=recording, time_unit=unit)
+    coordinates = {name: _measured(name, c, labels, source) for name, c in study.coordinates.items()}
+    inputs = {name: _driven(name, i, labels, source) for name, i in study.inputs.items()}
+    readers: dict[str, str] = {}
+    columns = [(n, c.column) for n, c in coordinates.items()]
+    columns += [(n, i.column) for n, i in inputs.items() if not isinstance(i.column, tuple)]
+    for name, column in columns:
+        label = column or name
+        if label in readers and label in labels:
+            raise InputError(
+                f"{readers[label]!r} and {name!r} both read the column {label!r} in {source}: leave one out"
+            )
+        readers[label] = name
+    return msgspec.structs.replace(study, data=data, coordinates=coordinates, inputs=inputs)
+
+
+def _label(name: str, column: str | None, labels: Sequence[str], source: str) -> tuple[str | None, str | None]:
+    """Return the label of a column, None where it is as the study says, and the unit in its heading."""
+    found = find_label(column or name, labels, source)
+    return (column, None) if found is None else (column if found == (column or name) else found, Heading.of(found).unit)
+
+
+def _measured(name: str, c: Measured, labels: Sequence[str], source: str) -> Measured:
+    label, unit = _label(name, c.column, labels, source)
+    return msgspec.structs.replace(c, column=label, unit=unit if c.unit is None else c.unit)
+
+
+def _driven(name: str, i: Driven, labels: Sequence[str], source: str) -> Driven:
+    if isinstance(i.column, tuple):  # each is settled where it is tried
+        return i
+    label, unit = _label(name, i.column, labels, source)
+    return msgspec.structs.replace(i, column=label, unit=unit if i.unit is None else i.unit)

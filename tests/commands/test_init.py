@@ -1,0 +1,174 @@
+"""A study from a look at a data file: what it says, and that it runs."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from logs import oscillator, pendulum, smooth, write
+
+from odescope.commands.init import draft
+from odescope.study.options import Driven, Measured
+from odescope.study.toml import parse_study
+
+RNG = np.random.default_rng(0)
+T = 0.01 * np.arange(1500)
+
+
+def drafted(columns, name="log.csv"):
+    write(name, {label: np.asarray(values, dtype=float) for label, values in columns.items()})
+    found = draft(Path(name), [Path(name)], Path())
+    return parse_study(found.text), found.text
+
+
+def motion(seed, size=1.0):
+    return smooth(np.random.default_rng(seed), len(T), 0.01, 1.5, size)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_what_is_written_runs_as_it_is(odescope):
+    log = oscillator(1200)
+    Path("deep").mkdir()
+    write("deep/run.csv", {"time (ms)": 1000.0 * log["t"], "x (mm)": log["x"], "u [V]": log["u"], "ok": 0.0 * log["t"]})
+    ended = odescope("init", "deep/run.csv")
+    assert (ended.code, ended.out) == (0, "")
+    assert ended.err.startswith("wrote deep/run.toml (coordinates: 1, inputs: 1): read it, then run odescope identify")
+    text = Path("deep/run.toml").read_text()
+    assert text.count("\n") < 40
+    commented = [line for line in text.splitlines() if line.strip() and line[0] != "[" and not line.startswith("files")]
+    assert all("#" in line for line in commented)
+    study = parse_study(text)
+    assert study.data.files == ("run.csv",)
+    assert (study.data.time, study.data.time_unit) == ("time (ms)", "ms")
+    assert study.coordinates == {"x": Measured(column="x (mm)", order=2, unit="mm")}
+    assert study.inputs == {"u": Driven(column="u [V]", unit="V")}
+    assert "#   ok: constant, 0" in text
+    ended = odescope("identify", "deep/run.toml")
+    assert ended.code == 0, ended.err
+    found = {b: float(a) for a, b in re.findall(r"([\d.]+)\*(\w+)", ended.out)}
+    assert found == pytest.approx({"x": 4.0, "x_dot": 0.3, "u": 1.0}, rel=0.01)
+
+
+def test_a_study_that_is_there_is_only_replaced_by_force(odescope):
+    write("run.csv", oscillator(300))
+    Path("run.toml").write_text("mine")
+    assert "run.toml exists: name another with --out, or" in odescope.refused("init", "run.csv")
+    assert odescope("init", "run.csv", "--out", "new/study.toml").code == 0
+    assert parse_study(Path("new/study.toml").read_text()).data.files == ("../run.csv",)
+    assert odescope("init", "run.csv", "--force").code == 0
+    assert "x = { order = 2 }" in Path("run.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("label", "turn", "said", "degrees"),
+    [
+        ("a", 2.0 * np.pi, "an angle, it wraps by 2 pi", False),
+        ("a", 360.0, "an angle, it wraps by 360", True),
+        ("a [deg]", None, "an angle, by its unit", True),
+        ("a (rad)", None, "an angle, by its unit", False),
+        ("theta", None, "an angle, by its name", False),
+    ],
+)
+def test_angles(here, label, turn, said, degrees):
+    angle = pendulum(1500)["Winkel [rad]"] if turn else 0.4 * motion(1)
+    values = angle * turn / (2.0 * np.pi) if turn else angle
+    study, text = drafted({"t": T, label: values})
+    ((name, found),) = study.coordinates.items()
+    assert (found.angle, found.order) == (True, 2)
+    assert (name in study.degrees) is degrees
+    assert f"# {said}" in text
+
+
+def test_an_angle_that_goes_far_may_be_in_degrees(here):
+    _, text = drafted({"t": T, "theta": 40.0 * np.sin(T * 2.0 * np.pi / 5.0)})
+    assert 'in degrees? Then add unit = "deg"' in text
+
+
+def test_what_says_nothing_of_its_own_is_left_out(here):
+    x, row = motion(2), np.arange(1500.0)
+    v = np.gradient(x, 0.01) + 0.02 * RNG.standard_normal(1500)
+    columns = {"t": T, "x": x + 1e-3 * RNG.standard_normal(1500), "v_mm": 1000.0 * v, "gain": 2.0 + 0.0 * T}
+    study, text = drafted({**columns, "copy": 3.0 - 2.0 * columns["x"], "row": row, "none": np.nan * T})
+    assert list(study.coordinates) == ["x"]
+    assert not study.inputs
+    said = dict(re.findall(r"#   (\w+): (.*)", text))
+    assert said == {
+        "v_mm": "the rate of x, which is found from it",
+        "gain": "constant, 2",
+        "copy": "the same as x",
+        "row": "counts samples",
+        "none": "no numbers, or none",
+    }
+
+
+def test_inputs_are_told_by_their_name_or_as_they_are_held(here):
+    switched = np.repeat(RNG.standard_normal(60), 25)
+    relay = np.repeat(RNG.integers(0, 2, 30), 50)
+    columns = {
+        "t": T,
+        "level [V]": motion(3),
+        "pwm": motion(4),
+        "w": switched,
+        "relay": relay,
+        "motor_angle": motion(5),
+    }
+    study, text = drafted(columns)
+    assert list(study.coordinates) == ["level", "motor_angle"]
+    assert {name: i.hold for name, i in study.inputs.items()} == {"pwm": "auto", "w": "zero", "relay": "zero"}
+    assert study.coordinates["level"].order == 1
+    assert "held between its samples, as a command is" in text
+
+
+def test_a_slow_sensor_is_no_command(here):
+    study, text = drafted({"t": T, "x": np.repeat(motion(6)[::5], 5)})
+    assert list(study.coordinates) == ["x"]
+    assert "read more often than it is measured" in text
+
+
+def test_a_coarse_encoder_is_no_command(here):
+    study, _ = drafted({"t": T, "x": 0.05 * np.rint(motion(6) / 0.05)})
+    assert list(study.coordinates) == ["x"]
+
+
+def test_recordings_are_told_apart(here):
+    again = np.concatenate([T[:500]] * 3)
+    run = np.repeat([1.0, 2.0, 3.0], 500)
+    for label in ("segment", "series_of_mine"):
+        study, text = drafted({"t": again, label: run, "x": motion(7)})
+        assert study.data.recording == label
+        assert "in 3 recordings" in text
+    study, _ = drafted({"t": T, "segment": run, "x": motion(7)})
+    assert study.data.recording == "segment"
+
+
+def test_without_a_time_the_period_is_to_be_changed(here):
+    study, text = drafted({"u": motion(8), "y": motion(9)})
+    assert study.data.sample_period == 1.0
+    assert "# CHANGE THIS: seconds" in text
+    study, _ = drafted({"clock": T, "y": motion(9)})
+    assert study.data.time == "clock"
+    study, _ = drafted({"elapsed": T, "y": motion(9)})
+    assert study.data.time == "elapsed"
+
+
+def test_names_that_formulae_cannot_use_are_replaced(here):
+    study, _ = drafted({"t": T, "lambda": motion(1), "Höhe (m)": motion(2), "höhe [mm]": motion(3), "!": motion(4)})
+    assert list(study.coordinates) == ["column_1", "Hohe", "hohe", "column_4"]
+    assert [c.column for c in study.coordinates.values()] == ["lambda", "Höhe (m)", "höhe [mm]", "!"]
+
+
+@pytest.mark.parametrize(
+    ("columns", "part"),
+    [
+        ({"t": T}, "holds no numbers beside the time"),
+        ({"t": T, "u": motion(1)}, "no column of log.csv looks like a coordinate (u: a command, by its name)"),
+    ],
+)
+def test_a_log_without_coordinates_is_refused(odescope, columns, part):
+    write("log.csv", columns)
+    assert part in odescope.refused("init", "log.csv")
+    assert "no such file" in odescope.refused("init", "missing.csv")

@@ -1,0 +1,70 @@
+"""A study and the headings of its data."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from odescope.errors import InputError
+from odescope.study.columns import settled_columns, with_labels
+from odescope.study.options import Data, Driven, Measured, Study
+from odescope.study.toml import parse_study, study_toml
+
+LABELS = ("time (ms)", "x (m)", "Angle [deg]", "u [V]", "run no.")
+STUDY = Study(
+    data=Data(time="time", recording="run_no"),
+    coordinates={"x": Measured(order=2), "phi": Measured(column="Angle", angle=True)},
+    inputs={"u": Driven()},
+)
+
+
+def test_labels_and_units_are_taken_over():
+    found = with_labels(STUDY, LABELS, "run.csv")
+    assert (found.data.time, found.data.time_unit, found.data.recording) == ("time (ms)", "ms", "run no.")
+    assert found.coordinates["x"] == Measured(column="x (m)", order=2, unit="m")
+    assert found.coordinates["phi"] == Measured(column="Angle [deg]", angle=True, unit="deg")
+    assert found.inputs["u"] == Driven(column="u [V]", unit="V")
+    assert found.degrees == {"phi"}
+    assert found.layout().time_unit == "ms"
+    assert with_labels(found, LABELS, "run.csv") == found
+    assert parse_study(study_toml(found)) == found
+
+
+def test_either_spelling_of_a_column_is_the_same():
+    spelled = Study(
+        data=Data(time="time (ms)", recording="run no."),
+        coordinates={"x": Measured(order=2, column="x (m)"), "phi": Measured(column="Angle [deg]", angle=True)},
+        inputs={"u": Driven(column="u [V]")},
+    )
+    assert with_labels(spelled, LABELS, "run.csv") == with_labels(STUDY, LABELS, "run.csv")
+
+
+def test_what_a_study_says_of_units_stays():
+    own = Study(
+        data=Data(time="time", time_unit="s"),
+        coordinates={"x": Measured(unit="mm"), "phi": Measured(column="Angle", angle=True, unit="rad")},
+    )
+    found = with_labels(own, LABELS, "run.csv")
+    assert (found.data.time_unit, found.coordinates["x"].unit, found.degrees) == ("s", "mm", frozenset())
+
+
+def test_what_the_data_lack_stays_as_the_study_says():
+    """Reading the data tells what is missing, and what there is."""
+    assert with_labels(STUDY, ("a", "b"), "run.csv") == STUDY
+
+
+def test_columns_that_are_meant_twice_are_refused():
+    with pytest.raises(InputError, match=r"'x' may be 'x \(m\)' or 'x \(mm\)' in run.csv"):
+        with_labels(STUDY, (*LABELS, "x (mm)"), "run.csv")
+    twice = Study(data=Data(time="time"), coordinates={"x": Measured(), "y": Measured(column="x (m)")})
+    with pytest.raises(InputError, match=r"'x' and 'y' both read the column 'x \(m\)' in run.csv: leave one out"):
+        with_labels(twice, LABELS, "run.csv")
+
+
+def test_labels_come_from_the_first_file_or_table(tmp_path):
+    frame = pd.DataFrame({label: np.arange(3.0) for label in LABELS})
+    path = tmp_path / "run.csv"
+    frame.to_csv(path, index=False)
+    of_files = Study(data=Data(time="time", files=(str(path),)), coordinates=STUDY.coordinates)
+    assert settled_columns(of_files, None)[0].data.time == "time (ms)"
+    for data in (frame, [frame, frame], {label: [0.0] for label in LABELS}):
+        assert settled_columns(STUDY, data)[0] == with_labels(STUDY, LABELS, "the data")
