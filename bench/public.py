@@ -218,7 +218,9 @@ def main() -> None:
     found, known = systems(options.set), kept(options.results)
     for noise in options.noise:
         for name in options.systems or found:
-            job = Job(options.set, found[name], noise, tuple(options.basis), options.degree, options.budget, options.seed)
+            job = Job(
+                options.set, found[name], noise, tuple(options.basis), options.degree, options.budget, options.seed
+            )
             if job.key not in known:
                 if time.monotonic() - begin > options.seconds:
                     continue

@@ -71,7 +71,7 @@ class System:
 
     @property
     def from_positions(self) -> System | None:
-        """The same system with equations of order 2, where the first half of its states has the second for its rates."""
+        """The same system with equations of order 2, where the rates of half of its states are the other half."""
         half = len(self.states) // 2
         if len(self.states) % 2 or self.rates[:half] != self.states[half:]:
             return None
@@ -126,7 +126,11 @@ def _split(node: ast.expr) -> tuple[float, str]:
 
 def skeleton(text: str) -> str:
     """Return the text of a term, its constants inside functions replaced by a sign that stands for any."""
-    return re.sub(r"(?<![\w.*])-?\d+\.?\d*(?:e-?\d+)?\*", "#*", re.sub(r"\(-(?=[a-z])", "(-1*", text)) if "(" in text else text
+    return (
+        re.sub(r"(?<![\w.*])-?\d+\.?\d*(?:e-?\d+)?\*", "#*", re.sub(r"\(-(?=[a-z])", "(-1*", text))
+        if "(" in text
+        else text
+    )
 
 
 def _canonical(text: str, scope: Scope) -> str:
@@ -177,9 +181,7 @@ def compared(system: System, model: Model) -> Comparison:
             continue
         lead = next(k for k in wanted if k[0] is not None and found[k] == 1.0)
         scale = wanted[lead]
-        errors |= {
-            f"{target}: {_shown(k)}": abs(found[k] * scale / c - 1.0) for k, c in wanted.items() if k != lead
-        }
+        errors |= {f"{target}: {_shown(k)}": abs(found[k] * scale / c - 1.0) for k, c in wanted.items() if k != lead}
     return Comparison(failures, errors)
 
 
