@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.search import THIN, Outcome
 from odescope.likelihood.search_space import SearchSpace
@@ -31,28 +32,40 @@ def without_negligible(space: SearchSpace, outcome: Outcome) -> Outcome:
     """
     here, trail = outcome.fit, list(outcome.trail)
     defect_std = space.segments.spread * outcome.width
-    unseen = UNSEEN * float(np.mean((space.segments.noise / space.segments.measured.std(axis=0)) ** 2))
-    while len(here.free):
-        shares, wald = contributions(space, here.theta), here.wald / max(outcome.scale, 1.0)
-        slight = [
-            (w, k)
-            for k, w in zip(here.free.tolist(), wald.tolist(), strict=True)
-            if space.mechanisms[k].parts and shares[k] < SHARE and w < THIN * space.penalty[k]
-        ]
-        if not slight:
-            break
-        statistic, k = min(slight)
-        theta = here.theta.copy()
-        theta[k] = 0.0
-        lean = space.fit(theta, here.present[here.present != k], here.x0, defect_std, here.strength)
-        if lean is None or not lean.converged:
-            break
-        if free_run_error(space, lean.theta) > RUNS_AS_WELL * free_run_error(space, here.theta) + unseen:
-            break
-        here = lean
+    while (leaner := one_less(space, here, here.wald / max(outcome.scale, 1.0), defect_std)) is not None:
+        here, k, statistic = leaner
         trail.append(space.move(outcome.width, "drop", k, statistic, here))
     prices = space.penalty[here.free], space.price(here)
     return replace(outcome, fit=here, penalties=prices[0], price=prices[1], trail=tuple(trail))
+
+
+def one_less(space: SearchSpace, here: Fit, wald: FloatArray, defect_std: FloatArray) -> tuple[Fit, int, float] | None:
+    """Return the fit without the weakest term that is next to nothing, its number and Wald statistic, None if none is.
+
+    Args:
+        space: the data and candidates.
+        here: a fit.
+        wald: (p,) statistics of its parameters.
+        defect_std: (n,) standard deviations of the defects between segments.
+    """
+    shares = contributions(space, here.theta)
+    slight = [
+        (w, k)
+        for k, w in zip(here.free.tolist(), wald.tolist(), strict=True)
+        if space.mechanisms[k].parts and shares[k] < SHARE and w < THIN * space.penalty[k]
+    ]
+    if not slight:
+        return None
+    statistic, k = min(slight)
+    theta = here.theta.copy()
+    theta[k] = 0.0
+    lean = space.fit(theta, here.present[here.present != k], here.x0, defect_std, here.strength)
+    if lean is None or not lean.converged:
+        return None
+    unseen = UNSEEN * float(np.mean((space.segments.noise / space.segments.measured.std(axis=0)) ** 2))
+    if free_run_error(space, lean.theta) > RUNS_AS_WELL * free_run_error(space, here.theta) + unseen:
+        return None
+    return lean, k, statistic
 
 
 def contributions(space: SearchSpace, theta: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ from odescope.likelihood.held_out import free_run_errors
 from odescope.likelihood.search_space import SearchSpace
 
 FAITHFUL = 0.005  # standard deviations of what was measured: a free run as near to the record needs no more terms
+WORTH = 3.0  # times the least error: but what a term improves as much is physics, however near the runs are
 TELLING = 0.1  # standard deviations: where even the best free run is further from the record, runs tell little of terms
 QUICK = 2  # steps of a fit without a mechanism, which are enough
 FORETOLD = 1.1  # if they raise the cost by no more than so many times its Wald statistic, as in a linear model
@@ -101,7 +102,7 @@ class ModelPath:
     def at_knee(self) -> ModelPath:
         """The path with the shortest model chosen whose error is within its spread of the least, or small enough."""
         best = min(self.steps, key=lambda s: s.error)
-        enough = max(best.error if best.error < TELLING else 0.0, FAITHFUL)
+        enough = max(best.error if best.error < TELLING else 0.0, min(FAITHFUL, WORTH * best.error))
         within = [k for k, s in enumerate(self.steps) if s.error - s.spread <= enough or _as_well(s, best)]
         return replace(self, chosen=max(within))
 

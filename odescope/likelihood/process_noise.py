@@ -18,6 +18,7 @@ from odescope.likelihood.add_and_drop import GAIN, HOPELESS, Moves
 from odescope.likelihood.evidence import Evidence, in_blocks, project, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
+from odescope.likelihood.negligible import one_less
 from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
 from odescope.likelihood.path import ModelPath
 from odescope.likelihood.program import Program
@@ -197,6 +198,13 @@ def search_with_process_noise(
         evidence = robust_evidence(fitted, found)
     if evidence is None:
         return None
+    while (leaner := one_less(fitted, found, evidence.wald, fitted.segments.spread)) is not None:
+        refitted, less, cost = estimate_noise(fitted, leaner[0], floor)
+        rest = robust_evidence(refitted, less)
+        if rest is None:
+            break
+        fitted, found, marginal, evidence = refitted, less, cost, rest
+        trail = (*trail, fitted.move(1.0, "drop", leaner[1], leaner[2], found))
     return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail, way)
 
 

@@ -31,9 +31,10 @@ from odescope.likelihood.process_noise import (
     search_with_process_noise,
 )
 from odescope.likelihood.program import Frame
-from odescope.likelihood.search import TIED, WHITE, LikelihoodSearch, Outcome, in_whole, search
+from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, in_whole
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.segments import SEGMENT, SHORT, Segments, cut_segments
+from odescope.likelihood.searches import joined, searches
+from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
 from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
 from odescope.likelihood.steps import with_fine_steps, with_finer_steps, with_narrow_friction
 from odescope.model.relation import FoundMechanism, Relation
@@ -46,11 +47,9 @@ from odescope.signals.estimate import Signals
 THREADS = Threads()
 
 HOLDINGS = 2  # searches anew, at most, under other holds of inputs
-JOINED_SHARE = 0.6  # of the budget, at most, for the searches without process noise
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
 NEGLIGIBLE = 1e-3  # of the variance
 CHANCE = 2.0  # standard deviations of a residual variance that are no reason to look for process noise
-FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +83,7 @@ class Refinement:
     @property
     def follows(self) -> bool:
         """Whether the model, with process noise if it has any, describes the record: its errors can then be stated."""
-        return self.process is not None or _joined(self.outcome)
-
-
-def _joined(outcome: Outcome) -> bool:
-    """Say whether the model of a search follows the record to within its noise, segments joined."""
-    return bool(np.isfinite(outcome.width)) and outcome.scale < FOLLOWED
+        return self.process is not None or joined(self.outcome)
 
 
 def refine(
@@ -136,14 +130,14 @@ def refine(
     begun = promising(space.on(thinned(segments)), begun) if declared else begun
     space = _first_held(cut, space, begun, held)
     seen = space.on(thinned(space.segments))
-    outcomes = _searches(seen, begun, bare, monitor, workers)
+    outcomes = searches(seen, begun, bare, monitor, workers)
     seen, outcomes, gains = _held(cut, seen, begun, outcomes, held, monitor, workers)
     if starts.rival is not None:
-        outcomes += _searches(seen, [whole(starts.rival)], None, monitor, workers)
+        outcomes += searches(seen, [whole(starts.rival)], None, monitor, workers)
     more = None if any(o.clear for o in outcomes) else starts.further(_constants(seen, outcomes))
     if more is not None:
         begun = [whole(more), *begun]
-        outcomes += _searches(seen, begun[:1], None, monitor, workers)
+        outcomes += searches(seen, begun[:1], None, monitor, workers)
         seen, outcomes, gains = _held(cut, seen, begun, outcomes, held, monitor, workers)
     budget.spent += sum(o.spent for o in outcomes)
     space, best = _best(cut, space, seen, outcomes)
@@ -194,12 +188,12 @@ def _judged(
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
     fine = space
-    if _joined(best):
+    if joined(best):
         space, best = with_finer_steps(space, best)
         fine, best = with_narrow_friction(space, without_negligible(space, best))
     process, adopted = None, False
     chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
-    if not _joined(best) or best.scale > WHITE + chance:
+    if not joined(best) or best.scale > WHITE + chance:
         space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
         process, adopted = _with_process_noise(cut, space, best, begun, terms, floor)
     evidence: Evidence | None
@@ -278,71 +272,12 @@ def _held(
             return space, outcomes, {name: gains.get(name, gain) for name, gain in choice.gains.items()}
         starts = [choice.fit.theta, *begun]
         other = with_fine_steps(space.on(thinned(cut(choice.holds, SEGMENT))), starts)
-        ends = _searches(other, starts, None, monitor, workers)
+        ends = searches(other, starts, None, monitor, workers)
         if not ends:
             break
         space.budget.spent += sum(o.spent for o in outcomes)
         space, outcomes, gains = other, ends, choice.gains
     return space, outcomes, gains
-
-
-def _searches(
-    space: SearchSpace, begun: Sequence[FloatArray], plain: FloatArray | None, monitor: Monitor, workers: Workers
-) -> list[Outcome]:
-    """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails.
-
-    Every search has its own part of the budget, so that it ends alike wherever it runs.
-    """
-    share = JOINED_SHARE / max(len(begun), 2)
-    # A monitor speaks to whoever started the run, not to a worker elsewhere.
-    budget = replace(space.budget.part(share), monitor=Monitor()) if workers.remote else space.budget.part(share)
-    outcomes, failed = list[Outcome](), False
-    monitor.tell(Progress("likelihood", "search", 0, len(begun)))
-    ends = workers.map(_search, begun, space.within(budget), alone=True, check=monitor.check)
-    for number, found in enumerate(ends, start=1):
-        monitor.check()
-        monitor.tell(Progress("likelihood", "search", number, len(begun)))
-        if found is None:
-            failed = True
-            continue
-        outcomes.append(found)
-        if found.clear and not space.needed:  # what a function with constants says, others can nearly say
-            break
-    if failed and plain is not None:
-        monitor.tell(Progress("likelihood", "search from plain relations", 0, 1))
-        found = _search(_shorter(space, plain, outcomes), space.within(space.budget.part(share)))
-        if found is not None:
-            outcomes.append(found)
-    return outcomes
-
-
-def _search(start: FloatArray, space: SearchSpace) -> Outcome | None:
-    """Search with a budget of one's own; from short segments where the start is lost in those of usual length.
-
-    The further a model is from the record, the shorter it can be followed. Of much noise a short segment says next to
-    nothing; tied to its neighbours from the beginning it does. The end is judged in the usual segments again.
-    """
-    space = space.within(space.budget.part(1.0))
-    found = search(space, start)
-    if found is not None and _joined(found):
-        return found
-    near = search(space.on(space.segments.cut_anew(SHORT)), start, TIED)
-    followed = near is not None and near.width < TIED[0] and _joined(near)
-    again = search(space, near.fit.theta) if near is not None and followed else None
-    ends = [replace(o, spent=space.budget.spent) for o in (found, again) if o is not None]
-    return min(ends, key=lambda o: o.rank, default=None)
-
-
-def _shorter(space: SearchSpace, plain: FloatArray, outcomes: Sequence[Outcome]) -> FloatArray:
-    """Return each relation as it is plain or as the best search left it, whichever has fewer terms."""
-    if not outcomes:
-        return plain
-    best = min(outcomes, key=lambda o: o.rank).fit.theta
-    theta, owner = plain.copy(), np.array([min(m.relations, default=-1) for m in space.mechanisms])
-    for r in range(space.relations):
-        if np.count_nonzero(best[owner == r]) < np.count_nonzero(plain[owner == r]):
-            theta[owner == r] = best[owner == r]
-    return theta
 
 
 def _with_process_noise(
@@ -359,7 +294,7 @@ def _with_process_noise(
     process = search_with_process_noise(pieces, starts, terms, floor)
     if process is None:
         return None, False
-    if _joined(best) and cost_without_process_noise(pieces, best) < process.penalised:
+    if joined(best) and cost_without_process_noise(pieces, best) < process.penalised:
         return process, False
     # Compared as fitted to all: the proposal has seen what was held out too.
     proposed, found = (free_run_error(pieces, theta) for theta in (begun[0], process.fit.theta))

@@ -15,7 +15,7 @@ from odescope.recordings.record import Record, Records, Stretch, within
 from odescope.signals.appearance import telling
 from odescope.signals.differentiators import Derivatives, Differentiator, derivatives_like
 from odescope.signals.filling import measured_derivatives
-from odescope.signals.noise import rounding_error
+from odescope.signals.noise import least_noise
 from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, differentiate, differentiate_smoothly
 
 OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
@@ -27,7 +27,7 @@ SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below
 class Channel:
     """What was found in one coordinate: noise (standard deviation, its unit), cutoff (hertz).
 
-    The noise is no less than `floor`, which the steps of the sensor make.
+    The noise is no less than `floor`, see `odescope.signals.noise.least_noise`.
     """
 
     name: str
@@ -100,9 +100,10 @@ def estimate_signals(
     period = _common_period(records)
     found, floors = [], []
     for c in coordinates:
-        # What was filled in, or is the mean of several, is off the steps of the sensor.
-        floors.append(rounding_error([run.column(c.name)[run.counted(c.name) == 1.0] for run in records]))
         derivatives = measured_derivatives(records, c, differentiator)
+        # What was filled in, or is the mean of several, is off the steps of the sensor.
+        measured = [run.column(c.name)[run.counted(c.name) == 1.0] for run in records]
+        floors.append(least_noise(measured, derivatives.noise))
         found.append(replace(derivatives, noise=max(derivatives.noise, floors[-1])))
         _check_signal(records, c, found[-1], period)
     stride = max(1, int(1.0 / (period * OVERSAMPLING * max(d.cutoff for d in found)))) if decimate else 1

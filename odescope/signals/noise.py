@@ -13,6 +13,8 @@ from odescope.signals.spectral import Spectrum
 MEDIAN_CHI_SQUARED = 0.45493642311957174
 
 
+SENSOR = 1e-5  # standard deviations of a channel: the white noise of any sensor is more than that
+SOLVER = 1e-4  # standard deviations of a channel by which the solution of a solver may be off
 WHOLE = 0.01  # of a step of the sensor, by which a value may differ from a whole number of them
 VALUES_A_STEP = 4.0  # samples a different value, at least, of a sensor whose steps matter
 
@@ -32,6 +34,20 @@ def sensor_step(columns: Sequence[FloatArray]) -> float:
 def rounding_error(columns: Sequence[FloatArray]) -> float:
     """Return the standard deviation of what the steps of a sensor round away: a step over root twelve."""
     return sensor_step(columns) / float(np.sqrt(12.0))
+
+
+def least_noise(columns: Sequence[FloatArray], white: float) -> float:
+    """Return the standard deviation that the noise of a channel has at least.
+
+    That is what the steps of the sensor round away. Where there is next to no white noise the channel was not measured
+    but solved for, and what a solver errs by is smooth: it is not in the white noise.
+
+    Args:
+        columns: (N,) a record.
+        white: standard deviation of the white noise.
+    """
+    moves = float(np.concatenate([c - c.mean() for c in columns]).std())
+    return max(rounding_error(columns), SOLVER * moves if white < SENSOR * moves else 0.0)
 
 
 def noise_level(spectra: Sequence[Spectrum]) -> float:

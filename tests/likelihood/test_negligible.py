@@ -7,7 +7,7 @@ import pytest
 from small_systems import SPRING, SPRING_STEP, drive, shots, spring_run
 
 from odescope.likelihood.evaluator import Evaluator
-from odescope.likelihood.negligible import contributions, without_negligible
+from odescope.likelihood.negligible import contributions, one_less, without_negligible
 from odescope.likelihood.search import search
 from odescope.likelihood.search_space import SearchSpace
 
@@ -58,3 +58,15 @@ def test_a_term_with_a_case_stays_however_small(square):
     lean = without_negligible(it, outcome)
     assert SQUARE in lean.fit.present
     assert lean.fit.theta[SQUARE] / lean.fit.theta[0] == pytest.approx(square, rel=0.1)
+
+
+def test_the_statistics_that_are_given_decide_whose_case_is_thin():
+    """Under process noise they are those between blocks of the record."""
+    it, outcome = ended(0.0)
+    here, defect_std = outcome.fit, it.segments.spread * outcome.width
+    thin = np.where(here.free == SQUARE, 0.0, np.inf)
+    leaner = one_less(it, here, thin, defect_std)
+    assert leaner is not None
+    assert leaner[1:] == (SQUARE, 0.0)
+    assert SQUARE not in leaner[0].present
+    assert one_less(it, here, np.full_like(thin, np.inf), defect_std) is None

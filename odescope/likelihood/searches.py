@@ -1,0 +1,118 @@
+"""Searches by likelihood from several starts, and from none where no start can be followed.
+
+docs/method.md, Structure by likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.events import Monitor, Progress
+from odescope.likelihood.search import TIED, Outcome, search
+from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.segments import SHORT
+from odescope.parallel.workers import Workers
+
+JOINED_SHARE = 0.6  # of the budget, at most, for the searches without process noise
+FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
+
+
+def joined(outcome: Outcome) -> bool:
+    """Say whether the model of a search follows the record to within its noise, segments joined."""
+    return bool(np.isfinite(outcome.width)) and outcome.scale < FOLLOWED
+
+
+def searches(
+    space: SearchSpace, begun: Sequence[FloatArray], plain: FloatArray | None, monitor: Monitor, workers: Workers
+) -> list[Outcome]:
+    """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails.
+
+    Every search has its own part of the budget, so that it ends alike wherever it runs.
+
+    Args:
+        space: data, candidates, budget.
+        begun: (mechanisms,) coefficients of each start.
+        plain: those of relations without denominators, None where there are none.
+        monitor: told what goes on, and asked whether to stop.
+        workers: where it is searched.
+
+    Raises:
+        Stopped: the run is to end.
+    """
+    share = JOINED_SHARE / max(len(begun), 2)
+    # A monitor speaks to whoever started the run, not to a worker elsewhere.
+    budget = replace(space.budget.part(share), monitor=Monitor()) if workers.remote else space.budget.part(share)
+    outcomes, failed = list[Outcome](), False
+    monitor.tell(Progress("likelihood", "search", 0, len(begun)))
+    ends = workers.map(_search, begun, space.within(budget), alone=True, check=monitor.check)
+    for number, found in enumerate(ends, start=1):
+        monitor.check()
+        monitor.tell(Progress("likelihood", "search", number, len(begun)))
+        if found is None:
+            failed = True
+            continue
+        outcomes.append(found)
+        if found.clear and not space.needed:  # what a function with constants says, others can nearly say
+            break
+    if failed and plain is not None:
+        monitor.tell(Progress("likelihood", "search from plain relations", 0, 1))
+        found = _search(_shorter(space, plain, outcomes), space.within(space.budget.part(share)))
+        if found is not None:
+            outcomes.append(found)
+    if not outcomes:
+        monitor.tell(Progress("likelihood", "search from nothing", 0, 1))
+        found = from_nothing(space.within(space.budget.part(share)))
+        if found is not None:
+            outcomes.append(found)
+    return outcomes
+
+
+def _search(start: FloatArray, space: SearchSpace) -> Outcome | None:
+    """Search with a budget of one's own; from short segments where the start is lost in those of usual length.
+
+    The further a model is from the record, the shorter it can be followed. Of much noise a short segment says next to
+    nothing; tied to its neighbours from the beginning it does. The end is judged in the usual segments again.
+    """
+    space = space.within(space.budget.part(1.0))
+    found = search(space, start)
+    if found is not None and joined(found):
+        return found
+    again = _from_short(space, start)
+    ends = [replace(o, spent=space.budget.spent) for o in (found, again) if o is not None]
+    return min(ends, key=lambda o: o.rank, default=None)
+
+
+def _from_short(space: SearchSpace, start: FloatArray) -> Outcome | None:
+    """Return the end of a search that goes on from one in short segments, None where that is lost in those, too."""
+    near = search(space.on(space.segments.cut_anew(SHORT)), start, TIED)
+    followed = near is not None and near.width < TIED[0] and joined(near)
+    return search(space, near.fit.theta) if near is not None and followed else None
+
+
+def from_nothing(space: SearchSpace) -> Outcome | None:
+    """Return the end of a search that begins with bare targets, in short segments, None where it is lost.
+
+    Where a signal is too fast for its samples regression has its derivative wrong, and what it proposes runs away. Free
+    runs through short segments need no derivative.
+    """
+    bare = np.array([float(space.stays(k)) if m.known is None else m.known for k, m in enumerate(space.mechanisms)])
+    if np.count_nonzero(bare) < space.relations:  # Lagrange's equations have no bare targets
+        return None
+    found = _from_short(space, bare)
+    return None if found is None else replace(found, spent=space.budget.spent)
+
+
+def _shorter(space: SearchSpace, plain: FloatArray, outcomes: Sequence[Outcome]) -> FloatArray:
+    """Return each relation as it is plain or as the best search left it, whichever has fewer terms."""
+    if not outcomes:
+        return plain
+    best = min(outcomes, key=lambda o: o.rank).fit.theta
+    theta, owner = plain.copy(), np.array([min(m.relations, default=-1) for m in space.mechanisms])
+    for r in range(space.relations):
+        if np.count_nonzero(best[owner == r]) < np.count_nonzero(plain[owner == r]):
+            theta[owner == r] = best[owner == r]
+    return theta

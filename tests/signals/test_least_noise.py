@@ -1,0 +1,34 @@
+"""What the noise of a channel is at least: steps of a sensor, errors of a solver."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from odescope.signals.noise import SENSOR, SOLVER, least_noise, noise_level
+from odescope.signals.spectral import Spectrum
+
+T = np.linspace(0.0, 10.0, 150)
+WAVE = np.sin(T)
+
+
+def test_a_solution_is_no_better_than_its_solver():
+    """The white noise of what a solver returns is a hundredth of what it is off, or less."""
+    found = solve_ivp(lambda _, x: 0.4 * x * (1 - x / 100) - 0.3, (0, 10), [14.3], "LSODA", T, rtol=1e-5, atol=1e-7).y[
+        0
+    ]
+    exact = solve_ivp(lambda _, x: 0.4 * x * (1 - x / 100) - 0.3, (0, 10), [14.3], t_eval=T, rtol=1e-12, atol=1e-12).y[
+        0
+    ]
+    white, off = noise_level([Spectrum.of(found)]), float(np.sqrt(np.mean((found - exact) ** 2)))
+    assert white < 0.1 * off
+    assert least_noise([found], white) > off
+
+
+@pytest.mark.parametrize("part", [0.3, 3.0])
+def test_a_channel_with_white_noise_was_measured(part):
+    white = part * SENSOR * float(WAVE.std())
+    assert least_noise([WAVE], white) == (pytest.approx(SOLVER * WAVE.std()) if part < 1.0 else 0.0)
+
+
+def test_what_records_differ_by_does_not_count_as_motion():
+    assert least_noise([WAVE, WAVE + 100.0], 0.0) == pytest.approx(SOLVER * WAVE.std())
