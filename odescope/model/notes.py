@@ -16,6 +16,7 @@ from odescope.model.scores import (
     Likelihood,
     ModelScores,
     PathScore,
+    SuspicionScore,
     TimeScore,
 )
 
@@ -33,6 +34,12 @@ REASONS = {
     "late": ("was read late", "were read late"),
     "outlier": ("is an outlier", "are outliers"),
 }
+SUSPECTED = {
+    "powers": "{target} holds several powers of {variable}",
+    "fractions": "{target} holds {variable} in a denominator",
+    "residual": "what is unexplained of {target} goes with {variable}",
+}
+MANY = 3  # powers of one variable that are rarely a law
 FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
 
 
@@ -124,7 +131,12 @@ def findings(scores: ModelScores | None) -> tuple[str, ...]:
     """Return sentences on what was found beside the equations: the best form, what it did without, what is constant."""
     if scores is None:
         return ()
-    return (*_of_the_forms(scores.forms), *_of_the_path(scores.path), *_of_constants(scores.conserved))
+    return (
+        *_of_the_forms(scores.forms),
+        *(_of_a_suspicion(s) for s in scores.suspicions if s.found or s.terms or s.reason == "residual"),
+        *_of_the_path(scores.path),
+        *_of_constants(scores.conserved),
+    )
 
 
 def _left_out(dependent: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
@@ -210,6 +222,28 @@ def _of_the_forms(forms: Sequence[FormScore]) -> Iterator[str]:
     )
     yield f"{shown} were preferred to " + _listed(
         [f"{FORMS.get(f.form, f.form)} ({f.coefficients}{_free_run(f, '')})" for f in others]
+    )
+
+
+def _of_a_suspicion(found: SuspicionScore) -> str:
+    """Return what competed with powers and fractions of a variable, and how, with a warning where these are left."""
+    what = SUSPECTED[found.reason].format(variable=found.variable, target=found.target)
+    if not found.tried:
+        return f"{what}: functions of it could not be tried; {_held_within(found)}"
+    tried = f"({_listed(found.tried)} competed)"
+    if found.found:
+        gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
+        return f"{what}: {_listed(found.found)} instead{gain} {tried}"
+    near = found.gain is not None and found.gain < 0.0
+    lost = f"none is better, the nearest is worse by {-(found.gain or 0.0):,.0f}" if near else "none is better"
+    warn = found.reason == "fractions" or found.terms >= MANY
+    return f"{what}: functions of it were tried, {lost} {tried}" + (f"; {_held_within(found)}" if warn else "")
+
+
+def _held_within(found: SuspicionScore) -> str:
+    return (
+        "if these terms imitate another function, the equations hold no further than the record went,"
+        f" {found.variable} = {found.low:.3g} to {found.high:.3g}"
     )
 
 

@@ -270,6 +270,7 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         holds=hold_scores(model, refinement),
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
         forms=winner.forms,
+        suspicions=winner.suspicions,
         path=path_scores(refinement),
         energy=energy_of(model, signals),
         conserved=() if whole is not None else constants_of(filtered.records, signals, _present(model, refinement)),

@@ -21,7 +21,7 @@ from odescope.library.rules import AnyRule
 from odescope.library.ties import tied
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.recordings.checks import is_degrees
-from odescope.recordings.coordinate import Coordinate, Hold, Input
+from odescope.recordings.coordinate import Coordinate, Hold, Input, state_names
 from odescope.recordings.gaps import Gaps
 from odescope.recordings.layout import Layout
 from odescope.regression.proposers import EnergyThreshold
@@ -125,6 +125,10 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     `functions` defines functions of one's own, as `"drag(v)" = "v*abs(v)"`. With `coupled`, every relation may hold
     every target; without, its own alone. "auto" couples the default library of several angles: a chain of pendulums has
     short relations between its accelerations, and long explicit ones.
+
+    With `suspect`, functions that are not in the library (roots, logarithms, exponentials, tanh, sines, ...) compete
+    where several powers or fractions of a variable seem to imitate one, or a residual goes with a variable: in
+    relations, unless these are the paper's or `terms` names their candidates one by one.
     """
 
     preset: Literal["default", "paper"] = "default"
@@ -145,6 +149,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ties: tuple[str, ...] = ()
     saturating: tuple[str, ...] = ()
     parameters: dict[str, Span] = {}
+    suspect: bool = True
 
     def __post_init__(self) -> None:
         if self.form not in ("auto", *get_args(Form)):
@@ -304,6 +309,16 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         mechanical = len(coordinates) > 1 and all(c.order == 2 for c in coordinates)
         fixed = own.terms is not None or own.preset == "paper" or not self.likelihood.enabled
         return ("relations", "lagrangian") if mechanical and not fixed else ("relations",)
+
+    @property
+    def suspects(self) -> tuple[str, ...]:
+        """The states and inputs of which functions may be looked for that are not in the library: no angles."""
+        own = self.library
+        fixed = own.terms is not None or own.preset == "paper" or bool(own.ties) or not self.likelihood.enabled
+        if fixed or not own.suspect:
+            return ()
+        turned = {c.name for c in self.measured() if c.angle or c.cyclic}
+        return tuple(n for n in (*state_names(self.measured()), *self.inputs) if n not in turned)
 
     @property
     def parameters(self) -> dict[str, Span]:
