@@ -6,6 +6,7 @@ docs/method.md, Suspicion.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -82,7 +83,7 @@ def _imitation(relation: int, products: Sequence[Product], name: str) -> Suspici
 
 def _residual(space: SearchSpace, found: Fit, names: Collection[str]) -> list[Suspicion]:
     """Return the variable, in each relation, that its residual goes with most, where it clearly does with one."""
-    missing: FloatArray = rates(space) - explicit(space, found)
+    missing = np.subtract(rates(space), explicit(space, found))
     suspected = list[Suspicion]()
     columns = values_of_variables(space)
     for r, column in enumerate(missing):
@@ -116,11 +117,10 @@ def explicit(space: SearchSpace, found: Fit) -> FloatArray:
             right[:, part.relation] -= size
         else:
             matrix[:, part.relation, frame.targets.index(part.product.factor)] += size
-    try:
-        solved: FloatArray = np.linalg.solve(matrix, right[:, :, None])[:, :, 0].T
-    except np.linalg.LinAlgError:
-        return np.full(right.T.shape, np.nan)
-    return solved
+    solved = np.full_like(right, np.nan)
+    with suppress(np.linalg.LinAlgError):
+        solved[:] = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+    return np.ascontiguousarray(solved.T)
 
 
 def _share(residual: FloatArray, variable: FloatArray) -> float:

@@ -234,8 +234,9 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
     if found.found:
         gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
         return f"{what}: {_listed(found.found)} instead{gain} {tried}"
-    near = found.gain is not None and found.gain < 0.0
-    lost = f"none is better, the nearest is worse by {-(found.gain or 0.0):,.0f}" if near else "none is better"
+    lost = "none is better"
+    if found.gain is not None:
+        lost = f"the best is {'worse' if found.gain < 0.0 else 'no more than better'} by {abs(found.gain):,.0f}"
     warn = found.reason == "fractions" or found.terms >= MANY
     return f"{what}: functions of it were tried, {lost} {tried}" + (f"; {_held_within(found)}" if warn else "")
 

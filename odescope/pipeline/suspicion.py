@@ -15,6 +15,7 @@ from odescope.pipeline.forms import Posed
 from odescope.pipeline.stages import refine_form
 from odescope.pipeline.work import Work
 
+EVIDENT = 10.0  # fall of cost and price that decides for functions: odds of 150 to 1
 LEAST = 0.5  # units of budget: what the comparison may cost where the search before cost next to nothing
 
 
@@ -66,7 +67,7 @@ def _promises(refinement: Refinement, found: Alternative) -> bool:
     if not found.mechanisms:
         return False
     if _exact(refinement):
-        return found.gain is not None and found.gain > 0.0
+        return found.gain is not None and found.gain > EVIDENT
     return found.outcome.rank < refinement.outcome.rank
 
 
