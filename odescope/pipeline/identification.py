@@ -40,6 +40,7 @@ from odescope.selection.advice import advice
 from odescope.selection.ranking import Candidate
 from odescope.signals.estimate import Signals
 from odescope.signals.gated import Reasons
+from odescope.study.clock import with_time
 from odescope.study.options import LeftOut, Study
 from odescope.study.pieces import tables
 
@@ -176,7 +177,7 @@ def identify(
     monitor = Monitor(watch or unheard, stop or never)
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
     with threadpool_limits(1, "blas"), open_workers(cluster) as workers:
-        result = _identified(Work(study, monitor, workers), data, store)
+        result = _identified(Work(with_time(study), monitor, workers), data, store)
     monitor.tell(EquationsReady(result))
     for note in result.notes:
         monitor.tell(Note(note))

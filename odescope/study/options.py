@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import msgspec
@@ -268,6 +267,11 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
                 raise InputError(f"{name!r} is the name of a function; call the coordinate or input something else")
         return found
 
+    @property
+    def clocks(self) -> frozenset[str]:
+        """The inputs that are the time: of these only what a library names is a candidate."""
+        return frozenset(n for n, i in self.inputs.items() if (i.column or n) == self.data.time)
+
     def driven(self) -> tuple[Input, ...]:
         """Return the inputs; one whose delay or hold is to be found has none, or is linear."""
         return tuple(
@@ -276,6 +280,9 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             )
             for name, i in self.inputs.items()
         )
+
+    def _recorded(self) -> tuple[Input, ...]:
+        return tuple(i for i in self.driven() if i.name not in self.clocks)
 
     def layout(self) -> Layout:
         """Return how the recordings are laid out."""
@@ -317,8 +324,8 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         fixed = own.terms is not None or own.preset == "paper" or bool(own.ties) or not self.likelihood.enabled
         if fixed or not own.suspect:
             return ()
-        turned = {c.name for c in self.measured() if c.angle or c.cyclic}
-        return tuple(n for n in (*state_names(self.measured()), *self.inputs) if n not in turned)
+        left_out = {*(c.name for c in self.measured() if c.angle or c.cyclic), *self.clocks}
+        return tuple(n for n in (*state_names(self.measured()), *self.inputs) if n not in left_out)
 
     @property
     def parameters(self) -> dict[str, Span]:
@@ -333,7 +340,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         for name in self.parameters:
             if name in names or name in FUNCTIONS or name in functions or name == "identity":
                 raise InputError(f"[library.parameters] {name!r} is taken by a state, an input or a function")
-        return Scope.of(names, [_definition(head, body) for head, body in functions.items()], self.parameters)
+        return Scope.of(names, [Definition.of(head, body) for head, body in functions.items()], self.parameters)
 
     def mechanisms(self, form: Form) -> Mechanisms:
         """Return the mechanisms of Lagrange's equations or of reactions, and those left out as combinations of others.
@@ -341,7 +348,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         Raises:
             InputError: a text in [library] cannot be read, or says what the form cannot hold.
         """
-        options, coordinates, inputs = self.library, self.measured(), self.driven()
+        options, coordinates, inputs = self.library, self.measured(), self._recorded()
         if form == "lagrangian":
             found = lagrangian(
                 coordinates,
@@ -371,7 +378,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         Raises:
             InputError: a text in [library] cannot be read, or the library is too large or has no state.
         """
-        options, coordinates, inputs = self.library, self.measured(), self.driven()
+        options, coordinates, inputs = self.library, self.measured(), self._recorded()
         scope = self.scope()
         targets = tuple(c.target for c in coordinates) if self._couples() else (target,)
         if options.terms is not None:
@@ -390,10 +397,3 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             library = default_library(coordinates, inputs, targets, scope).thin(options.rules or (), scope)
         check_basis(coordinates, library)
         return library
-
-
-def _definition(head: str, body: str) -> Definition:
-    spelled = re.fullmatch(r"\s*([A-Za-z_]\w*)\s*\(\s*([A-Za-z_]\w*(?:\s*,\s*[A-Za-z_]\w*)*)\s*\)\s*", head, re.ASCII)
-    if spelled is None:
-        raise InputError(f'[library.functions] wants "name(argument, ...)" = "expression"; {head!r} came')
-    return Definition(spelled[1], tuple(p.strip() for p in spelled[2].split(",")), body)
