@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.constants import Constant
-from odescope.library.expression import ONE
+from odescope.library.expression import ONE, Name, Term
 from odescope.library.families import families_of
 from odescope.library.mechanism import Mechanism, candidate
 from odescope.library.product import Product
@@ -29,7 +30,9 @@ from odescope.likelihood.settings import Start
 from odescope.likelihood.suspicion import Suspicion, explicit, imitates, rates, values_of_variables
 
 STEPS = 4  # substeps at most: what is found here is fitted again
-RIVALS = (3, 3, 2)  # functions of a suspicion that are fitted: of those without constants, with one, with two
+RIVALS = {0: 3, 1: 3, 2: 2}  # functions of a suspicion that are fitted, by number of their constants
+EVIDENT = 10.0  # fall of cost and price that decides for functions: odds of 150 to 1
+PASSES = 3  # through all suspicions, at most: what is best for one may depend on the others
 FEW = 10  # steps of a fit that begins where it is likely to end
 
 
@@ -38,15 +41,15 @@ class Alternative:
     """A model with functions in the place of what is suspected.
 
     `mechanisms` are the functions, candidates beside those of the model, none where the search dropped all, and
-    `constants` theirs; `start` is where `outcome` ended, with them. `gain` is the fall of the penalised cost, at prices
-    that count all functions that were tried, None where one of the two does not follow the record; `tried` are these,
-    by number of the suspicion.
+    `constants` theirs; `start` holds their coefficients. `gain` is the fall of the penalised cost, at prices that count
+    all functions that were tried, None where one of the two does not follow the record; `tried` are these, by number
+    of the suspicion. `outcome` is that of a search with them: there is none where functions alone are evidently better.
     """
 
     mechanisms: tuple[Mechanism, ...]
     constants: tuple[Constant, ...]
     start: Start
-    outcome: Outcome
+    outcome: Outcome | None
     gain: float | None
     tried: tuple[tuple[str, ...], ...]
 
@@ -113,17 +116,20 @@ class _Work:
             here = space.again(here, here.x0, space.segments.spread * width)
         return here
 
-    def base(self, relation: int, theta: FloatArray) -> list[int]:
-        """Return what stands beside functions: terms that imitate nothing, a constant, and variables."""
-        plain = {ONE.text, *self.space.frame.variables}
-        found = []
+    def base(self, relation: int, theta: FloatArray, variables: Collection[str] | None) -> list[int]:
+        """Return what stands beside functions: terms that imitate nothing, a constant, and some variables.
+
+        Args:
+            relation: its number.
+            theta: (mechanisms,) coefficients of the model.
+            variables: by name; None for none of them, nor a constant.
+        """
+        plain, found = set() if variables is None else {ONE.text, *variables}, list[int]()
         for k, m in enumerate(self.space.mechanisms[: self.own]):
-            if not m.parts or m.parts[0].relation != relation or m.parts[0].product.factor is not None:
-                continue
-            product = m.parts[0].product
-            there = theta[k] != 0.0 and not imitates(product, relation, self.suspected)
-            if there or product.text in plain:
-                found.append(k)
+            if m.parts and m.parts[0].relation == relation and (product := m.parts[0].product).factor is None:
+                there = theta[k] != 0.0 and not imitates(product, relation, self.suspected)
+                if there or product.text in plain:
+                    found.append(k)
         return found
 
     def imitated(self, relation: int, found: Fit, base: Sequence[int], measured: bool) -> Imitated | None:
@@ -163,7 +169,7 @@ class _Work:
             if relation in m.relations:
                 result[k] = 0.0
         terms = [self.number[relation, Product(None, t)] for p in placed for t in p.choice.terms]
-        result[[*base, *terms]] = -imitated.coefficients(placed)
+        np.add.at(result, [*base, *terms], -imitated.coefficients(placed))
         result[bare] = 1.0
         for name, value in ((n, v) for p in placed for n, v in p.values.items()):
             k = self.space.needed[name]
@@ -171,16 +177,30 @@ class _Work:
         return result
 
     def first(self, found: Fit) -> _Standing | None:
-        """Return the model with the functions that come nearest to it in the place of what is suspected."""
+        """Return the model with functions that come near to it in the place of what is suspected.
+
+        Those of least penalised cost: functions beside what is no imitation alone, or beside all variables and a
+        constant, too.
+        """
+        standings = [self.beside(found, variables) for variables in (None, self.space.frame.variables)]
+        price = self.moves().penalised
+        return min((s for s in standings if s is not None), key=lambda s: price(s.fit), default=None)
+
+    def beside(self, found: Fit, variables: Collection[str] | None) -> _Standing | None:
+        """Return the model with functions that come near to it.
+
+        Args:
+            found: the model before.
+            variables: what may stand beside functions with a constant, None for neither.
+        """
         theta, placed = found.theta, [Placed(Choice())] * len(self.suspected)
         for r in dict.fromkeys(s.relation for s in self.suspected):
             mine = [k for k, s in enumerate(self.suspected) if s.relation == r]
-            base = self.base(r, found.theta)
+            base = self.base(r, found.theta, variables)
             imitated = self.imitated(r, found, base, any(self.suspected[k].reason == "residual" for k in mine))
             if imitated is None:
                 return None
-            few = [[c for c in self.choices[k] if len(c.constants) < 2 and len(c.terms) < 2] for k in mine]
-            chosen = imitated.together(few)
+            chosen = imitated.together([[*self.simple(k), Choice(), *self.linear(k)] for k in mine])
             written = self.written(r, theta, base, chosen, imitated)
             if written is None:
                 return None
@@ -189,6 +209,16 @@ class _Work:
                 placed[k] = one
         fit = self.tightened(theta)
         return None if fit is None else _Standing(self.pruned(fit), tuple(placed))
+
+    def simple(self, k: int) -> list[Choice]:
+        """Return the functions for a suspicion that stand alone and have no more than one constant."""
+        return [c for c in self.choices[k] if len(c.constants) < 2 and len(c.terms) < 2]
+
+    def linear(self, k: int) -> list[Choice]:
+        """Return the variable of a suspicion as what stands for it, where it is a candidate."""
+        term = Term(((Name(self.suspected[k].variable), 1),))
+        there = (self.suspected[k].relation, Product(None, term)) in self.number
+        return [Choice((term,))] if there else []
 
     def holds_functions(self, fit: Fit) -> bool:
         """Say whether a model has functions beside the candidates of the one before."""
@@ -210,6 +240,7 @@ class _Work:
             fit = fewer if fewer is not None and moves.penalised(fewer) < moves.penalised(fit) else fit
         return fit
 
+    @np.errstate(all="ignore")  # of terms that the data cannot tell apart
     def worthless(self, fit: Fit) -> IntArray:
         """Return the plain terms that could go one after the other, were the cost as its expansion says."""
         among, covariance, theta = list(fit.free), fit.covariance, fit.theta[fit.free]
@@ -232,40 +263,63 @@ class _Work:
     def exchanged(self, standing: _Standing) -> _Standing:
         """Return the model with the functions that the likelihood prefers, each tried with the others as they are."""
         price = self.moves().penalised
-        for k in range(len(self.suspected)):
-            for trial in self.trials(standing, k):
-                if trial is not None and price(trial.fit) < price(standing.fit) - GAIN:
-                    standing = trial
-                if self.space.budget.over:
-                    return standing
+        for _ in range(PASSES):
+            before = standing
+            for k in range(len(self.suspected)):
+                for trial in self.trials(standing, k):
+                    if trial is not None and price(trial.fit) < price(standing.fit) - GAIN:
+                        standing = trial
+                    if self.space.budget.over:
+                        return standing
+            if standing is before:
+                break
         return standing
 
     def trials(self, standing: _Standing, k: int) -> Iterator[_Standing | None]:
         """Yield the model with other functions for one suspicion, those that come nearest to what it says now."""
-        space, fit, relation = self.space, standing.fit, self.suspected[k].relation
+        fit, relation = standing.fit, self.suspected[k].relation
         others = [
             self.now(p, fit)
             for j, p in enumerate(standing.placed)
             if j != k and self.suspected[j].relation == relation and self.there(p, relation, fit)
         ]
-        base = self.base(relation, fit.theta)
+        base = self.base(relation, fit.theta, {self.suspected[k].variable})
         imitated = self.imitated(relation, fit, base, measured=False)
         if imitated is None:
             return
         ranked, bar = imitated.ranked(self.choices[k], others), self.moves().penalised(fit)
-        for count, most in enumerate(RIVALS):
-            for _, rival in [found for found in ranked if len(found[1].choice.constants) == count][:most]:
-                if rival.choice == standing.placed[k].choice:
-                    continue
-                theta = self.written(relation, fit.theta, base, [*others, rival], imitated)
-                if theta is None:
-                    continue
-                defect_std = space.segments.spread * self.width
-                trial = space.fit(theta, np.flatnonzero(theta), fit.x0, defect_std, iterations=FEW)
-                if trial is None or trial.cost + self.least(trial, relation) > bar:
-                    yield None
-                    continue
-                yield _Standing(self.pruned(trial), (*standing.placed[:k], rival, *standing.placed[k + 1 :]))
+        rivals = [[found[1] for found in ranked if len(found[1].choice.constants) == n][:m] for n, m in RIVALS.items()]
+        plain = (Placed(Choice()), *map(Placed, self.linear(k)))
+        for rival in (*plain, *chain.from_iterable(rivals)):
+            if rival.choice != standing.placed[k].choice:
+                yield self.with_rival(standing, k, rival, others, (base, imitated, bar))
+
+    def with_rival(
+        self,
+        standing: _Standing,
+        k: int,
+        rival: Placed,
+        others: Sequence[Placed],
+        around: tuple[list[int], Imitated, float],
+    ) -> _Standing | None:
+        """Return the model with a rival for one suspicion, None where it cannot be better.
+
+        Args:
+            standing: the model as it is.
+            k: number of the suspicion.
+            rival: that is tried.
+            others: functions that stand in the same relation.
+            around: what else stands there, what the relation says by now, and the penalised cost to be below.
+        """
+        (base, imitated, bar), fit, relation = around, standing.fit, self.suspected[k].relation
+        theta = self.written(relation, fit.theta, base, [*others, rival], imitated)
+        if theta is None:
+            return None
+        defect_std = self.space.segments.spread * self.width
+        trial = self.space.fit(theta, np.flatnonzero(theta), fit.x0, defect_std, iterations=FEW)
+        if trial is None or trial.cost + self.least(trial, relation) > bar:
+            return None
+        return _Standing(self.pruned(trial), (*standing.placed[:k], rival, *standing.placed[k + 1 :]))
 
     def least(self, fit: Fit, relation: int) -> float:
         """Return the least price that a fit may have without terms of a relation that are no functions."""
@@ -300,15 +354,16 @@ class _Work:
         whole[kept] = fit.theta
         return replace(outcome, fit=replace(fit, theta=whole, present=kept[fit.present], held=kept[fit.held]))
 
-    def told(self, outcome: Outcome, gain: float | None, plain: int) -> Alternative:
+    def told(self, fit: Fit, outcome: Outcome | None, gain: float | None, plain: int) -> Alternative:
         """Return what came of it.
 
         Args:
-            outcome: of the search with functions.
+            fit: the model with functions.
+            outcome: of the search with them, where there was one.
             gain: over the model without.
             plain: number of its candidates; what else may be present are settings.
         """
-        fit, mechanisms, constants = outcome.fit, self.space.mechanisms, self.space.frame.constants
+        mechanisms, constants = self.space.mechanisms, self.space.frame.constants
         chosen = [k for k in fit.present.tolist() if k >= self.own and mechanisms[k].parts]
         held = frozenset[str]().union(*(mechanisms[k].names for k in chosen))
         asked = {n: k for n, k in self.space.needed.items() if k < self.own or n in held}
@@ -348,13 +403,15 @@ def alternative(refinement: Refinement, suspected: Sequence[Suspicion], plain: i
     standing = work.first(found)
     if standing is None:
         return None
-    standing = work.exchanged(standing)
-    outcome, gain = work.searched(standing), None
+    standing, price = work.exchanged(standing), work.moves().penalised
+    exact = refinement.follows and refinement.process is None
+    before = work.tightened(found.theta) if exact else None
+    gain = None if before is None else price(before) - price(standing.fit)
+    if exact and gain is not None and gain > EVIDENT and work.holds_functions(standing.fit):
+        return work.told(standing.fit, None, gain, plain)
+    outcome = work.searched(standing)
     if outcome is None:
         return None
-    if refinement.follows and refinement.process is None and np.isfinite(outcome.width):
-        before, price = work.tightened(found.theta), work.moves().penalised
-        # A search may end without functions: what they were worth is then known from where it began.
-        there = outcome.fit if work.holds_functions(outcome.fit) else standing.fit
-        gain = None if before is None else price(before) - price(there)
-    return work.told(outcome, gain, plain)
+    if before is not None and np.isfinite(outcome.width) and work.holds_functions(outcome.fit):
+        gain = price(before) - price(outcome.fit)
+    return work.told(outcome.fit, outcome, gain, plain)

@@ -15,6 +15,7 @@ from odescope.library.tape import evaluate, write_tape
 
 SEEN = 2000  # samples on which functions are compared
 ROUNDS = 3  # of choosing each function, given the others
+DEARER = 2.0  # times less that one coefficient or constant more has to leave
 EACH = 8  # points of each of two constants
 NOTHING_LEFT = 1e-10  # share of a function that others do not say
 
@@ -25,6 +26,11 @@ class Choice:
 
     terms: tuple[Term, ...] = ()
     constants: tuple[Constant, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of its coefficients and constants."""
+        return len(self.terms) + len(self.constants)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +94,8 @@ class Imitated:
             choice: one of those that may stand there.
             others: what stands beside it.
         """
+        if not choice.terms:
+            return self.missed(others), Placed(choice)
         points, columns = self.on_grid(choice)
         known = np.vstack([self.base, *(self.at(o) for o in others)]).T
         left, _, _ = np.linalg.svd(known / np.maximum(np.linalg.norm(known, axis=0), 1e-300), full_matrices=False)
@@ -103,6 +111,12 @@ class Imitated:
                 best = found, Placed(choice, point)
         return best
 
+    def missed(self, placed: Sequence[Placed]) -> float:
+        """Return the sum of squares that the base and functions leave."""
+        columns = np.vstack([self.base, *(self.at(p) for p in placed)])
+        rest = self.said - self.coefficients(placed) @ columns if len(columns) else self.said
+        return float(rest @ rest)
+
     def ranked(self, choices: Sequence[Choice], others: Sequence[Placed]) -> list[tuple[float, Placed]]:
         """Return every choice at its best constants, the nearest first.
 
@@ -113,12 +127,12 @@ class Imitated:
         return sorted((self.nearest(c, others) for c in choices), key=lambda found: found[0])
 
     def together(self, choices: Sequence[Sequence[Choice]]) -> list[Placed]:
-        """Return one choice of each, so that all together come nearest."""
+        """Return one choice of each, so that all together come near, and none is more elaborate than that asks for."""
         chosen = list[Placed]()
         for round_ in range(ROUNDS if len(choices) > 1 else 1):
             for k, among in enumerate(choices):
                 others = [*chosen[:k], *chosen[k + 1 :]]
-                best = self.ranked(among, others)[0][1]
+                best = min(self.ranked(among, others), key=lambda found: found[0] * DEARER ** found[1].choice.size)[1]
                 chosen = [*chosen, best] if round_ == 0 else [*chosen[:k], best, *chosen[k + 1 :]]
         return chosen
 

@@ -61,8 +61,8 @@ def suspicions(refinement: Refinement, names: Collection[str]) -> tuple[Suspicio
         found_here = (_imitation(r, products, n) for n in space.frame.variables if n in names)
         suspected += [s for s in found_here if s is not None]
     if refinement.process is not None or refinement.outcome.scale > WHITE:
-        known = {(s.relation, s.variable) for s in suspected}
-        suspected += [s for s in _residual(space, found, names) if (s.relation, s.variable) not in known]
+        known = {s.relation for s in suspected}  # an imitation that is not good enough leaves a residual, too
+        suspected += [s for s in _residual(space, found, names) if s.relation not in known]
     return tuple(suspected)
 
 

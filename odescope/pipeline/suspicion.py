@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from odescope.events import Progress
 from odescope.library.readable import readable
-from odescope.likelihood.alternatives import Alternative, alternative
+from odescope.likelihood.alternatives import EVIDENT, Alternative, alternative
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.suspicion import Suspicion, suspicions, values_of_variables
 from odescope.model.scores import SuspicionScore
@@ -15,7 +15,6 @@ from odescope.pipeline.forms import Posed
 from odescope.pipeline.stages import refine_form
 from odescope.pipeline.work import Work
 
-EVIDENT = 10.0  # fall of cost and price that decides for functions: odds of 150 to 1
 LEAST = 0.5  # units of budget: what the comparison may cost where the search before cost next to nothing
 
 
@@ -68,7 +67,7 @@ def _promises(refinement: Refinement, found: Alternative) -> bool:
         return False
     if _exact(refinement):
         return found.gain is not None and found.gain > EVIDENT
-    return found.outcome.rank < refinement.outcome.rank
+    return found.outcome is not None and found.outcome.rank < refinement.outcome.rank
 
 
 def _better(refinement: Refinement, other: Refinement) -> bool:
