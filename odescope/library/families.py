@@ -17,7 +17,8 @@ FINEST = 400  # values of a constant that are compared, from one end of its rang
 SEEN = 2000  # samples on which they are
 EXPONENTS = (0.2, 4.0)
 NEGLIGIBLE = 0.05  # of the largest value: a quantity that is never further below zero is one that has no sign
-STEEP = 30.0  # largest argument of a function, over the range of its variable,
+STEEP = 200.0  # times as wide as a step of tanh or of a logistic function the range of its variable may be
+GROWTH = 30.0  # largest argument of an exponential, over the range of its variable,
 WAVES = 12.0  # and of a sine
 FLAT = 0.3  # least one
 OFF = 100.0  # largest exponent, by size
@@ -79,7 +80,7 @@ def families_of(variable: str, values: FloatArray, taken: Collection[str]) -> tu
         return replace(made, nominal=float(made.evenly(1)[0]))
 
     scale = constant("scale", reach / STEEP, reach / FLAT)
-    gentle = constant("rise", max(reach / STEEP, size / OFF), reach / FLAT)
+    gentle = constant("rise", max(reach / GROWTH, size / OFF), reach / FLAT)
     rate = constant("rate", 1.0 / reach, WAVES / reach)
     slope, middle = constant("slope", 2.0 / reach, 2.0 * STEEP / reach), constant("middle", low, high)
     drawn: list[tuple[str, tuple[Constant, ...]]] = []

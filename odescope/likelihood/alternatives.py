@@ -11,7 +11,7 @@ from itertools import chain
 
 import numpy as np
 
-from odescope.arrays import FloatArray, IntArray
+from odescope.arrays import FloatArray
 from odescope.library.constants import Constant
 from odescope.library.expression import ONE, Name, Term
 from odescope.library.families import families_of
@@ -23,9 +23,11 @@ from odescope.likelihood.budget import Budget
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import thinned
 from odescope.likelihood.imitation import SEEN, Choice, Imitated, Placed, choices_of
+from odescope.likelihood.negligible import worthless
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WIDTHS, Outcome, WhiteResiduals, search
 from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.segments import SEGMENT
 from odescope.likelihood.settings import Start
 from odescope.likelihood.suspicion import Suspicion, explicit, imitates, rates, values_of_variables
 
@@ -81,7 +83,8 @@ class _Work:
     @staticmethod
     def of(refinement: Refinement, suspected: Sequence[Suspicion], limit: float) -> _Work:
         space = refinement.space
-        space = space.on(thinned(space.segments)).finer(min(space.evaluator.substeps, STEPS))
+        segments = thinned(space.segments if refinement.process is None else space.segments.cut_anew(SEGMENT))
+        space = space.on(segments).finer(min(space.evaluator.substeps, STEPS))
         space = space.within(Budget(limit, space.budget.monitor, space.budget.deadline))
         values = values_of_variables(space)
         taken = {*space.frame.variables, *space.frame.targets, *space.frame.constants}
@@ -182,7 +185,7 @@ class _Work:
         Those of least penalised cost: functions beside what is no imitation alone, or beside all variables and a
         constant, too.
         """
-        standings = [self.beside(found, variables) for variables in (None, self.space.frame.variables)]
+        standings = (self.beside(found, variables) for variables in (None, self.space.frame.variables))
         price = self.moves().penalised
         return min((s for s in standings if s is not None), key=lambda s: price(s.fit), default=None)
 
@@ -217,8 +220,7 @@ class _Work:
     def linear(self, k: int) -> list[Choice]:
         """Return the variable of a suspicion as what stands for it, where it is a candidate."""
         term = Term(((Name(self.suspected[k].variable), 1),))
-        there = (self.suspected[k].relation, Product(None, term)) in self.number
-        return [Choice((term,))] if there else []
+        return [Choice((term,))] if (self.suspected[k].relation, Product(None, term)) in self.number else []
 
     def holds_functions(self, fit: Fit) -> bool:
         """Say whether a model has functions beside the candidates of the one before."""
@@ -226,39 +228,21 @@ class _Work:
 
     def moves(self) -> Moves:
         """Return the moves at the width."""
-        space = self.space
-        return Moves(space, WhiteResiduals(space, space.segments.spread * self.width), self.width, 1.0, [])
+        judge = WhiteResiduals(self.space, self.space.segments.spread * self.width)
+        return Moves(self.space, judge, self.width, 1.0, [])
 
     def pruned(self, fit: Fit) -> Fit:
         """Return the fit without the plain terms that are not worth their price."""
-        moves, worthless = self.moves(), self.worthless(fit)
-        if len(worthless):
+        moves = self.moves()
+        plain = [k for k in fit.free.tolist() if k < self.own and self.space.mechanisms[k].parts]
+        gone = worthless(self.space, fit, plain)
+        if len(gone):
             theta = fit.theta.copy()
-            theta[worthless] = 0.0
-            present = np.setdiff1d(fit.present, worthless)
+            theta[gone] = 0.0
+            present = np.setdiff1d(fit.present, gone)
             fewer = self.space.fit(theta, present, fit.x0, moves.defect_std, fit.strength, FEW)
-            fit = fewer if fewer is not None and moves.penalised(fewer) < moves.penalised(fit) else fit
+            return fewer if fewer is not None and moves.penalised(fewer) < moves.penalised(fit) else fit
         return fit
-
-    @np.errstate(all="ignore")  # of terms that the data cannot tell apart
-    def worthless(self, fit: Fit) -> IntArray:
-        """Return the plain terms that could go one after the other, were the cost as its expansion says."""
-        among, covariance, theta = list(fit.free), fit.covariance, fit.theta[fit.free]
-        plain = [k for k in among if k < self.own and self.space.mechanisms[k].parts]
-        gone = list[int]()
-        while plain:
-            places = [among.index(k) for k in plain]
-            rise = theta[places] ** 2 / np.maximum(np.diag(covariance)[places], 1e-300) - self.space.penalty[plain]
-            least = int(np.argmin(rise))
-            if rise[least] >= 0.0:
-                break
-            j = places[least]
-            theta = np.delete(theta - covariance[:, j] * theta[j] / covariance[j, j], j)
-            rest = covariance - np.outer(covariance[:, j], covariance[j]) / covariance[j, j]
-            covariance = np.delete(np.delete(rest, j, axis=0), j, axis=1)
-            gone.append(among.pop(j))
-            plain.pop(least)
-        return np.array(sorted(gone), dtype=np.int64)
 
     def exchanged(self, standing: _Standing) -> _Standing:
         """Return the model with the functions that the likelihood prefers, each tried with the others as they are."""
@@ -284,7 +268,7 @@ class _Work:
             if j != k and self.suspected[j].relation == relation and self.there(p, relation, fit)
         ]
         base = self.base(relation, fit.theta, {self.suspected[k].variable})
-        imitated = self.imitated(relation, fit, base, measured=False)
+        imitated = self.imitated(relation, fit, base, self.suspected[k].reason == "residual")
         if imitated is None:
             return
         ranked, bar = imitated.ranked(self.choices[k], others), self.moves().penalised(fit)
@@ -404,10 +388,9 @@ def alternative(refinement: Refinement, suspected: Sequence[Suspicion], plain: i
     if standing is None:
         return None
     standing, price = work.exchanged(standing), work.moves().penalised
-    exact = refinement.follows and refinement.process is None
-    before = work.tightened(found.theta) if exact else None
+    before = work.tightened(found.theta) if refinement.follows and refinement.process is None else None
     gain = None if before is None else price(before) - price(standing.fit)
-    if exact and gain is not None and gain > EVIDENT and work.holds_functions(standing.fit):
+    if gain is not None and gain > EVIDENT and work.holds_functions(standing.fit):
         return work.told(standing.fit, None, gain, plain)
     outcome = work.searched(standing)
     if outcome is None:

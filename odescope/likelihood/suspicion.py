@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.library.expression import ONE, Name, Term
+from odescope.library.expression import ONE, Call, Name, Term
 from odescope.library.product import Product
 from odescope.likelihood.evidence import between, in_blocks
 from odescope.likelihood.fit import Fit
@@ -52,6 +52,7 @@ def suspicions(refinement: Refinement, names: Collection[str]) -> tuple[Suspicio
         names: of the variables whose functions may be looked for.
     """
     space, found = refinement.space, refinement.fit
+    names = set(names) - _declared(space)
     terms = [list[Product]() for _ in space.frame.targets]
     for k in found.present:
         for part in space.mechanisms[k].parts:
@@ -64,6 +65,12 @@ def suspicions(refinement: Refinement, names: Collection[str]) -> tuple[Suspicio
         known = {s.relation for s in suspected}  # an imitation that is not good enough leaves a residual, too
         suspected += [s for s in _residual(space, found, names) if s.relation not in known]
     return tuple(suspected)
+
+
+def _declared(space: SearchSpace) -> set[str]:
+    """Return the variables of functions whose constants a library declares: it has said what it wants of these."""
+    atoms = {a for m in space.mechanisms for p in m.parts for a, _ in p.product.term.factors if isinstance(a, Call)}
+    return {n for a in atoms for n in a.argument.names if a.argument.names & set(space.needed)}
 
 
 def _imitation(relation: int, products: Sequence[Product], name: str) -> Suspicion | None:

@@ -235,7 +235,7 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
         gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
         return f"{what}: {_listed(found.found)} instead{gain} {tried}"
     lost = "none is better"
-    if found.gain is not None:
+    if found.gain:
         lost = f"the best is {'worse' if found.gain < 0.0 else 'no more than better'} by {abs(found.gain):,.0f}"
     warn = found.reason == "fractions" or found.terms >= MANY
     return f"{what}: functions of it were tried, {lost} {tried}" + (f"; {_held_within(found)}" if warn else "")
