@@ -21,6 +21,7 @@ from odescope.export.model_file import _File, from_json, to_json
 from odescope.library.mechanism import candidates_of
 from odescope.library.ties import tied
 from odescope.report.assemble import read_report
+from odescope.study.clock import with_time
 from odescope.study.options import Data
 from odescope.study.pieces import PLACES
 from odescope.study.toml import parse_study
@@ -166,7 +167,7 @@ def test_libraries_of_forms_are_libraries() -> None:
     cart = "[coordinates.x]\norder = 2\ncyclic = true\n[coordinates.phi]\norder = 2\nangle = true\n[inputs.u]\n"
     masses = "[coordinates.x]\norder = 2\n[coordinates.y]\norder = 2\n"
     species = "".join(f"[coordinates.{name}]\n" for name in "SECP")
-    default, named, equal, composed, constants = blocks("docs/forms.md", "toml")
+    default, named, equal, composed, constants, timed = blocks("docs/forms.md", "toml")
     assert parse_study(cart + default).forms() == ("lagrangian",)
     mechanisms, left_out = parse_study(cart + named).mechanisms("lagrangian")
     assert len(mechanisms) == 10
@@ -178,6 +179,8 @@ def test_libraries_of_forms_are_libraries() -> None:
     assert parse_study(species + composed).forms() == ("reactions",)
     library = parse_study(species + constants).candidates("S_dot")
     assert "S*(K + S)**-1" in {t.text for t in library}
+    named_time = with_time(parse_study("[coordinates.x]\norder = 2\n" + timed))
+    assert "sin(t*w)" in {t.text for t in named_time.candidates("x_ddot")}
 
 
 def test_the_entry_points_of_extending_are_those_that_are_looked_up() -> None:

@@ -88,13 +88,16 @@ def grid_of(constants: Sequence[Constant], alone: int = ALONE, each: int = EACH)
         each: points at most of every one of several.
     """
     many = alone if len(constants) == 1 else each
-    grids = [c.grid if len(c.grid) <= many else [c.grid[k] for k in _evenly(len(c.grid), many)] for c in constants]
+    grids = [thinned_grid(c.grid, many) for c in constants]
     names = [c.name for c in constants]
     return [dict(zip(names, values, strict=True)) for values in product(*grids)] if constants else []
 
 
-def _evenly(count: int, points: int) -> list[int]:
-    return [int(k) for k in np.rint((np.arange(points) + 0.5) * count / points - 0.5)]
+def thinned_grid(grid: tuple[float, ...], points: int) -> tuple[float, ...]:
+    """Return at most so many points of a grid, evenly spread."""
+    if len(grid) <= points:
+        return grid
+    return tuple(grid[int(k)] for k in np.rint((np.arange(points) + 0.5) * len(grid) / points - 0.5))
 
 
 def grid_for(constant: Constant, columns: FloatArray) -> tuple[float, ...]:

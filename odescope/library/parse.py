@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from odescope.library.functions import FUNCTIONS
 MAXIMUM_LENGTH = 1000
 MAXIMUM_DEPTH = 100
 MAXIMUM_POWER = 16
+_HEAD = re.compile(r"\s*([A-Za-z_]\w*)\s*\(\s*([A-Za-z_]\w*(?:\s*,\s*[A-Za-z_]\w*)*)\s*\)\s*", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,18 @@ class Definition:
     name: str
     parameters: tuple[str, ...]
     body: str
+
+    @staticmethod
+    def of(head: str, body: str) -> Definition:
+        """Return the definition of a function from its head, such as "drag(v)", and its body.
+
+        Raises:
+            InputError: the head is no name with arguments.
+        """
+        spelled = _HEAD.fullmatch(head)
+        if spelled is None:
+            raise InputError(f'[library.functions] wants "name(argument, ...)" = "expression"; {head!r} came')
+        return Definition(spelled[1], tuple(p.strip() for p in spelled[2].split(",")), body)
 
 
 @dataclass(frozen=True)

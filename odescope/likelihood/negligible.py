@@ -1,15 +1,16 @@
-"""Terms that are next to nothing in every relation, and whose case is thin: what errors of integration ask for.
+"""Terms that can go: what is next to nothing in every relation, and what is not worth its price.
 
 docs/method.md, Structure by likelihood.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.search import THIN, Outcome
@@ -87,3 +88,29 @@ def contributions(space: SearchSpace, theta: FloatArray) -> FloatArray:
         largest[part.relation] = max(largest[part.relation], size)
     shares: FloatArray = (sizes / np.maximum(largest, 1e-300)).max(axis=1)
     return shares
+
+
+@np.errstate(all="ignore")  # of terms that the data cannot tell apart
+def worthless(space: SearchSpace, fit: Fit, plain: Sequence[int]) -> IntArray:
+    """Return what could go, one after the other, for less than its price, were the cost as its expansion says.
+
+    Args:
+        space: whose penalties are the prices.
+        fit: of all.
+        plain: numbers of those parameters that may go.
+    """
+    among, covariance, theta, left = fit.free.tolist(), fit.covariance, fit.theta[fit.free], list(plain)
+    gone = list[int]()
+    while left:
+        places = [among.index(k) for k in left]
+        rise = theta[places] ** 2 / np.maximum(np.diag(covariance)[places], 1e-300) - space.penalty[left]
+        least = int(np.argmin(rise))
+        if rise[least] >= 0.0:
+            break
+        j = places[least]
+        theta = np.delete(theta - covariance[:, j] * theta[j] / covariance[j, j], j)
+        rest = covariance - np.outer(covariance[:, j], covariance[j]) / covariance[j, j]
+        covariance = np.delete(np.delete(rest, j, axis=0), j, axis=1)
+        gone.append(among.pop(j))
+        left.pop(least)
+    return np.array(sorted(gone), dtype=np.int64)

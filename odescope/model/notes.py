@@ -7,22 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from odescope.model.choice_notes import TOLD, findings, listed
 from odescope.model.free_run_notes import free_run_sentences
 from odescope.model.scores import (
     Conserved,
     Doubts,
     EnergyScore,
-    FormScore,
     GatedScore,
     Likelihood,
     ModelScores,
-    PathScore,
     TimeScore,
-    VersionScore,
 )
 
-TOLD = 6  # notes of one kind
-EXACT = 10.0  # standard errors: from here on whole numbers
 UNSIGNED = 1e-6  # of the largest power dissipated: less is rounding
 IMBALANCE = 0.1  # of the energy turned over: less is what noise of the velocities makes
 LOOSE = 1.0  # standard error over coefficient of a kinetic term that another Lagrangian could do without
@@ -35,7 +31,6 @@ REASONS = {
     "late": ("was read late", "were read late"),
     "outlier": ("is an outlier", "are outliers"),
 }
-FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
 
 
 def trust(scores: ModelScores | None) -> tuple[str, ...]:
@@ -73,7 +68,7 @@ def _trust(scores: ModelScores) -> Iterator[str]:
     predicted = [(t, s.r2_held_out) for t, s in scores.targets.items() if s.r2_held_out is not None]
     if predicted:
         parts = [f"{share(r2)} of the variance of {target}" for target, r2 in predicted]
-        yield f"On held-out data it predicts {_listed(parts)} (R²)."
+        yield f"On held-out data it predicts {listed(parts)} (R²)."
     for step in scores.path:
         if step.chosen and step.error is not None:
             apart = "" if not step.spread else f" ({step.spread:.2g} from stretch to stretch)"
@@ -83,7 +78,7 @@ def _trust(scores: ModelScores) -> Iterator[str]:
             )
     yield from free_run_sentences(scores.free_runs)
     if poles := _poles(scores):
-        yield f"Expect poles in {_listed(poles)}."
+        yield f"Expect poles in {listed(poles)}."
     elif any(s.denominator is not None for s in scores.targets.values()):
         yield "No denominator vanishes between the states of the data."
     judged = scores.likelihood
@@ -113,14 +108,6 @@ def notes_of(
         if scores.likelihood is not None and doubts is not None:
             said += [*_of_the_likelihood(scores.likelihood, doubts), *scores.likelihood.hints]
     return tuple(dict.fromkeys(said))
-
-
-def findings(scores: ModelScores | None) -> tuple[str, ...]:
-    """Return sentences on what was found beside the equations: the best form, what it did without, what is constant."""
-    if scores is None:
-        return ()
-    chosen = (*_of_the_versions(scores.versions), *_of_the_forms(scores.forms), *_of_the_path(scores.path))
-    return (*chosen, *_of_constants(scores.conserved))
 
 
 def _left_out(dependent: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
@@ -160,7 +147,7 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
         yield f"{name} is {acts} between samples{gain}"
     for name, count in scores.outliers.items():
         if count and name in scores.gated:
-            yield f"{count} samples of {name} do not count: {_listed([_gated(g) for g in scores.gated[name]])}"
+            yield f"{count} samples of {name} do not count: {listed([_gated(g) for g in scores.gated[name]])}"
         elif count:
             yield f"{count} samples of {name} are far from the filtered signal: they were clipped"
 
@@ -195,63 +182,6 @@ def _of_time(found: TimeScore) -> Iterator[str]:
             yield f"{missing} samples of {name}, of {found.samples}, are missing ({part}), in {where}"
 
 
-def _of_the_forms(forms: Sequence[FormScore]) -> Iterator[str]:
-    kept = [f for f in forms if f.chosen]
-    others = [f for f in forms if not f.chosen]
-    if not kept or not others:
-        return
-    first = kept[0]
-    shown = (
-        f"{FORMS.get(first.form, first.form)} ({first.coefficients} coefficients{_free_run(first, 'free-run error ')})"
-    )
-    yield f"{shown} were preferred to " + _listed(
-        [f"{FORMS.get(f.form, f.form)} ({f.coefficients}{_free_run(f, '')})" for f in others]
-    )
-
-
-def _of_the_versions(versions: Sequence[VersionScore]) -> Iterator[str]:
-    for kept in (v for v in versions if v.chosen):
-        read = _listed([f"{name} from the column {column!r}" for name, column in kept.columns.items()])
-        others = _listed([_version(v) for v in versions if v is not kept])
-        yield f"{read} was preferred{_free_run(kept, 'free-run error ')} to {others}"
-
-
-def _version(of: VersionScore) -> str:
-    how = "no model" if of.coefficients is None else _free_run(of, "")[2:]
-    return " and ".join(map(repr, of.columns.values())) + (f" ({how})" if how else "")
-
-
-def _free_run(form: FormScore | VersionScore, what: str) -> str:
-    return "" if form.free_run is None else f", {what}{form.free_run:.2g}"
-
-
-def _of_the_path(path: Sequence[PathScore]) -> Iterator[str]:
-    """Yield what the choice on the path does without, the strongest evidence first; nothing where it is the first."""
-    chosen = next((k for k, step in enumerate(path) if step.chosen), 0)
-    dropped = [step for step in path[1 : chosen + 1] if step.dropped is not None]
-    if not dropped:
-        return
-    dropped.sort(key=lambda step: -(step.statistic or 0.0))
-    told = [f"{step.dropped}{_evidence(step)}" for step in dropped[:TOLD]]
-    if len(dropped) > TOLD:
-        told.append(f"{len(dropped) - TOLD} more")
-    first, last = path[0], path[chosen]
-    errors = (
-        "" if first.error is None or last.error is None else f"{first.error:.2g} with them, {last.error:.2g} without"
-    )
-    yield (
-        f"left out on the way back from {first.terms} terms to {last.terms}"
-        f"{errors and f', free-run error {errors}'}: {_listed(told)}"
-    )
-
-
-def _evidence(step: PathScore) -> str:
-    if step.standard_errors is None:
-        return ""
-    digits = ".0f" if step.standard_errors >= EXACT else ".2g"
-    return f" ({step.standard_errors:{digits}} standard errors)"
-
-
 def _of_the_energy(found: EnergyScore) -> Iterator[str]:
     """Yield what is wrong with the energies of a Lagrangian; nothing where all is as it must be."""
     if found.least_inertia is not None and found.least_inertia <= 0.0:
@@ -274,18 +204,6 @@ def _of_the_energy(found: EnergyScore) -> Iterator[str]:
             "two Lagrangians fit this record: a term of the kinetic energy is not told from nothing"
             f" (its standard error is {found.loosest:.2g} times its coefficient); record it at another energy"
         )
-
-
-def _of_constants(sums: Sequence[Conserved]) -> Iterator[str]:
-    """Yield a sentence a sum that stays constant in the data."""
-    for found in sums:
-        if not found.values:
-            continue
-        told = [f"{value:.3g}" for value in found.values[:TOLD] if value is not None]
-        more = ", ..." if len(found.values) > TOLD else ""
-        many = f"recordings 1 to {len(found.values)}" if len(found.values) > 1 else "recording 1"
-        reason = ", as these reactions have it" if found.by_model else ""
-        yield f"{found.sum} stays constant at {', '.join(told)}{more} in {many}{reason}"
 
 
 def _unlikely(sums: Sequence[Conserved]) -> Iterator[str]:
@@ -361,7 +279,3 @@ def share(part: float) -> str:
 def _poles(scores: ModelScores) -> list[str]:
     """Return the targets whose denominator vanishes between the states of the data."""
     return [t for t, s in scores.targets.items() if s.denominator is not None and s.denominator.vanishes]
-
-
-def _listed(items: Sequence[str]) -> str:
-    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

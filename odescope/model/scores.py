@@ -223,6 +223,7 @@ class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
     path: tuple[PathScore, ...] = ()
     energy: EnergyScore | None = None
     conserved: tuple[Conserved, ...] = ()
+    suspicions: tuple[SuspicionScore, ...] = ()
 
 
 class FormScore(msgspec.Struct, frozen=True):
@@ -299,6 +300,26 @@ class Conserved(msgspec.Struct, frozen=True):
     sum: str
     values: tuple[Number, ...]
     by_model: bool | None
+
+
+class SuspicionScore(msgspec.Struct, frozen=True):
+    """What was made of the suspicion that terms of a variable imitate a function of it.
+
+    `reason` is "powers", "fractions" or "residual", `terms` how many terms of the model's relation may still be the
+    imitation, `low` and `high` the range of the variable in the data, `tried` the functions that competed, `found`
+    those in the model. `gain` is by how much the model with functions lowers cost and price together, negative where it
+    does not and None where the two cannot be compared.
+    """
+
+    target: str
+    variable: str
+    reason: str
+    terms: int
+    low: float
+    high: float
+    tried: tuple[str, ...]
+    found: tuple[str, ...]
+    gain: Number
 
 
 class Doubts(msgspec.Struct, frozen=True):

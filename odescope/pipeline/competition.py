@@ -13,7 +13,7 @@ from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.refine import Refinement
 from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
-from odescope.model.scores import FormScore
+from odescope.model.scores import FormScore, SuspicionScore
 from odescope.pipeline.constants import Substituted, constants_of, substitute, substituted_at
 from odescope.pipeline.filtering import Filtered, Prepared
 from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
@@ -21,6 +21,7 @@ from odescope.pipeline.inputs import under_found_holds
 from odescope.pipeline.joint_models import adopt, determined
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import draw_anew, pose_all, propose, refine_form, search_all
+from odescope.pipeline.suspicion import with_suspected
 from odescope.pipeline.work import Work
 from odescope.signals.estimate import Signals
 from odescope.study.library_options import Form
@@ -106,6 +107,7 @@ class Winner:
 
     best: Contender
     forms: tuple[FormScore, ...]
+    suspicions: tuple[SuspicionScore, ...]
 
     @property
     def model(self) -> Model:
@@ -141,7 +143,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         InputError: a tie names no candidate of the relations.
         NoModelError: no form has a model.
     """
-    contenders = list[Contender]()
+    contenders, suspicions = list[Contender](), tuple[SuspicionScore, ...]()
     forms = _posed(work, prepared, filtered, regressed)
     for posed in forms:
         done = [c.refinement for c in contenders if c.refinement is not None]
@@ -153,6 +155,8 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
                 contenders.append(asis)
                 continue
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
+        if refinement is not None and posed.form == "relations" and work.study.suspects:
+            refinement, suspicions = with_suspected(work, filtered, posed, refinement)
         own = partial(_regressed, posed, regressed, filtered.signals)
         model, refinement = adopt(own, refinement, filtered.signals)
         filtered = replace(filtered, signals=under_found_holds(filtered.signals, refinement))
@@ -169,7 +173,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         )
     best = best_of(contenders)
     scores = tuple(c.score(c is best) for c in contenders) if len(contenders) > 1 else ()
-    return Winner(best, scores)
+    return Winner(best, scores, suspicions if best.form == "relations" else ())
 
 
 def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> tuple[Posed, ...]:

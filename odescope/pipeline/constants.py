@@ -9,8 +9,9 @@ import numpy as np
 
 from odescope.errors import InputError
 from odescope.library.candidates import Library
-from odescope.library.constants import Constant, grid_for, grid_of, term_at
+from odescope.library.constants import Constant, grid_of, term_at
 from odescope.library.expression import Call, Combination, Name, Term
+from odescope.library.families import laid_out
 from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.relation import Relation, RelationTerm
@@ -18,8 +19,6 @@ from odescope.signals.estimate import Signals
 from odescope.study.options import Study
 
 MOST = 2  # constants of a term
-FINEST = 400  # values of a constant that are compared, from one end of its range to the other
-SEEN = 2000  # samples on which they are
 COARSE = (36, 6)  # points of a constant that is alone, and of each of two, at which regression proposes relations
 SIZES = (1e-3, 3.0)  # times what it is compared with: the range of a constant whose scale the data say
 ARGUMENTS = (0.1, 30.0)  # of a function whose argument is a constant times something
@@ -67,15 +66,7 @@ def _grid(
 ) -> tuple[float, ...]:
     """Return where a constant is looked for, the others in the middle of their ranges; its functions alone are seen."""
     atoms = dict.fromkeys(a for t in terms for a, _ in t.factors if constant.name in Term(((a, 1),)).names)
-    joined = signals.joined()
-    joined = joined[:, :: -(-joined.shape[1] // SEEN)]
-    tape = write_tape([*signals.names, *(c.name for c in constants)], [Term(((a, 1),)) for a in atoms])
-    nominal = np.tile(np.array([c.nominal for c in constants])[:, None], joined.shape[1])
-    place, columns = [c.name for c in constants].index(constant.name), []
-    for value in constant.evenly(FINEST):
-        nominal[place] = value
-        columns.append(evaluate(tape, np.vstack([joined, nominal])))
-    return grid_for(constant, np.nan_to_num(np.array(columns), posinf=0.0, neginf=0.0))
+    return laid_out(constant, constants, [Term(((a, 1),)) for a in atoms], signals.names, signals.joined()).grid
 
 
 def _check_values(constants: Sequence[Constant], terms: Sequence[Term], signals: Signals) -> None:

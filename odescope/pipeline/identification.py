@@ -47,6 +47,7 @@ from odescope.recordings.record import Recorded, Records
 from odescope.selection.advice import advice
 from odescope.signals.estimate import Signals
 from odescope.signals.gated import Reasons
+from odescope.study.clock import with_time
 from odescope.study.columns import settled_columns
 from odescope.study.options import LeftOut, Study
 from odescope.study.pieces import tables
@@ -242,7 +243,7 @@ def identify(
 
     def run(version: Study, monitor: Monitor) -> tuple[Identification, Contender]:
         settled, own = settled_columns(version, data)
-        return _identified(Work(settled, monitor, workers), own, store)
+        return _identified(Work(with_time(settled), monitor, workers), own, store)
 
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
     with threadpool_limits(1, "blas"), open_workers(cluster) as workers:
@@ -363,6 +364,7 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         holds=hold_scores(model, refinement),
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
         forms=winner.forms,
+        suspicions=winner.suspicions,
         path=path_scores(refinement),
         energy=energy_of(model, signals),
         conserved=() if whole is not None else constants_of(filtered.records, signals, _present(model, refinement)),

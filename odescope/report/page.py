@@ -11,9 +11,10 @@ from odescope.library.mathml import math, mathml_name
 from odescope.library.mechanism import FORCE_ON
 from odescope.library.parse import Scope
 from odescope.model.cautions import cautions
+from odescope.model.choice_notes import findings
 from odescope.model.display import parameters_mathml, product_mathml, relation_mathml, stated_mathml
 from odescope.model.mechanism_display import HEADINGS, by_kind, mechanisms_mathml, reaction_mathml, term_mathml
-from odescope.model.notes import findings, trust
+from odescope.model.notes import trust
 from odescope.model.relation import FoundMechanism, RelationTerm
 from odescope.model.rounding import places, rounded
 from odescope.model.scores import Likelihood, PathScore, Step

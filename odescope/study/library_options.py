@@ -54,6 +54,9 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         saturating: species in which fluxes may saturate, as S/(K + S).
         parameters: constants within functions, as v0 in "tanh(x_dot/v0)", each with the range that it is looked for in,
             or "scale" for a range from the data.
+        suspect: whether functions that are not in the library (roots, logarithms, exponentials, tanh, sines, ...)
+            compete where several powers or fractions of a variable seem to imitate one, or a residual goes with a
+            variable: in relations, unless these are the paper's, or `terms` names their candidates one by one.
     """
 
     preset: Literal["default", "paper"] = "default"
@@ -74,6 +77,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ties: tuple[str, ...] = ()
     saturating: tuple[str, ...] = ()
     parameters: dict[str, Span] = {}
+    suspect: bool = True
 
     def __post_init__(self) -> None:
         if self.form not in ("auto", *get_args(Form)):

@@ -14,12 +14,12 @@ from odescope.library.defaults import check_basis, default_library, default_rule
 from odescope.library.functions import FUNCTIONS
 from odescope.library.lagrangian import lagrangian
 from odescope.library.mechanism import Mechanism
-from odescope.library.parse import Scope, parse_term
+from odescope.library.parse import Definition, Scope, parse_term
 from odescope.library.reactions import reactions, saturation
 from odescope.library.ties import tied
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.recordings.checks import is_degrees
-from odescope.recordings.coordinate import Coordinate, Hold, Input
+from odescope.recordings.coordinate import Coordinate, Hold, Input, state_names
 from odescope.recordings.gaps import Gaps
 from odescope.recordings.headings import TimeUnit
 from odescope.recordings.layout import Layout
@@ -29,7 +29,6 @@ from odescope.regression.rows import NoiseWeighted
 from odescope.selection.ranking import Ranking
 from odescope.signals.differentiators import Spectral
 from odescope.signals.rates import how_to_give
-from odescope.study.definitions import definition
 from odescope.study.kinds import check_fields, check_parts
 from odescope.study.library_options import Candidates, Form, Span
 
@@ -239,6 +238,11 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
                 raise InputError(f"{name!r} is the name of a function; call the coordinate or input something else")
         return found
 
+    @property
+    def clocks(self) -> frozenset[str]:
+        """The inputs that are the time: of these only what a library names is a candidate."""
+        return frozenset(n for n, i in self.inputs.items() if (i.column or n) == self.data.time)
+
     def driven(self) -> tuple[Input, ...]:
         """Return the inputs; one whose delay or hold is to be found has none, or is linear."""
         return tuple(
@@ -247,6 +251,9 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             )
             for name, i in self.inputs.items()
         )
+
+    def _recorded(self) -> tuple[Input, ...]:
+        return tuple(i for i in self.driven() if i.name not in self.clocks)
 
     def layout(self) -> Layout:
         """Return how the recordings are laid out."""
@@ -283,6 +290,16 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         return ("relations", "lagrangian") if mechanical and not fixed else ("relations",)
 
     @property
+    def suspects(self) -> tuple[str, ...]:
+        """The states and inputs of which functions may be looked for that are not in the library: no angles."""
+        own = self.library
+        fixed = own.terms is not None or own.preset == "paper" or bool(own.ties) or not self.likelihood.enabled
+        if fixed or not own.suspect:
+            return ()
+        left_out = {*(c.name for c in self.measured() if c.angle or c.cyclic), *self.clocks}
+        return tuple(n for n in (*state_names(self.measured()), *self.inputs) if n not in left_out)
+
+    @property
     def parameters(self) -> dict[str, Span]:
         """The constants within functions, and where they are looked for: those declared, and those of saturation."""
         found: dict[str, Span] = {saturation(name): "scale" for name in self.library.saturating}
@@ -295,7 +312,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         for name in self.parameters:
             if name in names or name in FUNCTIONS or name in functions or name == "identity":
                 raise InputError(f"[library.parameters] {name!r} is taken by a state, an input or a function")
-        return Scope.of(names, [definition(head, body) for head, body in functions.items()], self.parameters)
+        return Scope.of(names, [Definition.of(head, body) for head, body in functions.items()], self.parameters)
 
     def mechanisms(self, form: Form) -> Mechanisms:
         """Return the mechanisms of Lagrange's equations or of reactions, and those left out as combinations of others.
@@ -303,7 +320,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         Raises:
             InputError: a text in [library] cannot be read, or says what the form cannot hold.
         """
-        options, coordinates, inputs = self.library, self.measured(), self.driven()
+        options, coordinates, inputs = self.library, self.measured(), self._recorded()
         if form == "lagrangian":
             found = lagrangian(
                 coordinates,
@@ -333,7 +350,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         Raises:
             InputError: a text in [library] cannot be read, or the library is too large or has no state.
         """
-        options, coordinates, inputs = self.library, self.measured(), self.driven()
+        options, coordinates, inputs = self.library, self.measured(), self._recorded()
         scope = self.scope()
         targets = tuple(c.target for c in coordinates) if self._couples() else (target,)
         if options.terms is not None:

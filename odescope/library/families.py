@@ -1,0 +1,113 @@
+"""Functions of one variable that its powers and fractions may imitate: which the data allow, and their constants."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.library.constants import Constant, grid_for, thinned_grid
+from odescope.library.expression import Term
+from odescope.library.parse import Scope, parse_term
+from odescope.library.tape import evaluate, write_tape
+
+FINEST = 400  # values of a constant that are compared, from one end of its range to the other
+SEEN = 2000  # samples on which they are
+EXPONENTS = (0.2, 4.0)
+NEGLIGIBLE = 0.05  # of the largest value: a quantity that is never further below zero is one that has no sign
+STEEP = 200.0  # times as wide as a step of tanh or of a logistic function the range of its variable may be
+GROWTH = 30.0  # largest argument of an exponential, over the range of its variable,
+WAVES = 12.0  # and of a sine
+FLAT = 0.3  # least one
+OFF = 100.0  # largest exponent, by size
+POINTS = 24  # of a grid, at most: fits go on from the best
+
+
+@dataclass(frozen=True)
+class Family:
+    """A function of one variable, with the constants within it."""
+
+    variable: str
+    term: Term
+    constants: tuple[Constant, ...]
+
+
+def laid_out(
+    constant: Constant, constants: Sequence[Constant], terms: Sequence[Term], names: Sequence[str], values: FloatArray
+) -> Constant:
+    """Return a constant with the grid that it is looked for on, the others in the middle of their ranges.
+
+    Args:
+        constant: one of those.
+        constants: all that the terms hold.
+        terms: functions that hold it.
+        names: of the variables.
+        values: (variables, N) of these.
+    """
+    seen = values[:, :: -(-values.shape[1] // SEEN)]
+    tape = write_tape([*names, *(c.name for c in constants)], terms)
+    nominal = np.tile(np.array([c.nominal for c in constants])[:, None], seen.shape[1])
+    place, columns = [c.name for c in constants].index(constant.name), []
+    for value in constant.evenly(FINEST):
+        nominal[place] = value
+        columns.append(evaluate(tape, np.vstack([seen, nominal])))
+    return replace(constant, grid=grid_for(constant, np.nan_to_num(np.array(columns), posinf=0.0, neginf=0.0)))
+
+
+def families_of(variable: str, values: FloatArray, taken: Collection[str]) -> tuple[Family, ...]:
+    """Return the functions of a variable that have values on the data, those without constants first.
+
+    Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power and saturation; of
+    what has one the size and the square with its sign; of both exponentials, tanh, the logistic function and sines.
+
+    Args:
+        variable: its name.
+        values: (N,) on the data.
+        taken: names that constants may not have.
+    """
+    low, high = float(values.min()), float(values.max())
+    size, reach = max(abs(low), abs(high)), high - low
+    if not (reach > 0.0 and np.isfinite(reach)):
+        return ()
+
+    def constant(role: str, least: float, largest: float) -> Constant:
+        name = f"{role}_{variable}"
+        while name in taken:
+            name += "_"
+        made = Constant(name, least, largest, least)
+        return replace(made, nominal=float(made.evenly(1)[0]))
+
+    scale = constant("scale", reach / STEEP, reach / FLAT)
+    gentle = constant("rise", max(reach / GROWTH, size / OFF), reach / FLAT)
+    rate = constant("rate", 1.0 / reach, WAVES / reach)
+    slope, middle = constant("slope", 2.0 / reach, 2.0 * STEEP / reach), constant("middle", low, high)
+    drawn: list[tuple[str, tuple[Constant, ...]]] = []
+    if low > -NEGLIGIBLE * high:
+        positive = low > 0.0
+        drawn.append((f"sqrt({variable})" if positive else f"sqrt(abs({variable}))", ()))
+        if positive:
+            power = constant("exponent", *EXPONENTS)
+            half = constant("half", size / OFF, size / FLAT)
+            drawn += [(f"log({variable})", ()), (f"{variable}**{power.name}", (power,))]
+            drawn.append((f"{variable}/({half.name} + {variable})", (half,)))
+    else:
+        drawn += [(f"abs({variable})", ()), (f"{variable}*abs({variable})", ())]
+    if low < reach:
+        drawn.append((f"tanh({variable}/{scale.name})", (scale,)))
+    drawn += [
+        (f"exp({variable}/{gentle.name})", (gentle,)),
+        (f"exp(-{variable}/{gentle.name})", (gentle,)),
+        (f"sin({rate.name}*{variable})", (rate,)),
+        (f"cos({rate.name}*{variable})", (rate,)),
+        (f"1/(1 + exp(-{slope.name}*({variable} - {middle.name})))", (slope, middle)),
+    ]
+    return tuple(_family(variable, text, constants, values) for text, constants in drawn)
+
+
+def _family(variable: str, text: str, constants: tuple[Constant, ...], values: FloatArray) -> Family:
+    names = [c.name for c in constants]
+    term = parse_term(text, Scope.of([variable], constants=names))
+    found = tuple(laid_out(c, constants, [term], [variable], values[None]) for c in constants)
+    return Family(variable, term, tuple(replace(c, grid=thinned_grid(c.grid, POINTS)) for c in found))

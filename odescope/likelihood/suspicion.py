@@ -1,0 +1,173 @@
+"""Suspicion: where a model may imitate a function that its library lacks.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.library.expression import ONE, Call, Name, Term
+from odescope.library.product import Product
+from odescope.likelihood.evidence import between, in_blocks
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.refine import Refinement
+from odescope.likelihood.search import WHITE
+from odescope.likelihood.search_space import SearchSpace
+
+SEVERAL = 2  # powers of one variable that may be a function
+QUANTILES = 12  # of a variable, between which the mean of a residual is taken
+GOES_WITH = 0.05  # least share of a residual's variance that goes with a variable
+SURE = 3.0  # times what chance alone would give
+
+Reason = Literal["powers", "fractions", "residual"]
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """A variable of which a relation may hold a function that is not in the library.
+
+    `reason` is what says so: several powers of it, a fraction of it, or a residual that goes with it; `beside` is what
+    such a function may be multiplied by, `terms` how many terms of the relation may be one.
+    """
+
+    relation: int
+    variable: str
+    reason: Reason
+    beside: tuple[Term, ...] = (ONE,)
+    terms: int = 0
+
+
+def suspicions(refinement: Refinement, names: Collection[str]) -> tuple[Suspicion, ...]:
+    """Return what a model's terms and its residual give reason to suspect.
+
+    Args:
+        refinement: the end of a likelihood stage, of plain candidates.
+        names: of the variables whose functions may be looked for.
+    """
+    space, found = refinement.space, refinement.fit
+    names = set(names) - _declared(space)
+    terms = [list[Product]() for _ in space.frame.targets]
+    for k in found.present:
+        for part in space.mechanisms[k].parts:
+            terms[part.relation].append(part.product)
+    suspected = list[Suspicion]()
+    for r, products in enumerate(terms):
+        found_here = (_imitation(r, products, n) for n in space.frame.variables if n in names)
+        suspected += [s for s in found_here if s is not None]
+    if refinement.process is not None or refinement.outcome.scale > WHITE:
+        known = {s.relation for s in suspected}  # an imitation that is not good enough leaves a residual, too
+        suspected += [s for s in _residual(space, found, names) if s.relation not in known]
+    return tuple(suspected)
+
+
+def _declared(space: SearchSpace) -> set[str]:
+    """Return the variables of functions whose constants a library declares: it has said what it wants of these."""
+    atoms = {a for m in space.mechanisms for p in m.parts for a, _ in p.product.term.factors if isinstance(a, Call)}
+    return {n for a in atoms for n in a.argument.names if a.argument.names & set(space.needed)}
+
+
+def _imitation(relation: int, products: Sequence[Product], name: str) -> Suspicion | None:
+    """Return why powers or fractions of a variable may be a function of it, None where they are not."""
+    if any(p.factor is not None and p.term.power_of(Name(name)) for p in products):
+        return Suspicion(relation, name, "fractions", terms=sum(p.term.power_of(Name(name)) != 0 for p in products))
+    powers = dict[Term, set[float]]()
+    for p in products:
+        power = p.term.power_of(Name(name))
+        if p.factor is None and power:
+            rest = Term(tuple(f for f in p.term.factors if f[0] != Name(name)))
+            powers.setdefault(rest, set()).add(power)
+    beside = [rest for rest, found in powers.items() if len(found) >= SEVERAL and name not in rest.names]
+    most = max((len(powers[rest]) for rest in beside), default=0)
+    return Suspicion(relation, name, "powers", tuple(dict.fromkeys((ONE, *beside))), most) if beside else None
+
+
+def _residual(space: SearchSpace, found: Fit, names: Collection[str]) -> list[Suspicion]:
+    """Return the variable, in each relation, that its residual goes with most, where it clearly does with one."""
+    missing = np.subtract(rates(space), explicit(space, found))
+    suspected = list[Suspicion]()
+    columns = values_of_variables(space)
+    for r, column in enumerate(missing):
+        shares = {n: _share(column, columns[n]) for n in space.frame.variables if n in names}
+        if shares and max(shares.values()) > GOES_WITH:
+            suspected.append(Suspicion(r, max(shares, key=lambda n: shares[n]), "residual"))
+    return suspected
+
+
+def rates(space: SearchSpace) -> FloatArray:
+    """Return the targets, as differences of smoothed states say, (targets, N)."""
+    segments, frame = space.segments, space.frame
+    found: FloatArray = np.empty((len(frame.targets), len(segments.filtered)))
+    for low, high in segments.runs:
+        slopes = np.gradient(segments.filtered[low:high], segments.step, axis=0)
+        for state, after in enumerate(frame.following):
+            if after < 0:
+                found[-1 - after, low:high] = slopes[:, state]
+    return found
+
+
+def explicit(space: SearchSpace, found: Fit) -> FloatArray:
+    """Return the targets as a model has them at the smoothed states, (targets, N); NaN where it has none."""
+    frame, samples = space.frame, len(space.segments.filtered)
+    matrix, right = np.zeros((samples, len(frame.targets), len(frame.targets))), np.zeros((samples, len(frame.targets)))
+    parts = [(k, p) for k in found.present for p in space.mechanisms[k].parts]
+    values = space.evaluated([p.product.term for _, p in parts], found.theta)
+    for (k, part), column in zip(parts, values, strict=True):
+        size = found.theta[k] * part.share * column
+        if part.product.factor is None:
+            right[:, part.relation] -= size
+        else:
+            matrix[:, part.relation, frame.targets.index(part.product.factor)] += size
+    solved = np.full_like(right, np.nan)
+    with suppress(np.linalg.LinAlgError):
+        solved[:] = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+    return np.ascontiguousarray(solved.T)
+
+
+def _share(residual: FloatArray, variable: FloatArray) -> float:
+    """Return the share of a residual's variance that means between quantiles of a variable explain, 0 if by chance."""
+    if not np.isfinite(residual).all():
+        return 0.0
+    edges = np.unique(np.quantile(variable, np.linspace(0.0, 1.0, QUANTILES + 1)[1:-1]))
+    place = np.searchsorted(edges, variable)
+    count = np.maximum(np.bincount(place, minlength=len(edges) + 1), 1)
+    means = np.bincount(place, residual - residual.mean(), minlength=len(edges) + 1) / count
+    explained = (residual - residual.mean()) * means[place]
+    variance = float(residual.var())
+    if not variance > 0.0:
+        return 0.0
+    blocks = in_blocks(explained[:, None])
+    sure = len(blocks) > 1 and float(blocks.sum()) ** 2 > SURE**2 * float(between(blocks)[0])
+    return float(explained.mean()) / variance if sure else 0.0
+
+
+def values_of_variables(space: SearchSpace) -> Mapping[str, FloatArray]:
+    """Return the smoothed states and inputs, by name."""
+    columns = space.evaluated([Term(((Name(n), 1),)) for n in space.frame.variables], np.zeros(len(space.mechanisms)))
+    return dict(zip(space.frame.variables, columns, strict=True))
+
+
+def imitates(product: Product, relation: int, suspected: Sequence[Suspicion]) -> bool:
+    """Say whether a product of a relation may be part of an imitation.
+
+    Args:
+        product: of the relation.
+        relation: its number.
+        suspected: in all relations.
+    """
+    for s in suspected:
+        if s.relation != relation or s.reason == "residual":
+            continue
+        power = product.term.power_of(Name(s.variable))
+        if s.reason == "fractions" and (product.term != ONE if product.factor is not None else power):
+            return True
+        rest = Term(tuple(f for f in product.term.factors if f[0] != Name(s.variable)))
+        if product.factor is None and power and rest in s.beside:
+            return True
+    return False

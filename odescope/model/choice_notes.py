@@ -1,0 +1,134 @@
+"""Sentences on how a model was chosen: the best columns, form and functions, what it does without, what is constant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from odescope.model.scores import (
+    Conserved,
+    FormScore,
+    ModelScores,
+    PathScore,
+    SuspicionScore,
+    VersionScore,
+)
+
+TOLD = 6  # notes of one kind
+EXACT = 10.0  # standard errors: from here on whole numbers
+SUSPECTED = {
+    "powers": "{target} holds several powers of {variable}",
+    "fractions": "{target} holds {variable} in a denominator",
+    "residual": "what is unexplained of {target} goes with {variable}",
+}
+MANY = 3  # powers of one variable that are rarely a law
+FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
+
+
+def findings(scores: ModelScores | None) -> tuple[str, ...]:
+    """Return sentences on what was found beside the equations: the best form, what it did without, what is constant."""
+    if scores is None:
+        return ()
+    return (
+        *_of_the_versions(scores.versions),
+        *_of_the_forms(scores.forms),
+        *(_of_a_suspicion(s) for s in scores.suspicions if s.found or s.terms or s.reason == "residual"),
+        *_of_the_path(scores.path),
+        *_of_constants(scores.conserved),
+    )
+
+
+def _of_the_forms(forms: Sequence[FormScore]) -> Iterator[str]:
+    kept = [f for f in forms if f.chosen]
+    others = [f for f in forms if not f.chosen]
+    if not kept or not others:
+        return
+    first = kept[0]
+    shown = (
+        f"{FORMS.get(first.form, first.form)} ({first.coefficients} coefficients{_free_run(first, 'free-run error ')})"
+    )
+    yield f"{shown} were preferred to " + listed(
+        [f"{FORMS.get(f.form, f.form)} ({f.coefficients}{_free_run(f, '')})" for f in others]
+    )
+
+
+def _of_the_versions(versions: Sequence[VersionScore]) -> Iterator[str]:
+    for kept in (v for v in versions if v.chosen):
+        read = listed([f"{name} from the column {column!r}" for name, column in kept.columns.items()])
+        others = listed([_version(v) for v in versions if v is not kept])
+        yield f"{read} was preferred{_free_run(kept, 'free-run error ')} to {others}"
+
+
+def _version(of: VersionScore) -> str:
+    how = "no model" if of.coefficients is None else _free_run(of, "")[2:]
+    return " and ".join(map(repr, of.columns.values())) + (f" ({how})" if how else "")
+
+
+def _of_a_suspicion(found: SuspicionScore) -> str:
+    """Return what competed with powers and fractions of a variable, and how, with a warning where these are left."""
+    what = SUSPECTED[found.reason].format(variable=found.variable, target=found.target)
+    if not found.tried:
+        return f"{what}: functions of it could not be tried; {_held_within(found)}"
+    tried = f"({listed(found.tried)} competed)"
+    if found.found:
+        gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
+        return f"{what}: {listed(found.found)} instead{gain} {tried}"
+    lost = "none is better"
+    if found.gain:
+        lost = f"the best is {'worse' if found.gain < 0.0 else 'no more than better'} by {abs(found.gain):,.0f}"
+    warn = found.reason == "fractions" or found.terms >= MANY
+    return f"{what}: functions of it were tried, {lost} {tried}" + (f"; {_held_within(found)}" if warn else "")
+
+
+def _held_within(found: SuspicionScore) -> str:
+    return (
+        "if these terms imitate another function, the equations hold no further than the record went,"
+        f" {found.variable} = {found.low:.3g} to {found.high:.3g}"
+    )
+
+
+def _free_run(form: FormScore | VersionScore, what: str) -> str:
+    return "" if form.free_run is None else f", {what}{form.free_run:.2g}"
+
+
+def _of_the_path(path: Sequence[PathScore]) -> Iterator[str]:
+    """Yield what the choice on the path does without, the strongest evidence first; nothing where it is the first."""
+    chosen = next((k for k, step in enumerate(path) if step.chosen), 0)
+    dropped = [step for step in path[1 : chosen + 1] if step.dropped is not None]
+    if not dropped:
+        return
+    dropped.sort(key=lambda step: -(step.statistic or 0.0))
+    told = [f"{step.dropped}{_evidence(step)}" for step in dropped[:TOLD]]
+    if len(dropped) > TOLD:
+        told.append(f"{len(dropped) - TOLD} more")
+    first, last = path[0], path[chosen]
+    errors = (
+        "" if first.error is None or last.error is None else f"{first.error:.2g} with them, {last.error:.2g} without"
+    )
+    yield (
+        f"left out on the way back from {first.terms} terms to {last.terms}"
+        f"{errors and f', free-run error {errors}'}: {listed(told)}"
+    )
+
+
+def _evidence(step: PathScore) -> str:
+    if step.standard_errors is None:
+        return ""
+    digits = ".0f" if step.standard_errors >= EXACT else ".2g"
+    return f" ({step.standard_errors:{digits}} standard errors)"
+
+
+def _of_constants(sums: Sequence[Conserved]) -> Iterator[str]:
+    """Yield a sentence a sum that stays constant in the data."""
+    for found in sums:
+        if not found.values:
+            continue
+        told = [f"{value:.3g}" for value in found.values[:TOLD] if value is not None]
+        more = ", ..." if len(found.values) > TOLD else ""
+        many = f"recordings 1 to {len(found.values)}" if len(found.values) > 1 else "recording 1"
+        reason = ", as these reactions have it" if found.by_model else ""
+        yield f"{found.sum} stays constant at {', '.join(told)}{more} in {many}{reason}"
+
+
+def listed(items: Sequence[str]) -> str:
+    """Return items as a sentence lists them."""
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

@@ -1,0 +1,103 @@
+"""Functions that the library lacks: one search more with them, where a model or its residual asks for some."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from odescope.events import Progress
+from odescope.library.readable import readable
+from odescope.likelihood.alternatives import EVIDENT, Alternative, alternative
+from odescope.likelihood.refine import Refinement
+from odescope.likelihood.suspicion import Suspicion, suspicions, values_of_variables
+from odescope.model.scores import SuspicionScore
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import Posed
+from odescope.pipeline.stages import refine_form
+from odescope.pipeline.work import Work
+
+LEAST = 0.5  # units of budget: what the comparison may cost where the search before cost next to nothing
+
+
+def with_suspected(
+    work: Work, filtered: Filtered, posed: Posed, refinement: Refinement
+) -> tuple[Refinement, tuple[SuspicionScore, ...]]:
+    """Return the model with functions that it imitates, where the likelihood prefers that, and what was suspected.
+
+    Args:
+        work: whose study says of which variables functions may be looked for.
+        filtered: the records and their signals.
+        posed: the relations.
+        refinement: the model so far, which stays as it is where nothing is better.
+    """
+    with work.stage("suspicion"):
+        suspected = suspicions(refinement, work.study.suspects)
+        if not suspected:
+            return refinement, ()
+        work.monitor.tell(Progress("suspicion", "search with functions that the library lacks", 0, 1))
+        found = alternative(refinement, suspected, len(posed.mechanisms), max(refinement.spent, LEAST))
+    better = None
+    if found is not None and _promises(refinement, found):
+        wide = replace(
+            posed,
+            mechanisms=(*posed.mechanisms, *found.mechanisms),
+            constants=(*posed.constants, *found.constants),
+            starts=(found.start,),
+            plain=None,
+            rival=None,
+            again=lambda _: None,
+        )
+        other = refine_form(work, filtered, wide)
+        better = other if other is not None and _better(refinement, other) else None
+    kept = better or refinement
+    left = {(s.relation, s.variable): s.terms for s in suspicions(kept, work.study.suspects)}
+    return kept, tuple(
+        _scored(replace(s, terms=left.get((s.relation, s.variable), 0)), k, found, kept)
+        for k, s in enumerate(suspected)
+    )
+
+
+def _exact(refinement: Refinement) -> bool:
+    """Say whether a model follows its record to within the noise."""
+    return refinement.follows and refinement.process is None
+
+
+def _promises(refinement: Refinement, found: Alternative) -> bool:
+    """Say whether a model with functions may be better than the one without."""
+    if not found.mechanisms:
+        return False
+    if _exact(refinement):
+        return found.gain is not None and found.gain > EVIDENT
+    return found.outcome is not None and found.outcome.rank < refinement.outcome.rank
+
+
+def _better(refinement: Refinement, other: Refinement) -> bool:
+    """Say whether a model with functions replaces the one without: only one that follows the record does."""
+    if not _exact(other):
+        return False
+    return not _exact(refinement) or other.outcome.penalised < refinement.outcome.penalised
+
+
+def _scored(suspicion: Suspicion, number: int, found: Alternative | None, kept: Refinement) -> SuspicionScore:
+    """Return what was made of a suspicion.
+
+    Args:
+        suspicion: what was suspected.
+        number: which of all.
+        found: the model with functions, where there was one.
+        kept: the model in the end.
+    """
+    seen = values_of_variables(kept.space)[suspicion.variable]
+    tried = () if found is None else found.tried[number]
+    present = [p for k in kept.fit.present for p in kept.space.mechanisms[k].parts]
+    terms = (readable(p.product.term) for p in present if p.relation == suspicion.relation)
+    return SuspicionScore(
+        target=kept.space.frame.targets[suspicion.relation],
+        variable=suspicion.variable,
+        reason=suspicion.reason,
+        terms=suspicion.terms,
+        low=float(seen.min()),
+        high=float(seen.max()),
+        tried=tried,
+        found=tuple(t for t in terms if t in tried),
+        gain=None if found is None else found.gain,
+    )

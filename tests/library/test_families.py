@@ -1,0 +1,62 @@
+"""Functions that powers of a variable may imitate, and which of them data allow."""
+
+import numpy as np
+import pytest
+
+from odescope.library.constants import thinned_grid
+from odescope.library.families import POINTS, families_of
+from odescope.library.readable import readable
+from odescope.library.tape import evaluate, write_tape
+
+
+def texts(values, taken=()):
+    return {readable(f.term) for f in families_of("z", values, taken)}
+
+
+def test_what_has_no_sign_has_roots_and_logarithms_and_what_has_one_a_size():
+    level, swing = texts(np.linspace(0.2, 3.0, 500)), texts(np.linspace(-1.0, 2.0, 500))
+    assert {"sqrt(z)", "log(z)", "z**exponent_z"} <= level
+    assert not {"sqrt(z)", "log(z)", "z**exponent_z"} & swing
+    assert {"abs(z)", "z*abs(z)"} <= swing
+    assert "tanh(z/scale_z)" in level & swing
+
+
+def test_a_level_that_noise_takes_below_nothing_has_a_root_and_no_logarithm():
+    found = texts(np.linspace(-0.01, 3.0, 500))
+    assert "sqrt(abs(z))" in found
+    assert "log(z)" not in found
+
+
+def test_what_does_not_vary_has_none():
+    assert families_of("z", np.full(100, 2.0), ()) == ()
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.2, 3.0), (-1.0, 1.0), (290.0, 350.0), (1e-6, 2e-6)])
+def test_every_function_has_values_over_the_whole_of_its_grid(low, high):
+    values = np.linspace(low, high, 200)
+    for family in families_of("z", values, ()):
+        names = [c.name for c in family.constants]
+        tape = write_tape(["z", *names], [family.term])
+        for place, constant in enumerate(family.constants):
+            assert 1 <= len(constant.grid) <= POINTS
+            for value in constant.grid:
+                fixed = [value if k == place else c.nominal for k, c in enumerate(family.constants)]
+                found = evaluate(tape, np.array([values, *(np.full_like(values, v) for v in fixed)]))
+                assert np.isfinite(found).all()
+
+
+def test_constants_have_names_that_are_not_taken():
+    families = families_of("z", np.linspace(0.2, 3.0, 100), {"scale_z", "scale_z_"})
+    names = {c.name for f in families for c in f.constants}
+    assert "scale_z__" in names
+    assert not {"scale_z", "scale_z_"} & names
+
+
+def test_a_thinned_grid_is_spread_evenly_over_the_whole_one():
+    grid = tuple(float(k) for k in range(100))
+    assert thinned_grid(grid, 200) == grid
+    found = thinned_grid(grid, 10)
+    assert len(found) == 10
+    assert np.ptp(np.diff(found)) <= 1.0
+    assert found[0] < 10.0
+    assert found[-1] >= 90.0

@@ -1,0 +1,66 @@
+"""Functions that come nearest to what a relation says, against least squares with known constants."""
+
+import numpy as np
+import pytest
+
+from odescope.library.expression import ONE
+from odescope.library.families import families_of
+from odescope.likelihood.imitation import Choice, Imitated, Placed, choices_of
+
+Z = np.linspace(0.3, 4.0, 400)
+W = np.cos(3.0 * Z)
+
+
+def imitated(said):
+    return Imitated(said, np.array([np.ones_like(Z)]), {"z": Z, "w": W})
+
+
+def choice(text):
+    return next(c for c in choices_of(families_of("z", Z, ()), (ONE,)) if len(c.terms) == 1 and text in c.terms[0].text)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("sqrt(z)", np.sqrt(Z)), ("log(z)", np.log(Z)), ("tanh(", np.tanh(Z / 0.9)), ("sin(", np.sin(1.1 * Z))],
+)
+def test_the_function_that_was_said_comes_nearest(text, said):
+    found = imitated(2.0 - 0.7 * said)
+    ranked = found.ranked([choice(t) for t in ("sqrt(z)", "log(z)", "tanh(", "sin(")], [])
+    assert text in ranked[0][1].choice.terms[0].text
+
+
+def test_what_is_missed_is_that_of_least_squares_at_the_same_constants():
+    rng = np.random.default_rng(1)
+    found = imitated(np.sqrt(Z) + 0.3 * np.tanh(Z / 0.5) + 0.1 * rng.standard_normal(len(Z)))
+    other = Placed(choice("sqrt(z)"))
+    missed, placed = found.nearest(choice("tanh("), [other])
+    columns = np.column_stack([np.ones_like(Z), np.sqrt(Z), np.tanh(Z / placed.values["scale_z"])])
+    coefficients, squares, *_ = np.linalg.lstsq(columns, found.said)
+    assert missed == pytest.approx(float(squares[0]), rel=1e-8)
+    assert found.coefficients([other, placed]) == pytest.approx(coefficients, rel=1e-6)
+
+
+def test_two_functions_are_found_together():
+    said = 1.5 * np.sqrt(Z) - 2.0 * np.abs(W)
+    level = choices_of(families_of("z", Z, ()), (ONE,))
+    swing = choices_of(families_of("w", W, ()), (ONE,))
+    few = [[c for c in among if not c.constants] for among in (level, swing)]
+    texts = [p.choice.terms[0].text for p in imitated(said).together(few)]
+    assert texts == ["sqrt(z)", "abs(w)"]
+
+
+def test_a_function_that_says_what_others_say_gains_nothing():
+    found = imitated(np.sqrt(Z))
+    one = choice("sqrt(z)")
+    alone, _ = found.nearest(Choice(), [Placed(one)])
+    again, _ = found.nearest(one, [Placed(one)])
+    assert again == pytest.approx(alone, abs=1e-12)
+
+
+def test_sine_and_cosine_of_one_rate_may_stand_together():
+    pairs = [c for c in choices_of(families_of("z", Z, ()), (ONE,)) if len(c.terms) > 1]
+    assert [sorted(t.text[:3] for t in c.terms) for c in pairs] == [["cos", "sin"]]
+    said = np.sin(1.3 * Z + 0.8)
+    missed, placed = imitated(said).nearest(pairs[0], [])
+    assert missed < 1e-2 * float(said @ said)
+    assert placed.values["rate_z"] == pytest.approx(1.3, rel=0.1)

@@ -1,0 +1,110 @@
+"""Functions that no library names, from the record to the model and its notes."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from odescope import simulate
+from odescope.export.model_file import from_json, to_json
+from odescope.pipeline.identification import identify
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured, Study
+from odescope.study.toml import parse_study, study_toml
+
+NOISE = 0.01
+
+
+def recorded(rate, starts, t, seed, drive=None):
+    """Return logs of x' = rate(x, u) at 1 % noise."""
+    rng, logs = np.random.default_rng(seed), []
+    for start in starts:
+        u = np.zeros(len(t)) if drive is None else drive(t, rng)
+        solved = solve_ivp(
+            lambda now, x, u=u: [rate(x[0], np.interp(now, t, u))],
+            (t[0], t[-1]), [start], t_eval=t, rtol=1e-9, atol=1e-11, max_step=4 * (t[1] - t[0]),
+        )  # fmt: skip
+        logs.append({"t": t, "x": solved.y[0], **({} if drive is None else {"u": u})})
+    size = NOISE * np.concatenate([log["x"] for log in logs]).std()
+    for log in logs:
+        log["x"] = log["x"] + size * rng.standard_normal(len(t))
+    return logs
+
+
+def inflow(t, rng):
+    f, phase = rng.uniform(0.02, 0.3, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
+    return 0.5 + 0.15 * np.sin(2.0 * np.pi * np.multiply.outer(t, f) + phase).sum(axis=1)
+
+
+def study(driven=True, **library):
+    return Study(
+        data=Data(time="t"),
+        coordinates={"x": Measured()},
+        inputs={"u": Driven()} if driven else {},
+        library=Candidates(**library),
+    )
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return recorded(lambda x, u: u - 0.5 * np.log(x), [1.0, 4.0], np.arange(0.0, 60.0, 0.05), 0, inflow)
+
+
+@pytest.fixture(scope="module")
+def found(logs):
+    return identify(study(), logs)
+
+
+def test_a_logarithm_that_no_library_names_is_found_with_errors_that_hold(found):
+    terms = {t.text: t for t in found.model.relations[0].terms}
+    assert set(terms) == {"x_dot", "u", "log(x)"}
+    for name, value in {"u": -1.0, "log(x)": 0.5}.items():
+        assert abs(terms[name].coefficient - value) < 4.0 * terms[name].std_error
+
+
+def test_what_was_tried_and_what_it_was_worth_is_said(found):
+    said = [s for s in found.model.scores.suspicions if s.found]
+    assert [(s.target, s.variable, s.found) for s in said] == [("x_dot", "x", ("log(x)",))]
+    assert {"log(x)", "sqrt(x)", "tanh(x/scale_x)"} <= set(said[0].tried)
+    assert said[0].gain > 10.0
+    assert any("log(x) instead" in note for note in found.notes)
+    assert from_json(to_json(found.model)).scores.suspicions == found.model.scores.suspicions
+
+
+def test_without_suspicion_an_imitation_stays_and_is_wrong_beyond_the_record(found, logs):
+    plain = identify(study(suspect=False), logs).model
+    assert plain.scores.suspicions == ()
+    assert not any("log" in t.text for t in plain.relations[0].terms)
+    t = np.arange(0.0, 600.0, 1.0)
+    more = np.full((len(t), 1), 1.2 * logs[0]["u"].max())
+    level = np.exp(more[0, 0] / 0.5)
+    ends = [simulate(m, t, more, np.array([2.0])).states[-1, 0] for m in (found.model, plain)]
+    assert abs(ends[0] / level - 1.0) < 0.05
+    assert not abs(ends[1] / level - 1.0) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("rate", "terms"),
+    [
+        (lambda x, _: x * (1.0 - x / 3.0), {"x", "x**2"}),
+        (lambda x, _: x * (1.0 - x / 3.0) * (x / 0.8 - 1.0), {"x", "x**2", "x**3"}),
+    ],
+    ids=["logistic growth", "growth with a threshold"],
+)
+def test_powers_that_are_the_law_stay_and_are_what_they_were(rate, terms):
+    logs = recorded(rate, [1.0, 4.0, 0.6], np.arange(0.0, 8.0, 0.02), 0)
+    suspecting, plain = identify(study(driven=False), logs), identify(study(driven=False, suspect=False), logs)
+    assert {t.text for t in plain.model.relations[0].terms} == {"x_dot", *terms}
+    assert suspecting.model.relations == plain.model.relations
+    (said,) = suspecting.model.scores.suspicions
+    assert said.found == ()
+    assert said.gain is None or said.gain < 0.0
+    warned = any("no further than the record went, x =" in note for note in suspecting.notes)
+    assert warned == (len(terms) > 2)
+
+
+def test_what_is_fixed_by_name_is_not_suspected():
+    assert study().suspects == ("x", "u")
+    assert study(suspect=False).suspects == ()
+    assert study(terms=("x", "x**2", "x_dot")).suspects == ()
+    assert study(preset="paper").suspects == ()
+    assert parse_study(study_toml(study(suspect=False))) == study(suspect=False)
