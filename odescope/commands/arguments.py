@@ -16,7 +16,7 @@ from odescope.recordings.headings import Heading
 from odescope.recordings.readers import column_names, find_files
 from odescope.study.library_options import MOST_DEGREE, Candidates
 from odescope.study.options import Data, Driven, Measured, Study
-from odescope.study.toml import read_study
+from odescope.study.toml import read_study, with_whole_paths
 
 Column = TypeVar("Column", Measured, Driven)
 
@@ -65,7 +65,8 @@ def resolve(sources: Sequence[Path], given: DataArguments) -> tuple[Study, Path]
         )
     if given != DataArguments():
         raise InputError("with a study file, data options belong in the study; only --out may stand beside it")
-    return read_study(studies[0]), studies[0].parent
+    folder = studies[0].parent
+    return with_whole_paths(read_study(studies[0]), folder), folder
 
 
 def study_of(sources: Sequence[Path], given: DataArguments) -> Study:

@@ -16,7 +16,9 @@ from odescope.study.pieces import own_pieces, put_in, tables
 
 
 def read_study(path: Path | str) -> Study:
-    """Return the study of a TOML file; the files that it names relative to itself are there with their whole paths.
+    """Return the study of a TOML file; files that lie where it says, relative to itself, are there with whole paths.
+
+    Others stay as they are written: they may be put in another folder, or left out where data are in memory.
 
     Raises:
         InputError: the file is missing or no TOML, a key is unknown (the nearest is named), or a value does not fit.
@@ -30,7 +32,17 @@ def read_study(path: Path | str) -> Study:
         study = parse_study(text)
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from error
-    files = tuple(str(path.parent.absolute() / file) for file in study.data.files)
+    beside = with_whole_paths(study, path.parent).data.files
+    files = tuple(
+        whole if Path(whole).exists() or any(Path(whole).parent.glob(Path(whole).name)) else file
+        for file, whole in zip(study.data.files, beside, strict=True)
+    )
+    return msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, files=files))
+
+
+def with_whole_paths(study: Study, folder: Path) -> Study:
+    """Return a study with the files that it names relative to a folder."""
+    files = tuple(str(folder.absolute() / file) for file in study.data.files)
     return msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, files=files))
 
 

@@ -197,6 +197,19 @@ def test_reading_a_file_names_it(tmp_path):
         assert all(part in str(caught.value) for part in parts)
 
 
+def test_files_beside_a_study_are_named_with_their_whole_paths_and_others_as_they_are(tmp_path, monkeypatch):
+    folder = tmp_path / "rig"
+    folder.mkdir()
+    for name in ("run1.csv", "run2.csv"):
+        (folder / name).write_text("t,x\n")
+    (folder / "study.toml").write_text(
+        PLAIN.replace(PLAIN.split("files = ")[1].split("\n")[0], '["run1.csv", "run?.csv", "away.csv"]')
+    )
+    monkeypatch.chdir(tmp_path)
+    files = read_study("rig/study.toml").data.files
+    assert files == (str(folder / "run1.csv"), str(folder / "run?.csv"), "away.csv")
+
+
 # writing
 
 
