@@ -180,7 +180,7 @@ def term(**values):
         (changed(domain={"x": [1.0]}), "length 2"),
         (changed(scores=[]), "`scores`"),
         (changed(scores={"targets": {"x_ddot": {"r2_held_out": "good"}}}), "`scores.targets[...].r2_held_out`"),
-        (changed(scores={"free_runs": [{"ended": None}]}), "`duration` - at `scores.free_runs[...]`"),
+        (changed(scores={"free_runs": [{"ended": None}]}), "`duration` - at `scores.free_runs[0]`"),
         (changed(scores={"likelihood": True}), "`scores.likelihood`"),
         (changed(scores={"left_out": 1.5}), "`scores.left_out`"),
     ],
