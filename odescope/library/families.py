@@ -60,7 +60,8 @@ def families_of(variable: str, values: FloatArray, taken: Collection[str]) -> tu
     """Return the functions of a variable that have values on the data, those without constants first.
 
     Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power and saturation; of
-    what has one the size and the square with its sign; of both exponentials, tanh, the logistic function and sines.
+    what has one the size and the square with its sign; of both exponentials, tanh, the logistic function and sines, of the variable itself
+    where it may be an angle.
 
     Args:
         variable: its name.
@@ -94,6 +95,8 @@ def families_of(variable: str, values: FloatArray, taken: Collection[str]) -> tu
             drawn.append((f"{variable}/({half.name} + {variable})", (half,)))
     else:
         drawn += [(f"abs({variable})", ()), (f"{variable}*abs({variable})", ())]
+    if 1.0 < reach < WAVES:  # an angle in radians, whether it is called one or not
+        drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
     if low < reach:
         drawn.append((f"tanh({variable}/{scale.name})", (scale,)))
     drawn += [

@@ -14,7 +14,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.library.mechanism import Mechanism
-from odescope.likelihood.fit import Fit
+from odescope.likelihood.fit import CONVERGED, ITERATIONS, Fit
 from odescope.likelihood.held_out import free_run_errors
 from odescope.likelihood.search_space import SearchSpace
 
@@ -23,8 +23,8 @@ WORTH = 3.0  # times the least error: but what a term improves as much is physic
 TELLING = 0.1  # standard deviations: where even the best free run is further from the record, runs tell little of terms
 QUICK = 2  # steps of a fit without a mechanism, which are enough
 FORETOLD = 1.1  # if they raise the cost by no more than so many times its Wald statistic, as in a linear model
-FAR = 10  # steps of other fits
-NEAR = 0.01  # of what its cost is above that of the longest: a model that lacks much needs no better fit to be judged
+FAR = 10  # steps of other fits where none of their models will be chosen, and
+NEAR = 0.01  # of what the cost is above that of the longest: how near they come
 TENTH = 0.1  # of the least error: where free runs tell little, no more than that is given away for fewer terms
 
 
@@ -66,13 +66,14 @@ class ModelPath:
     chosen: int
 
     @staticmethod
-    def back(seen: SearchSpace, found: Fit, defect_std: FloatArray) -> ModelPath:
+    def back(seen: SearchSpace, found: Fit, defect_std: FloatArray, rough: bool = False) -> ModelPath:
         """Return the path from a fit, which is chosen.
 
         Args:
             seen: the space without what is held out.
             found: the longest model, fitted there.
             defect_std: (n,) standard deviations of the defects between segments.
+            rough: whether models that lack much are fitted to a part of what they lack, because none will be chosen.
         """
         steps = [_step(seen, found)]
         while not seen.budget.over:
@@ -86,8 +87,8 @@ class ModelPath:
             rest = here.present[here.present != k]
             shorter = seen.fit(theta, rest, here.x0, defect_std, here.strength, QUICK)
             if shorter is not None and shorter.cost - here.cost > FORETOLD * float(here.wald[weak]):
-                near = NEAR * (shorter.cost - steps[0].fit.cost)
-                shorter = seen.fit(shorter.theta, rest, shorter.x0, defect_std, shorter.strength, FAR, near)
+                how = (FAR, NEAR * (shorter.cost - steps[0].fit.cost)) if rough else (ITERATIONS, CONVERGED)
+                shorter = seen.fit(shorter.theta, rest, shorter.x0, defect_std, shorter.strength, *how)
             if shorter is None:
                 break
             steps.append(_step(seen, shorter, seen.mechanisms[k], float(here.wald[weak])))

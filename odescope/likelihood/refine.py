@@ -308,7 +308,7 @@ def _path(space: SearchSpace, outcome: Outcome) -> ModelPath | None:
         return None
     defect_std = space.segments.spread * outcome.width
     found = seen.again(outcome.fit, seen.segments.initial, defect_std)
-    return None if found is None else ModelPath.back(seen, found, defect_std)
+    return None if found is None else ModelPath.back(seen, found, defect_std, rough=True)
 
 
 def _shortened(space: SearchSpace, outcome: Outcome, path: ModelPath) -> tuple[ModelPath, Outcome]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from odescope.events import Progress
 from odescope.library.readable import readable
 from odescope.likelihood.alternatives import EVIDENT, Alternative, alternative
@@ -47,7 +49,7 @@ def with_suspected(
             again=lambda _: None,
         )
         other = refine_form(work, filtered, wide)
-        better = other if other is not None and _better(refinement, other) else None
+        better = other if other is not None and replaces(other, refinement) else None
     kept = better or refinement
     left = {(s.relation, s.variable): s.terms for s in suspicions(kept, work.study.suspects)}
     return kept, tuple(
@@ -70,11 +72,22 @@ def _promises(refinement: Refinement, found: Alternative) -> bool:
     return found.outcome is not None and found.outcome.rank < refinement.outcome.rank
 
 
-def _better(refinement: Refinement, other: Refinement) -> bool:
-    """Say whether a model with functions replaces the one without: only one that follows the record does."""
+def replaces(other: Refinement, refinement: Refinement) -> bool:
+    """Say whether a model with functions replaces the one without: only one that follows the record does.
+
+    Where the other did not, what the record lacks for a law may be put down to functions, so these must run freely no
+    worse over what is held out.
+    """
     if not _exact(other):
         return False
-    return not _exact(refinement) or other.outcome.penalised < refinement.outcome.penalised
+    if _exact(refinement):
+        return other.outcome.penalised < refinement.outcome.penalised
+    return _free_run(other) <= _free_run(refinement)
+
+
+def _free_run(refinement: Refinement) -> float:
+    """Return the error of free runs over what is held out, infinite where none were made."""
+    return np.inf if refinement.path is None else refinement.path.choice.error
 
 
 def _scored(suspicion: Suspicion, number: int, found: Alternative | None, kept: Refinement) -> SuspicionScore:
