@@ -60,8 +60,8 @@ def families_of(variable: str, values: FloatArray, taken: Collection[str]) -> tu
     """Return the functions of a variable that have values on the data, those without constants first.
 
     Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power and saturation; of
-    what has one the size and the square with its sign; of both exponentials, tanh, the logistic function and sines, of the variable itself
-    where it may be an angle.
+    what has one the size and the square with its sign; of both exponentials, tanh, the logistic function and sines,
+    those of the variable itself where it may be an angle.
 
     Args:
         variable: its name.
