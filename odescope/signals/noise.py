@@ -13,7 +13,8 @@ from odescope.signals.spectral import Spectrum
 MEDIAN_CHI_SQUARED = 0.45493642311957174
 
 
-SENSOR = 1e-5  # standard deviations of a channel: the white noise of any sensor is more than that
+SENSOR = 1e-5  # standard deviations of a channel: the white noise of most sensors is more than that, and
+DIGITS = 9  # decimal digits of its standard deviation: no logger writes more, and solvers do
 SOLVER = 1e-4  # standard deviations of a channel by which the solution of a solver may be off
 WHOLE = 0.01  # of a step of the sensor, by which a value may differ from a whole number of them
 VALUES_A_STEP = 4.0  # samples a different value, at least, of a sensor whose steps matter
@@ -39,15 +40,23 @@ def rounding_error(columns: Sequence[FloatArray]) -> float:
 def least_noise(columns: Sequence[FloatArray], white: float) -> float:
     """Return the standard deviation that the noise of a channel has at least.
 
-    That is what the steps of the sensor round away. Where there is next to no white noise the channel was not measured
-    but solved for, and what a solver errs by is smooth: it is not in the white noise.
+    That is what the steps of the sensor round away. Where there is next to no white noise, and more digits than a logger
+    writes, the channel was not measured but solved for: what a solver errs by is smooth, and not in the white noise.
 
     Args:
         columns: (N,) a record.
         white: standard deviation of the white noise.
     """
     moves = float(np.concatenate([c - c.mean() for c in columns]).std())
-    return max(rounding_error(columns), SOLVER * moves if white < SENSOR * moves else 0.0)
+    solved = white < SENSOR * moves and not _written(columns, moves)
+    return max(rounding_error(columns), SOLVER * moves if solved else 0.0)
+
+
+def _written(columns: Sequence[FloatArray], moves: float) -> bool:
+    """Say whether values (N,) that move by so much have no more digits than a logger writes."""
+    places = DIGITS - int(np.floor(np.log10(max(moves, 1e-300))))
+    values = np.concatenate(columns)
+    return bool(np.abs(np.round(values, places) - values).max() < 10.0 ** -(places + 2))
 
 
 def noise_level(spectra: Sequence[Spectrum]) -> float:

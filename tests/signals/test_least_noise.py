@@ -32,3 +32,9 @@ def test_a_channel_with_white_noise_was_measured(part):
 
 def test_what_records_differ_by_does_not_count_as_motion():
     assert least_noise([WAVE, WAVE + 100.0], 0.0) == pytest.approx(SOLVER * WAVE.std())
+
+
+@pytest.mark.parametrize("digits", [6, 8])
+def test_a_record_with_as_few_digits_as_a_logger_writes_was_measured_however_little_noise_it_has(digits):
+    assert least_noise([np.round(0.1 * WAVE, digits)], 1e-7) < 1e-6
+    assert least_noise([0.1 * WAVE], 1e-8) == pytest.approx(SOLVER * 0.1 * WAVE.std())
