@@ -41,7 +41,7 @@ def rational():
         ),
         ModelScores(
             targets={"x_ddot": TargetScore(0.1 + 0.2, 1e-17, 0.75, float("inf"), Denominator((0.1, 1.0), (-0.1, 1.0)))},
-            free_run=FreeRun(13.0, 1 / 3),
+            free_runs=(FreeRun(13.0, 1 / 3),),
         ),
         {"x": (-1 / 3, 1e22), "phi": (0.0, 5e-324)},
         {"odescope": "0.1.0", "columns": {"x": "x [m]"}, "note": 'ü "quoted" \\ \n'},

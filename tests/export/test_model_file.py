@@ -77,7 +77,7 @@ def test_what_the_file_says():
                 "denominator": {"data": [0.1, 1.0], "box": [-0.1, 1.0]},
             }
         },
-        "free_run": {"duration": 13.0, "valid_time": 1 / 3, "ended": None},
+        "free_runs": [{"duration": 13.0, "valid_time": 1 / 3}],
     }
 
 
@@ -180,7 +180,7 @@ def term(**values):
         (changed(domain={"x": [1.0]}), "length 2"),
         (changed(scores=[]), "`scores`"),
         (changed(scores={"targets": {"x_ddot": {"r2_held_out": "good"}}}), "`scores.targets[...].r2_held_out`"),
-        (changed(scores={"free_run": {"ended": None}}), "`duration` - at `scores.free_run`"),
+        (changed(scores={"free_runs": [{"ended": None}]}), "`duration` - at `scores.free_runs[0]`"),
         (changed(scores={"likelihood": True}), "`scores.likelihood`"),
         (changed(scores={"left_out": 1.5}), "`scores.left_out`"),
     ],
