@@ -1,4 +1,4 @@
-"""The Kalman filter that is exported to C beside that of `odescope filter`: processor time of a cycle on the demo's log.
+"""The Kalman filter that is exported to C beside that of `odescope filter`: processor time of a cycle.
 
     ./run python bench/exported_filter.py
 
