@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from odescope.errors import InputError
 from odescope.export.spelling import Names
+from odescope.model.model import Model
 from odescope.recordings.coordinate import check_name
 
 NAME = "plant"  # of a program that nobody has named
@@ -34,3 +35,21 @@ def check_program_name(name: str, names: Names, language: str) -> None:
     check_name(name, "the name of the program")
     if names.spelled([name])[name] != name:
         raise InputError(f"a program in {language} cannot be called {name!r}, a name of its own: choose another")
+
+
+def check_no_early_input(model: Model, language: str) -> None:
+    """Refuse a model of which an input acts before it was recorded, for a language that knows the past alone.
+
+    Args:
+        model: to write.
+        language: for people.
+
+    Raises:
+        InputError: an input has a negative delay.
+    """
+    early = next((i for i in model.inputs if i.delay < 0.0), None)
+    if early is not None:
+        raise InputError(
+            f"{language} cannot say that the input {early.name!r} acts {-early.delay!r} s before it was recorded: shift"
+            f" its column by so much, and write a delay of 0 for {early.name!r} into the model file"
+        )

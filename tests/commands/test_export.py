@@ -115,3 +115,13 @@ def test_what_a_language_cannot_express_is_named(export):
     assert (code, out) == (2, "")
     assert "x_ddot" in err
     assert not Path("cart.ant").exists()
+
+
+@pytest.mark.parametrize("to", ["fmu", "modelica"])
+def test_an_input_that_acts_early_ends_with_its_name_and_no_file(to, export):
+    early = to_json(cart_pendulum()).replace('"hold": "linear"', '"hold": "linear", "delay": -0.25')
+    Path("early.json").write_text(early)
+    code, out, err = export("early.json", "--to", to, "--out", "written")
+    assert (code, out) == (2, "")
+    assert "the input 'u' acts 0.25 s before it was recorded: shift its column" in err
+    assert not Path("written").exists()

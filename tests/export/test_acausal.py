@@ -6,13 +6,14 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from exported_models import driven_cart, reactor, slider
+from exported_models import driven_cart, push, reactor, slider
 from hand_models import MODELS
 from test_c import dense
 
 from odescope.errors import InputError
 from odescope.export.programs.julia import to_julia
 from odescope.export.programs.modelica import to_modelica
+from odescope.model.simulation import drive
 
 ALL = {**MODELS, "cart": driven_cart("linear", 0.025), "reactor": reactor(), "slider": slider()}
 FUNCTIONS = {f: getattr(np, f) for f in ("sin", "cos", "tan", "exp", "log", "sqrt", "abs", "sign", "tanh")}
@@ -70,6 +71,38 @@ def test_the_equations_hold_where_the_relations_do(name, read):
             states += state is not None
             assert values[0] == pytest.approx(slopes[state[1]] if state else values[1], rel=1e-10, abs=1e-10)
         assert states == len(model.states)
+
+
+class FromOne:
+    """An array with the indices of Julia."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def __len__(self):
+        return len(self.values)
+
+    def __getitem__(self, at):
+        row, *column = at if isinstance(at, tuple) else (at,)
+        assert 1 <= row <= len(self)
+        return self.values[(row - 1, *(k - 1 for k in column))]
+
+
+@pytest.mark.parametrize(("hold", "delay"), [("linear", 0.0234), ("zero", 0.0234), ("linear", -0.017), ("zero", 0.0)])
+def test_in_julia_a_record_acts_as_in_the_free_run(hold, delay):
+    model, t = driven_cart(hold, delay), 0.01 * np.arange(40)
+    (text,) = to_julia(model).files.values()
+    body = re.search(r"^function (acting\(.*?\))\n(.*?)^end$", text, re.MULTILINE | re.DOTALL)
+    lines = [re.sub(r"^    (.*) && return (.*)$", r"    if \1: return \2", line) for line in body[2].splitlines()]
+    source = "\n".join([f"def {body[1]}:", *lines]).replace("times[end]", "times[len(times)]")
+    scope = {"DELAYS": FromOne(np.array([delay])), "HOLDS": FromOne(np.array([hold])), "len": len}
+    scope["searchsortedlast"] = lambda times, at: np.searchsorted(times.values, at, side="right")
+    exec(source.replace("inputs[end", "inputs[len(inputs)"), scope)  # noqa: S102 (our own text)
+    driven = drive(model.inputs, t, push(t))
+    for begin, end, value, following in zip(driven.t, driven.t[1:], driven.begin, driven.end, strict=False):
+        for share in (0.25, 0.75):
+            found = scope["acting"](FromOne(t), FromOne(push(t)), 1, begin + share * (end - begin))
+            assert found == pytest.approx(value[0] + share * (following[0] - value[0]), rel=1e-9)
 
 
 def test_an_input_that_acts_early_is_beyond_modelica():

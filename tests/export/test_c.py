@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from exported_models import TIMES, driven_cart, free_run, push, reactor, slider
 from hand_models import MODELS, relation
+from scipy.integrate import solve_ivp
 
 from odescope.errors import InputError
 from odescope.export.programs.c import to_c
@@ -212,6 +213,19 @@ def batch(p, x, y, r, offset, rows):
     return x + gain @ e, (np.eye(len(x)) - gain @ h) @ p, e @ np.linalg.solve(s, e)
 
 
+def spread(model, x, q, inputs, h):
+    """The covariance that noise makes of none in h seconds: P' = F P + P F' + diag(q), integrated beside the state."""
+    n = len(x)
+
+    def rates(t, z):
+        u = inputs[0] + (inputs[1] - inputs[0]) * t / h
+        moved = differences(lambda x: dense(model, [*x, *u]), z[:n]) @ z[n:].reshape(n, n)
+        return np.concatenate([dense(model, [*z[:n], *u]), (moved + moved.T + np.diag(q)).ravel()])
+
+    start = np.concatenate([x, np.zeros(n * n)])
+    return solve_ivp(rates, (0.0, h), start, rtol=1e-9, atol=1e-12).y[n:, -1].reshape(n, n)
+
+
 @needs_compiler
 def test_the_filter_predicts_and_updates_as_dense_algebra_does(compiled):
     model, rng = driven_cart(), np.random.default_rng(5)
@@ -224,10 +238,12 @@ def test_the_filter_predicts_and_updates_as_dense_algebra_does(compiled):
     u0, u1 = np.array([1.0]), np.array([2.0])
     assert plant.call("kalman_predict", filtered, u0, u1, 0.01, q) == 0
     ahead, phi = plant.step(x, u0, u1, 0.01)
-    noise = 0.005 * np.diag(q)
-    predicted = phi @ (p + noise) @ phi.T + noise
+    predicted = held[n:].reshape(n, n).copy()
     assert np.allclose(held[:n], ahead, rtol=1e-14)
-    assert np.allclose(held[n:].reshape(n, n), predicted, rtol=1e-12)
+    added, exact = predicted - phi @ p @ phi.T, spread(model, x, q, (u0, u1), 0.01)
+    assert np.abs(added - exact).max() < 1e-8
+    halves = 0.005 * np.diag(q)
+    assert np.abs(phi @ halves @ phi.T + halves - exact).max() > 1e-6
     y, e, s = np.array([0.7, -0.3]), np.empty(2), np.empty(2)
     turned = y + np.array([0.0, 6.0 * np.pi])  # the second is an angle, of which sensors lose count
     assert plant.call("kalman_update", filtered, turned, r, e, s) == 0

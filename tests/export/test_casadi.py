@@ -1,13 +1,17 @@
 """The CasADi module run by CasADi, where it is installed, beside the relations and odescope's own free run."""
 
+from dataclasses import replace
+
+import msgspec
 import numpy as np
 import pytest
 from exported_models import TIMES, driven_cart, free_run, push, reactor, slider
-from hand_models import MODELS
+from hand_models import MODELS, relation
 from test_c import dense, differences
 
 from odescope.errors import InputError
 from odescope.export.programs.casadi import to_casadi
+from odescope.library.parse import Scope
 
 ALL = {**MODELS, "cart": driven_cart("zero", 0.25), "reactor": reactor(), "slider": slider()}
 
@@ -43,6 +47,51 @@ def test_its_steps_run_as_the_free_run_does():
         found.append(np.array(x)[:, 0])
     exact = free_run(model, push(), start)
     assert np.abs(np.array(found) - exact).max() < 1e-6 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("hold", ["linear", "zero", "band-limited"])
+@pytest.mark.parametrize("delay", [0.0, 0.0234, 0.02, -0.017])
+def test_it_lays_a_record_out_as_the_inputs_act(hold, delay):
+    model, start = driven_cart(hold, delay), [0.1, 0.4, 0.0, -0.2]
+    exact = free_run(model, push(), start)
+    found = module(model)["simulate"](start, TIMES, push())
+    assert np.abs(found - exact).max() < 1e-6 * np.abs(exact).max()
+
+
+def test_inputs_of_different_holds_and_delays_act_together():
+    inputs = tuple(
+        msgspec.structs.replace(i, delay=d) for i, d in zip(MODELS["rational"].inputs, (0.013, 0.004), strict=True)
+    )
+    model, t = replace(MODELS["rational"], inputs=inputs), np.sort(np.random.default_rng(2).uniform(0.0, 0.3, 31))
+    u, start = np.column_stack([np.sin(7.0 * t), np.where(t < 0.1, 0.5, 1.0)]), [0.2, 0.4, 0.6, 0.8]
+    found = module(model)["simulate"](start, t, u)
+    assert np.allclose(found, free_run(model, u, start, t), rtol=1e-7, atol=1e-8)
+
+
+def test_without_inputs_it_runs_as_well():
+    model, start, t = MODELS["coupled"], [0.3, 0.4, 0.5, 0.1, 0.2, 0.3], 0.01 * np.arange(101)
+    exact = free_run(model, np.empty((101, 0)), start, t)
+    assert np.allclose(module(model)["simulate"](start, t, np.empty((101, 0))), exact, rtol=1e-7, atol=1e-8)
+
+
+def test_smooth_friction_is_followed_through_standstill():
+    # The oracle has the smooth step in the place of the sign, as the module says that it does.
+    model = slider()
+    terms = {
+        f"sign({rate})": f"tanh({1e4 / max(map(abs, model.domain[rate]))!r}*{rate})" for rate in ("p_dot", "q_dot")
+    }
+    scope = Scope.of(model.variables)
+    smooth = replace(
+        model,
+        relations=tuple(
+            relation(scope, *((t.factor, terms.get(t.term.text, t.term.text), t.coefficient) for t in r.terms))
+            for r in model.relations
+        ),
+    )
+    force, start = 2.2 * np.sin(1.3 * TIMES)[:, None], [0.3, -0.2, 0.0, 0.0]
+    found = module(model)["simulate"](start, TIMES, force)
+    assert np.abs(found - free_run(smooth, force, start)).max() < 1e-6
+    assert 1e-5 < np.abs(found - free_run(model, force, start)).max() < 1e-3
 
 
 def test_what_the_module_says_beside():

@@ -7,15 +7,13 @@ from functools import cache
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
-import numpy as np
-
 from odescope.arrays import FloatArray
 from odescope.export.about import about
+from odescope.export.band_limited import BEFORE, band_limited_weights
 from odescope.export.c_code.equations import C_NAMES, c_statements
 from odescope.export.spelling import renamed
 from odescope.model.model import Model
 from odescope.model.switches import without_signs
-from odescope.recordings.between_samples import FINER, REACH, laid_out
 from odescope.recordings.coordinate import following_states
 
 if TYPE_CHECKING:
@@ -61,13 +59,8 @@ def filled(template: str, fields: Mapping[str, object]) -> str:
 
 
 def _band_limited() -> dict[str, object]:
-    """Return what a polygon that stands for a band-limited input weighs samples with, read off that of an impulse."""
-    length = 2 * REACH + 4
-    impulse = np.zeros(2 * length + 1)
-    impulse[length] = 1.0
-    answers = laid_out(impulse).reshape(-1, FINER)[length - REACH - 1 : length + REACH + 2]
-    # What comes so many samples after the impulse weighs the sample as many before.
-    return {"finer": FINER, "before": REACH + 1, "taps": len(answers), "weights": _table(answers[::-1].T)}
+    weights = band_limited_weights()
+    return {"finer": len(weights), "before": BEFORE, "taps": weights.shape[1], "weights": _table(weights)}
 
 
 def _table(rows: FloatArray) -> str:

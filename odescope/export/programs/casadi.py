@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from odescope.export.about import about
 from odescope.export.program_files import NAME, ProgramFiles, check_program_name
+from odescope.export.recorded_python import acting_function
 from odescope.export.smooth import smooth_relations
 from odescope.export.spelling import Names, renamed
 from odescope.library.expression import Power, signed_sum
@@ -13,7 +14,9 @@ from odescope.library.printer import Language, print_combination
 from odescope.model.model import Model
 from odescope.recordings.coordinate import state_chain
 
-_OWN = "casadi derivative step ode_x ode_u ode_a ode_b ode_dx STATES INPUTS DELAYS HOLDS OFFSETS float int"
+_OWN = """
+casadi numpy derivative step acting simulate ode_x ode_u ode_a ode_b ode_dx STATES INPUTS DELAYS HOLDS OFFSETS float int
+"""
 _NAMES = Names(frozenset(_OWN.split()), underscore=True)
 _FUNCTIONS = {"abs": "fabs"}
 
@@ -21,11 +24,12 @@ _TEMPLATE = '''"""{header}
 
 `derivative` is a casadi.Function from states x and inputs u, as they act, to the derivative dx; `step` advances the
 states over h seconds by the Runge-Kutta method of fourth order, u0 and u1 being the inputs at its begin and end.
-Inputs act as many seconds after they were recorded as DELAYS says, and between samples do what HOLDS says; sensors read
-OFFSETS more than the coordinates.
+Inputs act as many seconds after they were recorded as DELAYS says, and between samples do what HOLDS says: `acting`
+lays a record out so, and `simulate` runs along it with CVODES. Sensors read OFFSETS more than the coordinates.
 {note}"""
 
 import casadi
+import numpy
 
 STATES = {states!r}
 INPUTS = {inputs!r}
@@ -57,11 +61,28 @@ def _step():
 
 derivative = _derivative()
 step = _step()
+
+{acting}
+
+def simulate(x, t, u, reltol=1e-10, abstol=1e-12):
+    """Return the states (N, {n}) at times t (N,), from x at the first on, under inputs u (N, {m}) as recorded."""
+    times, begin, end, samples = acting(t, u)
+    state, share, span = casadi.SX.sym("x", {n}), casadi.SX.sym("share"), casadi.SX.sym("span")
+    u0, u1 = casadi.SX.sym("u0", {m}), casadi.SX.sym("u1", {m})
+    rate = span * derivative(state, u0 + share * (u1 - u0))
+    problem = {{"x": state, "t": share, "p": casadi.vertcat(u0, u1, span), "ode": rate}}
+    options = {{"reltol": reltol, "abstol": abstol}}
+    across = casadi.integrator("across", "cvodes", problem, 0, 1, options)
+    states = [casadi.DM(x)]
+    for k in range(len(times) - 1):
+        given = casadi.vertcat(begin[k], end[k], times[k + 1] - times[k])
+        states.append(across(x0=states[-1], p=given)["xf"])
+    return numpy.array(casadi.horzcat(*states)).T[samples]
 '''
 
 
 def to_casadi(model: Model, name: str = NAME) -> ProgramFiles:
-    """Return a Python module with a casadi.Function of the right-hand side, and one of a Runge-Kutta step.
+    """Return a Python module with a casadi.Function of the right-hand side, one of a step, and a run along a record.
 
     Raises:
         InputError: no module can be called so.
@@ -88,6 +109,7 @@ def to_casadi(model: Model, name: str = NAME) -> ProgramFiles:
         matrix="".join(f"    ode_a[{i}, {j}] = {print_combination(language, c)}\n" for i, j, c in entries),
         right=", ".join(print_combination(language, c) for c in relations.right),
         following=", ".join(place[d] for d in state_chain(model.coordinates).values()),
+        acting=acting_function(model),
     )
     return ProgramFiles({f"{name}.py": text}, (*notes, *relations.notes))
 

@@ -8,12 +8,14 @@ import zipfile
 
 from odescope.export.c_code.equations import C_NAMES
 from odescope.export.c_code.fields import c_fields, filled
-from odescope.export.program_files import NAME, ProgramFiles, check_program_name
+from odescope.export.program_files import NAME, ProgramFiles, check_no_early_input, check_program_name
 from odescope.export.spelling import Names, renamed
 from odescope.model.model import Model
 
 _VARIABLES = Names(frozenset({"time"}), underscore=True)  # the independent variable has that name
 _DAY = (1980, 1, 1, 0, 0, 0)  # the first that an archive can say: the same model makes the same file
+
+_TAKEN = "In Co-Simulation inputs are set as recorded, and the unit delays them; in Model Exchange, as they act."
 
 _BUILD = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiBuildDescription fmiVersion="3.0">
@@ -31,15 +33,19 @@ def to_fmu(model: Model, name: str = NAME) -> ProgramFiles:
     """Return a unit with its sources, which importers compile.
 
     Raises:
-        InputError: no model can be called so.
+        InputError: no model can be called so, or an input acts before it was recorded.
     """
     check_program_name(name, C_NAMES, "an FMU")
+    check_no_early_input(model, "an FMU")
     fields = c_fields(model, name)
     sources = {f"{name}.h": filled("model.h.jinja", fields), f"{name}.c": filled("model.c.jinja", fields)}
     token = "".join(sources.values()).encode()
     fields |= _variables(model) | {
         "token": hashlib.sha256(token).hexdigest(),
-        "description": "Equations of motion, written by odescope",
+        "description": "Equations of motion, written by odescope. " + _TAKEN,
+        "late": any(i.delay for i in model.inputs),
+        "latest": repr(max((float(i.delay) for i in model.inputs), default=0.0)),
+        "held": [int(i.hold == "zero") for i in model.inputs],
     }
     sources["fmi3.c"] = filled("fmi3.c.jinja", fields)
     sources["buildDescription.xml"] = _BUILD.format(name=name)
@@ -79,7 +85,7 @@ def _variables(model: Model) -> dict[str, object]:
         {
             "name": spelling[i.name],
             "reference": 2 * len(model.states) + k,
-            "description": f"as it acts, {float(i.delay)!r} s after it was recorded; {i.hold} between samples",
+            "description": f"acts {float(i.delay)!r} s after it was recorded; {i.hold} between samples",
         }
         for k, i in enumerate(model.inputs, 1)
     ]

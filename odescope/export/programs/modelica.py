@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from odescope.errors import InputError
 from odescope.export.about import about
 from odescope.export.acausal import caret_language, equations
-from odescope.export.program_files import NAME, ProgramFiles, check_program_name
+from odescope.export.program_files import NAME, ProgramFiles, check_no_early_input, check_program_name
 from odescope.export.smooth import smooth_relations
 from odescope.export.spelling import Names, renamed
 from odescope.model.model import Model
@@ -30,12 +29,7 @@ def to_modelica(model: Model, name: str = NAME) -> ProgramFiles:
         InputError: no class can be called so, or an input acts before it was recorded, which Modelica cannot say.
     """
     check_program_name(name, _NAMES, "Modelica")
-    early = next((i for i in model.inputs if i.delay < 0.0), None)
-    if early is not None:
-        raise InputError(
-            f"Modelica cannot say that the input {early.name!r} acts {-early.delay!r} s before it was recorded: shift"
-            " the record, and take the delay from the model file"
-        )
+    check_no_early_input(model, "Modelica")
     late = {i.name: f"ode_late_{i.name}" for i in model.inputs if i.delay}
     spelling = _NAMES.spelled([*model.variables, *model.targets, *late.values()])
     relations, notes = smooth_relations(model), renamed(spelling)
