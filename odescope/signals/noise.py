@@ -40,8 +40,8 @@ def rounding_error(columns: Sequence[FloatArray]) -> float:
 def least_noise(columns: Sequence[FloatArray], white: float) -> float:
     """Return the standard deviation that the noise of a channel has at least.
 
-    That is what the steps of the sensor round away. Where there is next to no white noise, and more digits than a logger
-    writes, the channel was not measured but solved for: what a solver errs by is smooth, and not in the white noise.
+    That is what the steps of the sensor round away. Where there is next to no white noise, and more digits than a
+    logger writes, the channel was not measured but solved for: what a solver errs by is smooth, no white noise.
 
     Args:
         columns: (N,) a record.
