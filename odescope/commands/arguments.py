@@ -126,7 +126,9 @@ def _delayed(inputs: dict[str, Driven], texts: Sequence[str]) -> dict[str, Drive
     """Return inputs with the delays that are given."""
     found = dict(inputs)
     for text in texts:
-        label, _, value = text.rpartition("=")
+        label, equals, value = text.rpartition("=")
+        if not equals:
+            raise InputError(f"--delay {text}: expected INPUT=SECONDS, such as {next(iter(inputs), 'u')}=0.02")
         name = Heading.of(label).name
         if name not in inputs:
             raise InputError(f"--delay {text}: {label!r} is no --input; {nearest(name, inputs)}")

@@ -304,7 +304,8 @@ def report(
     from odescope.events import Monitor
 
     with shown() as tell:
-        draw_again(folder, folder if out is None else out, Monitor(tell))
+        place = folder.parent if folder.is_file() else folder
+        draw_again(place, place if out is None else out, Monitor(tell))
 
 
 @app.command(short_help="Write a model as text, as code, or for a page or paper.")

@@ -29,7 +29,9 @@ def export_model(model_path: Path, to: str, out: Path | None, name: str | None, 
     """
     known = sorted({*languages.names(), *programs.names()})
     if to not in known:
-        raise InputError(f"cannot export to {to!r}; the languages are {', '.join(known)}; {nearest(to, known)}")
+        hint = nearest(to, known)
+        close = f"{hint} " if hint.startswith("did you mean") else ""
+        raise InputError(f"cannot export to {to!r}; {close}the languages are {', '.join(known)}")
     if to in programs.names():
         _export_program(model_path, to, out, name, force)
         return

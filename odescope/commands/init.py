@@ -16,6 +16,7 @@ from odescope.errors import InputError
 from odescope.files import check_file, write_file
 from odescope.recordings.columns import recording_codes, times
 from odescope.recordings.coordinate import check_name
+from odescope.recordings.dates import FORMS, is_dates
 from odescope.recordings.formats import Format, opened
 from odescope.recordings.headings import Heading, TimeUnit, time_unit
 from odescope.recordings.layout import Layout
@@ -25,7 +26,9 @@ from odescope.recordings.record import Records
 from odescope.signals.look import Seen, look
 from odescope.study.toml import moved, parse_study
 
-TIMES = re.compile(r"(t|time|timestamp|zeit|temps|clock|stamp)(_.*)?", re.IGNORECASE)
+TIMES = re.compile(
+    r"(t|time|timestamp|date|datetime|datum|zeit|uhrzeit|zeitstempel|temps|clock|stamp)(_.*)?", re.IGNORECASE
+)
 LABELS = re.compile(r"(run|segment|recording|experiment|trial|lap|series|batch|episode|id)(_.*)?", re.IGNORECASE)
 STEADY = 4.0  # times the median: no step of a clock that nobody calls one is longer
 LEAST_ROWS = 32  # of a recording, on average
@@ -83,11 +86,13 @@ def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
     """
     labels = column_names(file)
     with opened(file) as kind:
-        every = {label: _numbers(kind, file, label) for label in dict.fromkeys(labels)}
-        columns = {label: values for label, values in every.items() if values is not None}
-        clock = _clock(columns)
-        recording = _recording(kind, file, every, clock)
-    others = [n for n in columns if n not in (clock.label, recording) and np.isfinite(columns[n]).any()]
+        read = {label: _read(kind, file, label) for label in dict.fromkeys(labels)}
+        columns = {label: column.values for label, column in read.items() if column is not None}
+        dated = [label for label, column in read.items() if column is not None and column.dated]
+        clock = _clock(columns, dated)
+        recording = _recording(kind, file, dict.fromkeys(read) | columns, clock)
+    taken = (clock.label, recording, *dated)
+    others = [n for n in columns if n not in taken and np.isfinite(columns[n]).any()]
     headings = _headings(others)
     if not headings:
         raise InputError(f"{file.name} holds no numbers beside the time; its columns are {', '.join(labels)}")
@@ -97,27 +102,53 @@ def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
         told = "; ".join(f"{s.heading.label}: {s.why}" for s in seen)
         raise InputError(f"no column of {file.name} looks like a coordinate ({told}): write a study, or use identify")
     empty = [label for label in labels if label not in (*others, clock.label, recording)]
-    text = "\n".join(_lines(sources, folder, clock, recording, records, seen, empty)) + "\n"
+    unused = {label: _no_numbers(label, label in dated) for label in empty}
+    text = "\n".join(_lines(sources, folder, clock, recording, records, seen, unused)) + "\n"
     parse_study(text)
     return Drafted(text, *(sum(s.role == role for s in seen) for role in ("coordinate", "input")))
 
 
-def _numbers(kind: Format, file: Path, label: str) -> FloatArray | None:
-    """Return a column of numbers or dates (N,), None for one of something else."""
+@dataclass(frozen=True, eq=False)
+class ReadColumn:
+    """The numbers (N,) in a column, and whether they are dates."""
+
+    values: FloatArray
+    dated: bool
+
+
+def _read(kind: Format, file: Path, label: str) -> ReadColumn | None:
+    """Return a column of numbers or dates, None for one of something else."""
     layout = Layout(time=label, columns=(("column", label),))
     try:
-        return times(kind.read(file, layout)[label], layout, file.name)
+        column = kind.read(file, layout)[label]
+        return ReadColumn(times(column, layout, file.name), is_dates(column))
     except InputError:
         return None
 
 
-def _clock(columns: dict[str, FloatArray]) -> ClockColumn:
-    """Return the column of the time: by its name, else one that grows in even steps."""
-    for label in columns:
+def _no_numbers(label: str, dated: bool) -> str:
+    """Return why a column without numbers is left out."""
+    if dated:
+        return "dates"
+    return "no numbers, or none" + (f"; {FORMS}" if TIMES.fullmatch(Heading.of(label).name) else "")
+
+
+def _clock(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColumn:
+    """Return the column of the time: by its name, else one of dates, else one that grows in even steps.
+
+    Args:
+        columns: the numbers in each (N,).
+        dated: those that hold dates.
+    """
+    moving = [label for label, values in columns.items() if np.any(np.diff(values) > 0.0)]
+    for label in moving:
         heading = Heading.of(label)
-        if TIMES.fullmatch(heading.name) or (time_unit(label) and heading.unit is None):
+        if label not in dated and (TIMES.fullmatch(heading.name) or (time_unit(label) and heading.unit is None)):
             unit = time_unit(label)
             return ClockColumn(label, unit or "s", "" if unit in (None, "s") else f"its heading says {unit}")
+    for label in moving:
+        if label in dated:
+            return ClockColumn(label, "s", "dates or a clock, in seconds")
     for label, values in columns.items():
         steps = np.diff(values)
         if len(steps) and np.all(steps > 0.0) and steps.max() < STEADY * np.median(steps) and values[0] == 0.0:
@@ -177,7 +208,7 @@ def _lines(
     recording: str | None,
     records: Records,
     seen: Sequence[Seen],
-    empty: Sequence[str],
+    unused: Mapping[str, str],
 ) -> Iterator[str]:
     """Yield the lines of a study."""
     files = [_from(folder, source) for source in sources]
@@ -203,7 +234,7 @@ def _lines(
         yield from ("", "[inputs]" + " " * (WIDTH - 8) + "# each may stand in every equation")
         yield from (_line(f"{s.name} = {_input(s)}", s.why) for s in inputs)
     left_out = [(s.heading.label, s.why) for s in seen if s.role == "neither"]
-    left_out += [(label, "no numbers, or none") for label in empty]
+    left_out += unused.items()
     if left_out:
         yield from ("", "# Left out:")
         yield from (f"#   {label}: {why}" for label, why in left_out)

@@ -7,7 +7,20 @@ from typing import Annotated
 
 import typer
 
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.json", help="A model written by identify.")]
+MODEL = "model.json"
+
+
+def model_in(path: Path) -> Path:
+    """Return the model of a folder of results; any other path as it is."""
+    return path / MODEL if path.is_dir() else path
+
+
+ModelFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="MODEL.json", help="A model written by identify, or the folder it is in.", callback=model_in
+    ),
+]
 StatesFile = Annotated[Path | None, typer.Option(help="CSV file for the states.", show_default="standard output")]
 Time = Annotated[
     str | None, typer.Option(help="Column that holds the time.", show_default="as identified, else t or time")

@@ -9,6 +9,7 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from odescope.commands.model_data import named_numbers
+from odescope.commands.options import model_in
 from odescope.errors import InputError
 from odescope.export.model_file import read_model
 from odescope.model.model import Model
@@ -30,13 +31,14 @@ class ValidationFiles:
 
     @staticmethod
     def of(named: Sequence[Path], data: Sequence[Path]) -> ValidationFiles:
-        """Return the files, of which those that end in .json are models.
+        """Return the files, of which those that end in .json are models, as are those in folders of results.
 
         Raises:
             InputError: there is no model or no data.
         """
-        models = tuple(p for p in named if p.suffix.lower() == MODEL_ENDING)
-        rest = (*(p for p in named if p not in models), *data)
+        found = [model_in(p) if model_in(p).exists() else p for p in named]
+        models = tuple(p for p in found if p.suffix.lower() == MODEL_ENDING)
+        rest = (*(p for p in found if p not in models), *data)
         if not models:
             raise InputError("name at least one model, a file that ends in .json, as identify writes it")
         if not rest:

@@ -41,14 +41,14 @@ from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.versions import best_version
 from odescope.pipeline.work import Work
-from odescope.recordings.checks import degrees_hints
+from odescope.recordings.checks import degrees_hints, order_hints
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Recorded, Records
 from odescope.selection.advice import advice
 from odescope.signals.estimate import Signals
 from odescope.signals.gated import Reasons
 from odescope.study.clock import with_time
-from odescope.study.columns import settled_columns
+from odescope.study.columns import contradicted_headings, settled_columns
 from odescope.study.options import LeftOut, Study
 from odescope.study.pieces import tables
 from odescope.validation.free_runs import FreeRunOf, free_runs
@@ -171,8 +171,12 @@ class Identification:
         unit = self.study.data.time_unit
         units = [] if unit in (None, "s") else [f"time was recorded in {unit}: here it is in seconds"]
         units += [f"{name} was recorded in degrees: here it is in radians" for name in sorted(self.study.degrees)]
+        units += contradicted_headings(self.study)
         if self.refinement is not None and not self.refinement.follows:  # laws hold of radians alone
             units += degrees_hints(self.records, self.study.measured())
+        runs = () if self.model.scores is None else self.model.scores.free_runs
+        if any(run.valid_time < 0.5 * run.duration for run in runs):
+            units += order_hints(self.study.measured())
         return (*notes_of(self.model.scores, dependent, judged), *units, *(u.note for u in tables(self.study)[1]))
 
 

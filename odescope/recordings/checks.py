@@ -9,9 +9,14 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.recordings.coordinate import Coordinate, Input
+from odescope.recordings.headings import is_unit
 from odescope.recordings.record import Records, within
 
 LARGEST_VALUE = 1e30  # products of a few such values would overflow
+LENGTHS = frozenset(
+    {"m", "dm", "cm", "mm", "um", "µm", "μm", "nm", "km", "in", "ft", "meter", "meters", "metre", "metres"}
+)
+RADIANS = frozenset({"", "1", "-", "rad", "rads", "radian", "radians"})
 DEGREES = frozenset({"deg", "degs", "degree", "degrees", "°"})
 TURNS = 2.0  # that an angle in radians spans, from which on it may be one in degrees
 
@@ -26,8 +31,8 @@ def check_channels(records: Records, coordinates: Sequence[Coordinate], inputs: 
 
     Raises:
         InputError: a name used twice (derived names included) or without a column, a coordinate that changes in no
-            recording, an input that is one constant, an angle in degrees, a wrapped angle that is not declared as
-            one, values above 1e30.
+            recording, an input that is one constant, an angle in degrees or in what is no unit of angles, a wrapped
+            angle that is not declared as one, values above 1e30.
     """
     if not coordinates:
         raise InputError("no coordinate: expected at least one measured quantity to find an equation for")
@@ -62,6 +67,13 @@ def _check_angle(angle: Coordinate, records: Records) -> None:
     for unit in (angle.unit, records.runs[0].units[records.names.index(angle.name)]):  # all runs have the same
         if unit is not None and is_degrees(unit):
             raise InputError(_in_degrees(f"angle {angle.name!r} has the unit {unit!r}", angle.name))
+        if unit is not None and unit.strip().casefold() not in RADIANS and is_unit(unit):
+            wanted = (
+                "a length is no angle, leave that word out"
+                if unit.strip() in LENGTHS
+                else "angles are in radians here, or in degrees with that unit: convert the column"
+            )
+            raise InputError(f"coordinate {angle.name!r} is said to be an angle, and to be in {unit}: {wanted}")
     for run in records:
         check_radians(angle.name, run.column(angle.name), run.source)
 
@@ -128,6 +140,20 @@ def degrees_hints(records: Records, coordinates: Sequence[Coordinate]) -> tuple[
                 f' unit = "deg" in [coordinates.{c.name}], and "rad" if not'
             )
     return tuple(said)
+
+
+def order_hints(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """Return a sentence for each coordinate that may be a position, though its equation is of order 1.
+
+    Args:
+        coordinates: what was measured; those with a unit of lengths, and angles, are positions.
+    """
+    return tuple(
+        f"the equation of {c.name}, {'an angle' if c.angle else f'in {c.unit}'}, is of order 1: if it is a position"
+        f" that forces move, give order = 2 in [coordinates.{c.name}], or --order 2"
+        for c in coordinates
+        if c.order == 1 and (c.angle or (c.unit or "").strip() in LENGTHS)
+    )
 
 
 def _constant(column: FloatArray) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError, nearest
+from odescope.recordings.dates import from_text, is_text
 from odescope.recordings.headings import in_seconds
 from odescope.recordings.layout import Layout
 from odescope.recordings.text_files import NUMBER
@@ -107,7 +108,7 @@ def times(column: ChunkedArray, layout: Layout, source: str) -> FloatArray:
     """Return a column of times in seconds (N,), NaN where a cell is missing: of numbers, or of dates since 1970.
 
     Args:
-        column: of numbers in the layout's unit of time, or dates.
+        column: of numbers in the layout's unit of time, or dates, as instants or as text.
         layout: that names it.
         source: where it came from, for messages.
 
@@ -116,6 +117,8 @@ def times(column: ChunkedArray, layout: Layout, source: str) -> FloatArray:
     """
     import pyarrow as pa
 
+    if is_text(column):
+        column = from_text(column, str(layout.time), source)
     if not pa.types.is_timestamp(column.type):
         factor, over = in_seconds(layout.time_unit)
         return numbers(column, str(layout.time), source) * factor / over

@@ -17,17 +17,16 @@ import numpy as np
 
 from odescope.arrays import BoolArray, IntArray
 from odescope.errors import InputError
+from odescope.recordings.dates import DATE, MISSING, date_hint, from_text
 
 if TYPE_CHECKING:
     from pyarrow import ChunkedArray, DataType, NativeFile
 
-MISSING = ("", " ", "NA", "N/A", "NaN", "nan", "NAN", "null", "NULL")
 HEAD_BYTES = 1 << 20
 BLOCK_BYTES = 1 << 20  # what counting lines reads at once
 MARK_ROWS = 8192  # the place of every so-manieth row is kept: part of a file is read from the one before it
 TELLING_MARKS = 8  # so many times MARK_ROWS rows are parsed at once to find the decimal mark
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE | re.ASCII)
-DATE = re.compile(r"\s*\d{1,4}[-./]\d{1,2}[-./]\d{1,4}\b", re.ASCII)
 RAGGED = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
@@ -66,7 +65,7 @@ def read_header(path: Path) -> TextFile:
     """Read the header line, skipping blank lines before it.
 
     Raises:
-        InputError: the file is empty, not in UTF-8, or nothing follows the header.
+        InputError: the file is empty, no text of one byte a character, or nothing follows the header.
         csv.Error: a column's name is longer than 128 KiB.
     """
     with _open(path) as stream:
@@ -75,12 +74,7 @@ def read_header(path: Path) -> TextFile:
     filled = [k for k, line in enumerate(lines) if line.strip(b"\xef\xbb\xbf \t")]
     if not filled:
         raise InputError(f"{path.name} is empty")
-    try:
-        text = lines[filled[0]].decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path.name} is not in UTF-8 (its header line cannot be decoded); save it as UTF-8"
-        ) from error
+    text = _decoded(lines[filled[0]])
     if "\0" in text:
         raise InputError(f"{path.name} is not a text file in UTF-8; save it as UTF-8")
     if len(filled) == 1 and len(start) < HEAD_BYTES:
@@ -90,6 +84,14 @@ def read_header(path: Path) -> TextFile:
     names = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
     decimals = (",", ".") if separator == ";" else (".",)
     return TextFile(path, separator, tuple(name.strip() for name in names), filled[0] + 1, decimals)
+
+
+def _decoded(line: bytes) -> str:
+    """Return a header line of UTF-8, or of Windows in western Europe, where spreadsheets save in that unless asked."""
+    try:
+        return line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return line.decode("cp1252", errors="replace")
 
 
 def index_rows(file: TextFile, blanks: bool) -> RowIndex:
@@ -192,7 +194,7 @@ def read_columns(
     """Return the labelled columns as Arrow columns: those in `numeric` of floats, null or NaN where a cell is missing.
 
     The cells are converted while parsing; only where that fails are they looked at one by one. The column `time` may
-    hold dates instead, as ISO 8601 writes them (2026-11-22 13:05:01.25).
+    hold dates instead: Arrow parses those of ISO 8601 (2026-11-22 13:05:01.25), `from_text` other ones.
 
     Args:
         file: or a part of one.
@@ -214,6 +216,11 @@ def read_columns(
             return _parse(file, kinds, decimal)
         except pa.ArrowInvalid:
             continue  # what follows finds the cells at fault, or reads those that only Arrow refuses ("+1")
+    if time is not None:
+        for decimal in file.decimals:
+            with contextlib.suppress(pa.ArrowInvalid, InputError):
+                found = _parse(file, {**types, time: pa.string()}, decimal)
+                return {**found, time: from_text(found[time], time, file.path.name)}
     cells = _parse(file, dict.fromkeys(types, pa.binary()), ".", threads=False)
     texts = {label: [cell.decode(errors="replace") for cell in cells[label].to_pylist()] for label in labels}
     faults = {mark: {label: _faults(texts[label], mark) for label in numeric} for mark in file.decimals}
@@ -221,7 +228,7 @@ def read_columns(
     columns: dict[str, Sequence[object]] = dict(texts)
     for label in numeric:
         if rows := faults[decimal][label]:
-            _refuse_cells(file, label, texts[label], rows)
+            _refuse_cells(file, label, texts[label], rows, label == time)
         columns[label] = [_float(cell, decimal) for cell in texts[label]]
     return {label: pa.chunked_array([pa.array(columns[label], types[label])]) for label in labels}
 
@@ -288,14 +295,14 @@ def _float(cell: str, decimal: str) -> float:
     return float("nan") if plain in MISSING else float(plain)
 
 
-def _refuse_cells(file: TextFile, label: str, cells: Sequence[str], rows: list[int]) -> None:
+def _refuse_cells(file: TextFile, label: str, cells: Sequence[str], rows: list[int], times: bool) -> None:
     lines = _line_numbers(file, rows[:3])
     shown = ", ".join(f"line {line}: {cells[row][:40]!r}" for line, row in zip(lines, rows, strict=False))
     more = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
     units = rows == [0] and file.first == 0
     hint = "delete that line if it holds units or a comment" if units else "empty cells and NaN count as missing"
     if DATE.match(cells[rows[0]]):
-        hint = "dates are read as 2024-01-31 12:00:00.5, the year first"
+        hint = date_hint(cells[rows[0]]) if times else "dates are read in the column of the time alone"
     raise InputError(f"column {label!r} in {file.path.name} has cells that are not numbers ({shown}{more}); {hint}")
 
 

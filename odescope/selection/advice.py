@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from odescope.recordings.checks import degrees_hints
+from odescope.recordings.checks import degrees_hints, order_hints
 from odescope.recordings.record import Records
 from odescope.regression.problem import Problem
 from odescope.signals.estimate import Signals
@@ -25,7 +25,12 @@ def advice(records: Records, signals: Signals, problems: Sequence[Problem]) -> t
         signals: what was found in them.
         problems: one a target; there may be none.
     """
-    said = [*degrees_hints(records, signals.coordinates), *_whole_numbers(records), *_too_short(signals, problems)]
+    said = [
+        *degrees_hints(records, signals.coordinates),
+        *order_hints(signals.coordinates),
+        *_whole_numbers(records),
+        *_too_short(signals, problems),
+    ]
     return tuple(dict.fromkeys([*said, *_rates_given(signals), *_closed_loops(signals)]))
 
 

@@ -12,8 +12,9 @@ import msgspec
 
 from odescope.arrays import Table
 from odescope.errors import InputError
+from odescope.recordings.checks import is_degrees
 from odescope.recordings.frames import table_names
-from odescope.recordings.headings import Heading, find_label, time_unit
+from odescope.recordings.headings import Heading, find_label, is_unit, time_unit
 from odescope.recordings.readers import column_names, find_files
 from odescope.recordings.record import Records
 from odescope.study.options import Driven, Measured, Study
@@ -73,6 +74,35 @@ def with_labels(study: Study, labels: Sequence[str], source: str) -> Study:
             )
         readers[label] = name
     return msgspec.structs.replace(study, data=data, coordinates=coordinates, inputs=inputs)
+
+
+def contradicted_headings(study: Study) -> tuple[str, ...]:
+    """Return a sentence for each unit of a study, as settled, that is not the one in the heading of its column.
+
+    Single ones alone are compared: m/s and m s^-1 are spelled differently and the same.
+    """
+    own = study.data
+    said = []
+    if own.time is not None and (headed := time_unit(own.time)) not in (None, own.time_unit):
+        said.append(f"the heading {own.time!r} says {headed}, and the study {own.time_unit or 's'}, which was believed")
+    measured = [(c.column or name, c.unit) for name, c in study.coordinates.items()]
+    driven = [(i.column or name, i.unit) for name, i in study.inputs.items() if not isinstance(i.column, tuple)]
+    for label, unit in (*measured, *driven):
+        there = Heading.of(label).unit
+        if there is not None and unit is not None and _single(there) and _single(unit) and not _alike(there, unit):
+            said.append(
+                f"the heading {label!r} says {there}, and the study {unit}: values are as in the file, in {there} if"
+                " the heading is right"
+            )
+    return tuple(said)
+
+
+def _single(unit: str) -> bool:
+    return is_unit(unit) and unit.isalpha()
+
+
+def _alike(one: str, other: str) -> bool:
+    return one.casefold() == other.casefold() or (is_degrees(one) and is_degrees(other))
 
 
 def _label(name: str, column: str | None, labels: Sequence[str], source: str) -> tuple[str | None, str | None]:

@@ -206,8 +206,9 @@ def test_export_text_and_latex(run):
     assert [line.split()[:3] for line in errors] == [["#", "x_ddot", term] for term in ("x", "x_dot", "u")]
     assert all(" +- " in line for line in errors)
     assert run("export", "run/model.json", "--to", "latex").out.startswith(r"\ddot{x} = ")
+    assert run("export", "run").out == run("export", "run/model.json").out
     assert "latex, mathml, " in run.refused("export", "run/model.json", "--to", "pythn")
-    for name, part in (("gone.json", "No such file"), ("run", "Is a directory"), ("run.csv", "not a model")):
+    for name, part in (("gone.json", "No such file"), (".", "No such file"), ("run.csv", "not a model")):
         assert part in run.refused("export", name)
         assert part in run.refused("simulate", name, "run.csv")
 

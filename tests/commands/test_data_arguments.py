@@ -119,7 +119,7 @@ def test_arguments_make_the_study_that_they_say(logs):
     [
         (("--gaps", "jump"), "--gaps jump: expected one of bridge, split, refuse"),
         (("--delay", "x=0.1"), "--delay x=0.1: 'x' is no --input; there are: u"),
-        (("--delay", "u"), "--delay u: "),
+        (("--delay", "u"), "--delay u: expected INPUT=SECONDS, such as u=0.02"),
         (("--delay", "u=soon"), "expected INPUT=SECONDS, such as u=0.02, or u=estimate"),
         (("--delay", "u=inf"), 'delay must be a number of seconds, "auto" or "estimate", got inf'),
         (("--degree", "2"), "--degree is that of a basis: name its functions"),

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from logs import pendulum, write
+from logs import oscillator, pendulum, write
 
-from odescope.recordings.checks import degrees_hints
+from odescope.recordings.checks import degrees_hints, order_hints
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, in_radians
 from odescope.study.options import Data, Driven, LikelihoodSearch, Measured, Study
@@ -106,3 +106,26 @@ def test_a_range_that_degrees_would_have_is_pointed_out(angle, unit, hinted):
     said = degrees_hints(records, [Coordinate("phi", 2, angle=True, unit=unit)])
     assert bool(said) is hinted
     assert all('unit = "deg" in [coordinates.phi]' in line for line in said)
+
+
+def test_a_position_whose_equation_is_of_order_1_is_pointed_out(odescope):
+    t, x, u = oscillator(600).values()
+    write("run.csv", {"time (ms)": 1e3 * t, "x (mm)": x, "u": u})
+    options = '[likelihood]\nbudget = 0.2\n[coordinates.x]\nunit = "m"\n[inputs.u]\nhold = "linear"\n'
+    Path("s.toml").write_text(f'[data]\nfiles = ["run.csv"]\ntime = "time"\n{options}')
+    ended = odescope("identify", "s.toml")
+    assert "of order 1: if it is a position that forces move, give order = 2 in [coordinates.x]" in ended.err
+    Path("s.toml").write_text(Path("s.toml").read_text().replace("[coordinates.x]", "[coordinates.x]\norder = 2"))
+    ended = odescope("identify", "s.toml")
+    assert ended.code == 0
+    assert "of order 1" not in ended.err
+    assert "'x (mm)' says mm, and the study m" in ended.err
+    assert odescope("report", "s/report.html").code == 0
+    ended = odescope("validate", "s", "run.csv")
+    assert (ended.code, ended.out.count("free run")) == (0, 1)
+
+
+def test_only_a_length_or_an_angle_of_order_1_may_be_a_position():
+    assert order_hints([Coordinate("level", unit="bar"), Coordinate("x", 2, unit="mm")]) == ()
+    (said,) = order_hints([Coordinate("x", unit="mm"), Coordinate("T", unit="K")])
+    assert said.startswith("the equation of x, in mm, is of order 1")

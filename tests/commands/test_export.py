@@ -41,6 +41,12 @@ def test_c_takes_a_folder(export):
     assert "--out" in err
 
 
+def test_a_folder_of_results_stands_for_its_model(export):
+    assert export(".") == export("model.json")
+    code, _, err = export(os.pardir)
+    assert (code, err.count("cannot read the model ../model.json")) == (2, 1)
+
+
 def test_a_folder_with_files_is_left_alone_unless_forced(export):
     Path("plant").mkdir()
     Path("plant/mine.c").write_text("mine")

@@ -63,6 +63,26 @@ def test_a_study_that_is_there_is_only_replaced_by_force(odescope):
     assert "x = { order = 2 }" in Path("run.toml").read_text()
 
 
+@pytest.mark.parametrize(("name", "said"), [("Datum/Zeit", "Datum/Zeit"), ("logged", "logged"), ("Uhrzeit", "Uhrzeit")])
+def test_a_column_of_dates_is_the_time(here, odescope, name, said):
+    rows = [f"{k // 60:02}:{k % 60:02};{x:.4f};0\n" for k, x in enumerate(motion(3)[:1000].tolist())]
+    date = "08:" if name == "Uhrzeit" else "31.01.2024 08:"
+    text = f"Größe;{name};x (mm);Datum\n" + "".join(f"1;{date}{row[:-3]};31.01.2024\n" for row in rows)
+    Path("log.csv").write_bytes(text.replace(".", ",").replace(date.replace(".", ","), date).encode("cp1252"))
+    assert odescope("init", "log.csv").code == 0
+    written = Path("log.toml").read_text()
+    assert parse_study(written).data.time == said
+    assert "one every 1 s, 999 s in all" in written
+    assert "Datum: dates" in written
+
+
+def test_times_that_cannot_be_read_are_told_with_what_can(here, odescope):
+    rows = [f"31/01/2024 08:{k // 60:02}:{k % 60:02},{x:.4f}\n" for k, x in enumerate(motion(3)[:600].tolist())]
+    Path("log.csv").write_text("Time,x (mm)\n" + "".join(rows))
+    assert odescope("init", "log.csv").code == 0
+    assert "#   Time: no numbers, or none; dates are read as 2024-01-31 12:00:00.5" in Path("log.toml").read_text()
+
+
 @pytest.mark.parametrize(
     ("label", "turn", "said", "degrees"),
     [

@@ -210,6 +210,17 @@ def test_dates_are_times(unit):
         assert run.t[0] == pytest.approx(1795352700.0)
 
 
+def test_dates_in_a_table_may_be_text():
+    seconds = np.arange(N)
+    text = [f"31.01.2024 08:00:{k:02}" for k in seconds.tolist()]
+    for data in (pd.DataFrame({**TABLE, "t": text}), pa.table({**TABLE, "t": text}), {**TABLE, "t": text}):
+        (run,) = records_from(data, LAYOUT)
+        assert run.t == pytest.approx(1706688000.0 + seconds, abs=1e-6)
+    text[5] = "01/02/2024 08:00:05"
+    with pytest.raises(InputError, match="'t' in the data holds text that is no time, such as '01/02/2024"):
+        records_from(pd.DataFrame({**TABLE, "t": text}), LAYOUT)
+
+
 def test_kinds_of_numbers_become_floats():
     data = {"t": np.arange(20, dtype=">i4"), "x": np.arange(20) % 2 == 0, "force": np.arange(20, dtype=np.float16)}
     (run,) = records_from(data, LAYOUT)

@@ -155,6 +155,12 @@ def test_input_refuses_other_holds():
         ([Coordinate("x", order=2)], [Input("x_dot")], "'x_dot' is used twice: by coordinate 'x' and by input 'x_dot'"),
         ([Coordinate("x")], [Input("x_dot")], "'x_dot' is used twice"),  # the target is a name as well
         ([Coordinate("x", unit="Deg", angle=True)], [], "'x' has the unit 'Deg', but angles are in radians"),
+        (
+            [Coordinate("x", unit="mm", angle=True)],
+            [],
+            "'x' is said to be an angle, and to be in mm: a length is no angle",
+        ),
+        ([Coordinate("x", unit="mrad", angle=True)], [], "to be in mrad: angles are in radians here, or in degrees"),
         ([Coordinate("wheel", angle=True)], [], "looks like degrees"),
         ([Coordinate("vast")], [], r"'vast' has values as large as 1e\+40"),
         ([Coordinate("y")], [], "no column 'y'"),

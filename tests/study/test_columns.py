@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from odescope.errors import InputError
-from odescope.study.columns import settled_columns, with_labels
+from odescope.study.columns import contradicted_headings, settled_columns, with_labels
 from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import parse_study, study_toml
 
@@ -27,6 +27,27 @@ def test_labels_and_units_are_taken_over():
     assert found.layout().time_unit == "ms"
     assert with_labels(found, LABELS, "run.csv") == found
     assert parse_study(study_toml(found)) == found
+
+
+@pytest.mark.parametrize(
+    ("x", "u", "time", "said"),
+    [
+        ("m", "V", "ms", []),
+        (None, None, None, []),
+        ("M", "volts/2", "ms", []),
+        ("mm", "V", "ms", ["'x (m)' says m, and the study mm"]),
+        ("m", "mV", "s", ["'time (ms)' says ms, and the study s", "'u [V]' says V, and the study mV"]),
+    ],
+)
+def test_a_study_that_contradicts_a_heading_is_pointed_out(x, u, time, said):
+    study = Study(
+        data=Data(time="time", time_unit=time),
+        coordinates={"x": Measured(order=2, unit=x), "phi": Measured(column="Angle", angle=True, unit="°")},
+        inputs={"u": Driven(unit=u)},
+    )
+    found = contradicted_headings(with_labels(study, LABELS, "run.csv"))
+    assert len(found) == len(said)
+    assert all(part in sentence for part, sentence in zip(said, found, strict=True))
 
 
 def test_either_spelling_of_a_column_is_the_same():

@@ -1,0 +1,81 @@
+"""Times that are text: dates and clocks, as loggers and spreadsheets write them."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from odescope.errors import InputError
+
+if TYPE_CHECKING:
+    from pyarrow import ChunkedArray
+
+MISSING = ("", " ", "NA", "N/A", "NaN", "nan", "NAN", "null", "NULL")
+DATE = re.compile(r"\s*(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}\b|\d{1,2}:\d{2}\b)", re.ASCII)
+FORMS = "dates are read as 2024-01-31 12:00:00.5 or 31.01.2024 12:00:00,5, clocks as 12:00:00.5"
+SLASHES = "31/01/2024 is not read, as 01/02/2024 may be two days"
+_ISO = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d(:\d\d(\.\d+)?)?Z?", re.ASCII)
+# To ISO 8601, one after the other. Where dots stand between, the day comes first in every country that writes so.
+_TO_ISO = (
+    (r"^\s+|\s+$", ""),
+    (r"(\d),(\d)", r"\1.\2"),
+    (r"^(\d{1,2}:)", r"1970-01-01 \1"),
+    (r"^(\d)\.", r"0\1."),
+    (r"^(\d\d)\.(\d)\.", r"\1.0\2."),
+    (r"^(\d\d)\.(\d\d)\.(\d{4})\b", r"\3-\2-\1"),
+    (r"^(\d{4})[./](\d\d)[./](\d\d)\b", r"\1-\2-\3"),
+    (r"^(\S+)[ T]+(\d):", r"\1 0\2:"),
+)
+
+
+def is_text(column: ChunkedArray) -> bool:
+    """Return whether the cells of a column are text."""
+    import pyarrow as pa
+
+    return bool(pa.types.is_string(column.type) or pa.types.is_large_string(column.type))
+
+
+def is_dates(column: ChunkedArray) -> bool:
+    """Return whether a column holds dates: instants, or text that was read as such."""
+    import pyarrow as pa
+
+    return bool(pa.types.is_timestamp(column.type)) or is_text(column)
+
+
+def from_text(column: ChunkedArray, label: str, source: str) -> ChunkedArray:
+    """Return a column of text as instants, null where a cell is missing; clocks are those of the first day of 1970.
+
+    Args:
+        column: of dates, the year or the day first, or of clocks.
+        label: its name, for messages.
+        source: where it came from, for messages.
+
+    Raises:
+        InputError: a cell is neither.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    text = pc.if_else(pc.is_in(column, pa.array(MISSING, column.type)), pa.scalar(None, column.type), column)
+    for pattern, written in _TO_ISO:
+        text = pc.replace_substring_regex(text, pattern, written)
+    for zone in (None, "UTC"):
+        with contextlib.suppress(pa.ArrowInvalid):
+            return text.cast(pa.timestamp("ns", zone))
+    shown = next((cell for cell, iso in _cells(column, text) if not _ISO.fullmatch(iso)), column.drop_null()[0].as_py())
+    raise InputError(
+        f"column {label!r} in {source} holds text that is no time, such as {shown[:40]!r}; {date_hint(shown)}"
+    )
+
+
+def _cells(column: ChunkedArray, text: ChunkedArray) -> Iterator[tuple[str, str]]:
+    """Yield the cells that are not missing, as they were and as they were written anew."""
+    pairs = zip(column.to_pylist(), text.to_pylist(), strict=True)
+    return ((cell, iso) for cell, iso in pairs if iso is not None)
+
+
+def date_hint(cell: str) -> str:
+    """Return what is said of a time that cannot be read."""
+    return f"{FORMS}; {SLASHES}" if re.search(r"\d/\d", cell) else FORMS
