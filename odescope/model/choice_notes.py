@@ -106,7 +106,7 @@ def _of_the_path(path: Sequence[PathScore]) -> Iterator[str]:
     )
     yield (
         f"left out on the way back from {first.terms} terms to {last.terms}"
-        f"{errors and f', free-run error {errors}'}: {listed(told)}"
+        f"{errors and f', free-run error {errors}'}: {listed(told)}; [likelihood] terms = {first.terms} keeps them"
     )
 
 

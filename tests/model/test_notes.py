@@ -194,7 +194,8 @@ def test_what_the_path_left_out_is_listed_with_its_evidence_the_strongest_first(
     (note,) = said(ModelScores(path=path_of(5, 2)))
     assert note == (
         "left out on the way back from 20 terms to 18, free-run error 0.01 with them, 0.012 without:"
-        " x**2 in potential (2 standard errors) and x**1 in potential (1 standard errors)"
+        " x**2 in potential (2 standard errors) and x**1 in potential (1 standard errors);"
+        " [likelihood] terms = 20 keeps them"
     )
     (note,) = said(ModelScores(path=path_of(12, 10)))
     assert note.count("standard errors") == TOLD
