@@ -200,7 +200,7 @@ def test_what_the_path_left_out_is_listed_with_its_evidence_the_strongest_first(
     (note,) = said(ModelScores(path=path_of(12, 10)))
     assert note.count("standard errors") == TOLD
     assert "x**10 in potential (10 standard errors), x**9" in note
-    assert note.endswith("x**5 in potential (5 standard errors) and 4 more")
+    assert note.endswith("x**5 in potential (5 standard errors) and 4 more; [likelihood] terms = 20 keeps them")
     much = msgspec.structs.replace(path_of(2, 1)[1], statistic=1.331e7)
     assert "x**1 in potential (3648 standard errors)" in said(ModelScores(path=(path_of(2, 1)[0], much)))[0]
 
