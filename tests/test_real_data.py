@@ -24,7 +24,9 @@ ACCEPTED = {
 }
 
 
-@pytest.mark.parametrize("name", ACCEPTED)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "double_pendulum" else n for n in ACCEPTED]
+)
 def test_dominant_coefficients(name: str) -> None:
     if not DATA.is_dir():
         pytest.skip("set ODESCOPE_DATA to the folder of the recordings")

@@ -107,6 +107,7 @@ def recorded(noise, seed):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_settings_are_found_with_errors_that_hold():
     off = []
     for seed in range(12):
