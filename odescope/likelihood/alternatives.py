@@ -388,7 +388,7 @@ def alternative(refinement: Refinement, suspected: Sequence[Suspicion], plain: i
     if standing is None:
         return None
     standing, price = work.exchanged(standing), work.moves().penalised
-    before = work.tightened(found.theta) if refinement.follows and refinement.process is None else None
+    before = work.tightened(found.theta) if refinement.exact else None
     gain = None if before is None else price(before) - price(standing.fit)
     if gain is not None and gain > EVIDENT and work.holds_functions(standing.fit):
         return work.told(standing.fit, None, gain, plain)

@@ -23,7 +23,7 @@ WORTH = 3.0  # times the least error: but what a term improves as much is physic
 TELLING = 0.1  # standard deviations: where even the best free run is further from the record, runs tell little of terms
 QUICK = 2  # steps of a fit without a mechanism, which are enough
 FORETOLD = 1.1  # if they raise the cost by no more than so many times its Wald statistic, as in a linear model
-FAR = 10  # steps of other fits where none of their models will be chosen, and
+FAR = 10  # steps of other fits where they are rough, and
 NEAR = 0.01  # of what the cost is above that of the longest: how near they come
 TENTH = 0.1  # of the least error: where free runs tell little, no more than that is given away for fewer terms
 
@@ -73,7 +73,7 @@ class ModelPath:
             seen: the space without what is held out.
             found: the longest model, fitted there.
             defect_std: (n,) standard deviations of the defects between segments.
-            rough: whether models that lack much are fitted to a part of what they lack, because none will be chosen.
+            rough: whether models that lack much are fitted to a part of what they lack: what is chosen is fitted anew.
         """
         steps = [_step(seen, found)]
         while not seen.budget.over:

@@ -85,6 +85,16 @@ class Refinement:
         """Whether the model, with process noise if it has any, describes the record: its errors can then be stated."""
         return self.process is not None or joined(self.outcome)
 
+    @property
+    def exact(self) -> bool:
+        """Whether the model follows the record to within its noise, without any of the process."""
+        return self.process is None and joined(self.outcome)
+
+    @property
+    def free_run_error(self) -> float:
+        """Error of free runs over what is held out, in standard deviations; infinite where none were made."""
+        return np.inf if self.path is None else self.path.choice.error
+
 
 def refine(
     records: Records,

@@ -90,6 +90,11 @@ class Contender:
         return self.refinement is not None and self.refinement.follows
 
     @property
+    def exact(self) -> bool:
+        """Whether it follows the record to within its noise."""
+        return self.refinement is not None and self.refinement.exact
+
+    @property
     def clear(self) -> bool:
         """Whether it follows the record to within its noise, and no term of it is in doubt."""
         return self.refinement is not None and self.refinement.process is None and self.refinement.outcome.clear
@@ -163,8 +168,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         if model is not None:
             contender = _contender(posed, model, refinement, done)
             # Of what regression finds no law in, process noise explains anything: it has to run freely, too.
-            exact = contender.follows and refinement is not None and refinement.process is None
-            if regressed.failure is None or exact or (contender.follows and contender.free_run < LOST):
+            if regressed.failure is None or contender.exact or (contender.follows and contender.free_run < LOST):
                 contenders.append(contender)
     if not contenders:
         stage = "likelihood" if work.study.likelihood.enabled else "regression"
@@ -196,7 +200,7 @@ def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regres
 
 def best_of(contenders: Sequence[Contender]) -> Contender:
     """Return the one to keep: by likelihood among those that follow the record to its noise, else by free runs."""
-    exact = [c for c in contenders if c.refinement is not None and c.follows and c.refinement.process is None]
+    exact = [c for c in contenders if c.exact]
     if exact:
         return min(exact, key=lambda c: np.inf if c.refinement is None else c.refinement.outcome.penalised)
     able = [c for c in contenders if c.follows] or list(contenders)
@@ -231,9 +235,8 @@ def _contender(posed: Posed, model: Model, refinement: Refinement | None, others
         others: what the likelihood led to in other forms.
     """
     if refinement is not None:
-        path, count = refinement.path, len(refinement.fit.free)
-        error = np.inf if path is None else path.choice.error
-        return Contender(posed.form, model, refinement, posed.left_out, count, error)
+        count = len(refinement.fit.free)
+        return Contender(posed.form, model, refinement, posed.left_out, count, refinement.free_run_error)
     theta = posed.starts[0].coefficients if posed.proposal is None else posed.proposal
     spaces = [other.space.among(posed.mechanisms) for other in others[:1]]
     error = float(np.sqrt(free_run_error(spaces[0], theta))) if spaces else np.inf

@@ -141,7 +141,7 @@ class Identification:
         return tuple(replace(m, domain=self.model.domain, provenance=self.model.provenance) for m in models)
 
     def with_terms(self, terms: int) -> Identification:
-        """Return the result with the model on the path that has so many terms; nothing is computed anew.
+        """Return the result with the model on the path that has so many terms; only its free runs are made anew.
 
         Raises:
             InputError: there is no such model on the path.

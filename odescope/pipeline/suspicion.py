@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from odescope.events import Progress
 from odescope.library.readable import readable
 from odescope.likelihood.alternatives import EVIDENT, Alternative, alternative
@@ -51,23 +49,19 @@ def with_suspected(
         other = refine_form(work, filtered, wide)
         better = other if other is not None and replaces(other, refinement) else None
     kept = better or refinement
-    left = {(s.relation, s.variable): s.terms for s in suspicions(kept, work.study.suspects)}
+    rest = suspected if better is None else suspicions(better, work.study.suspects)
+    left = {(s.relation, s.variable): s.terms for s in rest}
     return kept, tuple(
         _scored(replace(s, terms=left.get((s.relation, s.variable), 0)), k, found, kept)
         for k, s in enumerate(suspected)
     )
 
 
-def _exact(refinement: Refinement) -> bool:
-    """Say whether a model follows its record to within the noise."""
-    return refinement.follows and refinement.process is None
-
-
 def _promises(refinement: Refinement, found: Alternative) -> bool:
     """Say whether a model with functions may be better than the one without."""
     if not found.mechanisms:
         return False
-    if _exact(refinement):
+    if refinement.exact:
         return found.gain is not None and found.gain > EVIDENT
     return found.outcome is not None and found.outcome.rank < refinement.outcome.rank
 
@@ -78,16 +72,11 @@ def replaces(other: Refinement, refinement: Refinement) -> bool:
     Where the other did not, what the record lacks for a law may be put down to functions, so these must run freely no
     worse over what is held out.
     """
-    if not _exact(other):
+    if not other.exact:
         return False
-    if _exact(refinement):
+    if refinement.exact:
         return other.outcome.penalised < refinement.outcome.penalised
-    return _free_run(other) <= _free_run(refinement)
-
-
-def _free_run(refinement: Refinement) -> float:
-    """Return the error of free runs over what is held out, infinite where none were made."""
-    return np.inf if refinement.path is None else refinement.path.choice.error
+    return other.free_run_error <= refinement.free_run_error
 
 
 def _scored(suspicion: Suspicion, number: int, found: Alternative | None, kept: Refinement) -> SuspicionScore:

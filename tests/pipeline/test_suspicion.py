@@ -114,25 +114,20 @@ def test_what_is_fixed_by_name_is_not_suspected():
     assert parse_study(study_toml(study(suspect=False))) == study(suspect=False)
 
 
-def ending(follows, noisy, penalised, error):
+def ending(exact, penalised, error):
     """Return what the choice between two ends of a likelihood stage looks at."""
-    return SimpleNamespace(
-        follows=follows,
-        process=object() if noisy else None,
-        outcome=SimpleNamespace(penalised=penalised),
-        path=None if error is None else SimpleNamespace(choice=SimpleNamespace(error=error)),
-    )
+    return SimpleNamespace(exact=exact, outcome=SimpleNamespace(penalised=penalised), free_run_error=error)
 
 
 @pytest.mark.parametrize(
     ("before", "after", "replaced"),
     [
-        (ending(True, False, 100.0, 0.01), ending(True, False, 80.0, 0.02), True),
-        (ending(True, False, 100.0, 0.01), ending(True, False, 101.0, 0.005), False),
-        (ending(True, True, 100.0, 0.01), ending(True, False, 80.0, 0.009), True),
-        (ending(True, True, 100.0, 0.01), ending(True, False, 80.0, 0.02), False),  # many terms, and none is physics
-        (ending(True, True, 100.0, 0.01), ending(True, True, 80.0, 0.001), False),
-        (ending(False, False, 100.0, None), ending(True, False, 80.0, 0.3), True),
+        (ending(True, 100.0, 0.01), ending(True, 80.0, 0.02), True),
+        (ending(True, 100.0, 0.01), ending(True, 101.0, 0.005), False),
+        (ending(False, 100.0, 0.01), ending(True, 80.0, 0.009), True),
+        (ending(False, 100.0, 0.01), ending(True, 80.0, 0.02), False),  # many terms, and none is physics
+        (ending(False, 100.0, 0.01), ending(False, 80.0, 0.001), False),
+        (ending(False, 100.0, np.inf), ending(True, 80.0, 0.3), True),
     ],
 )
 def test_functions_replace_what_does_not_follow_the_record_only_if_they_run_freely_no_worse(before, after, replaced):
