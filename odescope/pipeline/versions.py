@@ -59,7 +59,10 @@ def best_version(
         InputError: the inputs are not offered in equally many columns.
         NoModelError: no columns lead to a model.
     """
-    versions, ends, failures, last = versions_of(study), list[tuple[Result, Contender] | None](), [], list[Event]()
+    versions = versions_of(study)
+    if len(versions) == 1:
+        return run(study, monitor)[0], ()
+    ends, failures, last = list[tuple[Result, Contender] | None](), [], list[Event]()
 
     def tell(event: Event) -> None:
         if isinstance(event, in_vain):
@@ -80,8 +83,6 @@ def best_version(
         raise failures[0]
     best = best_of([contender for _, contender in models])
     result = next(result for result, contender in models if contender is best)
-    if len(versions) == 1:
-        return result, ()
     ran = [None if end is None else end[1] for end in ends]
     return result, tuple(_score(study, v, c, c is best) for v, c in zip(versions, ran, strict=True))
 
