@@ -11,12 +11,14 @@ from odescope.recordings.gaps import GAP_PERIODS, RawRun
 from odescope.recordings.local_spline import fit_smooth
 
 EXACT_PERIODS = 1e-6  # deviations below this are the rounding of the clock's last digits
+EXACT_STEPS = 0.1  # periods by which steps may differ from whole ones: what counts is the grid that they add up to
 AHEAD = 16  # rows that must come later than expected before some are missing: a late one alone is late
 REGULAR = -0.25  # lag-1 autocorrelation of steps: -1/2 is a regular clock read with jitter, 0 irregular sampling
 DRIFT = 256  # samples over which a clock keeps its rate
 SURE = 3.0  # standard deviations of chi-squared beyond which a clock is seen to drift
 FAR = 4.0  # standard deviations of jitter: what is further away is not the jitter of reading, but a late sample
 LATE = 0.05  # periods: what is nearer to its regular time is not late, however regular the clock
+MEASURED = 0.25  # of the points of a grid that a clock of whole steps lies on: of fewer the steps fit by chance
 ROUNDS = 3  # of fitting a line less what is far from it
 TRUE_STAMPS = 0.5  # slope of residuals on motion: 1 if stamps say when samples were taken, 0 if they only jitter
 
@@ -50,6 +52,27 @@ def sample_numbers(t: FloatArray) -> IntArray:
     least = np.lib.stride_tricks.sliding_window_view(padded, AHEAD).min(axis=1)
     lost = np.maximum(np.rint(np.diff(least, prepend=0.0)), 0.0).astype(np.int64)
     found: IntArray = numbers + np.cumsum(lost)
+    return found
+
+
+def whole_steps(t: FloatArray) -> IntArray | None:
+    """Return the number (n,) of each sample where rows of a regular clock are lost all over, None where that is not so.
+
+    Steps are then whole multiples of the shortest, whatever their mean: many are longer, and come later for good. A
+    clock that ticks coarsely and is read with jitter has such steps, too, but what comes late is made up for by the
+    next.
+    """
+    steps = np.diff(t)
+    shortest = float(steps.min())
+    whole = np.rint(steps / shortest)
+    period = float(t[-1] - t[0]) / float(whole.sum())
+    if len(t) < MEASURED * whole.sum() or np.abs(steps - whole * period).max() > EXACT_STEPS * period:
+        return None
+    regular = sample_numbers(t)
+    rest = t - t[0] - (t[-1] - t[0]) / regular[-1] * regular
+    if _autocorrelation(rest, regular, np.zeros(len(t), dtype=np.bool_)) < REGULAR:
+        return None
+    found: IntArray = np.concatenate([[0], np.cumsum(whole)]).astype(np.int64)
     return found
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
 from odescope.recordings.between_samples import looks_held, on_polygon
-from odescope.recordings.clock import EXACT_PERIODS, read_clock, sample_numbers
+from odescope.recordings.clock import EXACT_PERIODS, read_clock, sample_numbers, whole_steps
 from odescope.recordings.gaps import RawRun
 from odescope.recordings.local_spline import fit_smooth
 from odescope.recordings.record import Record, within
@@ -42,9 +42,13 @@ def uniform(
     """
     numbers = sample_numbers(run.t)
     grid, deviation = _nearest_grid(run.t, numbers)
-    period = float(grid[-1] - grid[0]) / (len(grid) - 1)
-    if deviation <= EXACT_PERIODS * period or deviation <= 0.5 * _clock_tick(run.t):
+    if not _lies_on(run.t, grid, deviation) and (lost := whole_steps(run.t)) is not None:
+        finer, less = _nearest_grid(run.t, lost)
+        if _lies_on(run.t, finer, less):
+            numbers, grid, deviation = lost, finer, 0.0
+    if _lies_on(run.t, grid, deviation):
         return on_grid(run, grid[numbers], grid, numbers, held, inputs)
+    period = float(grid[-1] - grid[0]) / (len(grid) - 1)
     if jitter is not None and deviation > jitter * period:
         raise InputError(
             f"the sampling is not uniform{within(run.source)}: it deviates by {deviation / period:.3g} sample "
@@ -166,6 +170,18 @@ def _nearest_grid(t: FloatArray, numbers: IntArray) -> tuple[FloatArray, float]:
     best = int(np.argmin(np.ptp(heights, axis=1)))
     middle = (heights[best].max() + heights[best].min()) / 2
     return chord + scale * (middle + slopes[best] * index), scale * float(np.ptp(heights[best])) / 2
+
+
+def _lies_on(t: FloatArray, grid: FloatArray, deviation: float) -> bool:
+    """Say whether stamps that deviate so much from a uniform grid lie on it but for their last digits.
+
+    Args:
+        t: (n,) the stamps.
+        grid: (N,) uniform.
+        deviation: the largest.
+    """
+    rounding = EXACT_PERIODS * float(grid[-1] - grid[0]) / (len(grid) - 1)
+    return deviation <= rounding or deviation <= 0.5 * _clock_tick(t)
 
 
 def _clock_tick(t: FloatArray) -> float:
