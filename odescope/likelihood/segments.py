@@ -26,6 +26,7 @@ OVERSAMPLING = 8  # block averages a period of the highest cutoff
 SEGMENT = 25  # block averages a segment
 SHORT = 6  # block averages of a segment in which a model that lacks most is not lost
 LEAST_SEGMENT = 4
+FEW = 200  # averages in all: of fewer the residual variance, by which a model is judged, scatters by more than a tenth
 DIFFERENCE = 0.02  # samples: of the difference quotient that says how an input changes with its delay
 LARGEST = 60_000  # averages in all: of longer logs the likelihood takes the first part of every record, to bound memory
 
@@ -214,7 +215,8 @@ def _block(records: Records, signals: Signals, period: float) -> int:
     if any(i.hold == "zero" for i in signals.inputs):
         return 1  # what a held input does between its switches is not in an average over several of them
     block = max(1, int(1.0 / (OVERSAMPLING * max(c.cutoff for c in signals.channels) * period)))
-    block = max(1, min(block, min(len(r) for r in records) // (4 * LEAST_SEGMENT)))
+    enough = sum(len(r) for r in records) // FEW
+    block = max(1, min(block, enough, min(len(r) for r in records) // (4 * LEAST_SEGMENT)))
     return block - (block + 1) % 2  # the centre of an odd block is a sample, at which the filtered signal is known
 
 

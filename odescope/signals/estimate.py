@@ -19,6 +19,7 @@ from odescope.signals.noise import least_noise
 from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, differentiate, differentiate_smoothly
 
 OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
+FEW = 1000  # samples of all records that are not thinned out: it would save nothing
 INPUT_BAND = 0.9  # of half the decimated rate: where inputs end
 SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below the cutoff
 
@@ -106,7 +107,8 @@ def estimate_signals(
         floors.append(least_noise(measured, derivatives.noise))
         found.append(replace(derivatives, noise=max(derivatives.noise, floors[-1])))
         _check_signal(records, c, found[-1], period)
-    stride = max(1, int(1.0 / (period * OVERSAMPLING * max(d.cutoff for d in found)))) if decimate else 1
+    enough = max(1, records.samples // FEW)
+    stride = min(enough, max(1, int(1.0 / (period * OVERSAMPLING * max(d.cutoff for d in found))))) if decimate else 1
     names = (*state_names(coordinates), *(c.target for c in coordinates), *(i.name for i in inputs))
     channels = tuple(
         Channel(c.name, d.noise, d.cutoff, floor) for c, d, floor in zip(coordinates, found, floors, strict=True)

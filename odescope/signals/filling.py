@@ -10,12 +10,16 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, Stretch
-from odescope.signals.differentiators import Derivatives, Differentiator, derivatives_like
+from odescope.signals.cutoff import LeastRisk
+from odescope.signals.differentiators import Derivatives, Differentiator, Spectral, derivatives_like
 from odescope.signals.noise import noise_level
-from odescope.signals.spectral import Spectrum
+from odescope.signals.spectral import TREND_DEGREE, Spectrum
+from odescope.signals.supported import bears_fits, supported_cutoff
 
 SPARSE = 0.5  # of the samples of the densest record in the same time
 BANDS = 4.0  # measured samples a period of the cutoff: the upper half of their band is then above it
+MANY = 300  # samples: the median power of half of the bins of fewer scatters by more than a tenth
+LEFT = 0.2  # of the samples, at least, as degrees of freedom of what a filter leaves
 ROUNDS = 8  # of filtering and filling in: a lost sample is settled after two, a gap of half a period after all
 
 
@@ -39,18 +43,62 @@ def measured_derivatives(records: Records, coordinate: Coordinate, differentiato
     counts = [run.counted(coordinate.name) for run in records]
     density = np.array([np.mean(n > 0.0) for n in counts])
     dense = [k for k, d in enumerate(density) if d >= SPARSE * density.max()]
-    found = differentiator.derivatives([channel[k] for k in dense], period, coordinate.order)
+    found = _supported(
+        differentiator, differentiator.derivatives([channel[k] for k in dense], period, coordinate.order),
+        [channel[k] for k in dense], [counts[k] for k in dense], period,
+    )  # fmt: skip
     values = dict(zip(dense, found.values, strict=True))
     sparse = [k for k in range(len(channel)) if k not in values]
     others = [channel[k] for k in sparse]
     like = derivatives_like(differentiator, found.cutoff, others, [False] * len(others), period, coordinate.order)
     values |= dict(zip(sparse, like, strict=True))
-    noise = found.noise
-    if density[dense].min() > BANDS * found.cutoff * period:
-        there = {k: counts[k] > 0.0 for k in dense}
-        rest = [(np.sqrt(counts[k]) * (channel[k] - values[k][0]))[there[k]] for k in dense]
-        noise = noise_level([Spectrum.of(r) for r in rest])
+    rest = [(np.sqrt(counts[k]) * (channel[k] - values[k][0]))[counts[k] > 0.0] for k in dense]
+    noise = _noise(rest, [len(channel[k]) for k in dense], found.cutoff * period, found.noise)
     return Derivatives(tuple(values[k] for k in range(len(channel))), noise, found.cutoff)
+
+
+def _supported(
+    differentiator: Differentiator,
+    found: Derivatives,
+    channel: Sequence[FloatArray],
+    counts: Sequence[FloatArray],
+    period: float,
+) -> Derivatives:
+    """Return values and derivatives with a cutoff no higher than the measured samples support, if nobody set it.
+
+    Args:
+        differentiator: of the channel.
+        found: what it returned.
+        channel: (N,) a record.
+        counts: (N,) measured samples behind each value.
+        period: of the grid.
+    """
+    by_risk = isinstance(differentiator, Spectral) and isinstance(differentiator.cutoff, LeastRisk)
+    if not by_risk or not bears_fits(counts):
+        return found
+    hertz = min(found.cutoff, supported_cutoff(channel, counts, period))
+    values = derivatives_like(differentiator, hertz, channel, [False] * len(channel), period, len(found.values[0]) - 1)
+    return Derivatives(tuple(values), found.noise, hertz)
+
+
+def _noise(rest: Sequence[FloatArray], lengths: Sequence[int], cutoff: float, before: float) -> float:
+    """Return the noise of a measured sample.
+
+    That is what a filter leaves of the measured samples, one after another, above the cutoff, if enough of their band
+    is there. Of few samples that scatters: the mean square of all that is left is then told apart from what the filter
+    took with it, as many degrees of freedom as it has cosines and powers.
+
+    Args:
+        rest: (n,) what is left of the measured samples of a record.
+        lengths: of the records, in points of the grid.
+        cutoff: in periods of the grid.
+        before: the noise that was found with the cutoff.
+    """
+    measured, points = sum(map(len, rest)), sum(lengths)
+    free = measured - sum(2.0 * n * cutoff + 1.0 + TREND_DEGREE for n in lengths)
+    if measured < MANY and free > LEFT * measured:
+        return float(np.sqrt(sum(float(r @ r) for r in rest) / free))
+    return noise_level([Spectrum.of(r) for r in rest]) if measured > BANDS * cutoff * points else before
 
 
 def filled(records: Records, coordinates: Sequence[Coordinate], differentiator: Differentiator) -> Records:
