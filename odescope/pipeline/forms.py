@@ -82,7 +82,7 @@ def relations_form(
     candidates = candidates_of(products, [p.target for p in best.problems])
     mechanisms = tied(candidates, study.library.ties, study.scope())
     starts = [best.start(mechanisms, model.relations) for _, model in best.proposals]
-    starts.append(best.start(mechanisms, best.forward))
+    starts += [best.start(mechanisms, relations) for relations in (best.forward, *best.of_low_degree)]
     for other in tried if len(tried) > 1 else ():
         proposals = [other.proposals[0][1].relations, other.plain] if other.proposals else []
         starts += [other.start(mechanisms, relations) for relations in (*proposals, other.forward, other.short)]

@@ -18,7 +18,8 @@ from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.regression.problem import Problem
-from odescope.regression.proposers import MatchingPursuit, exchanged
+from odescope.regression.proposers import MatchingPursuit, Support, exchanged
+from odescope.regression.rows import ROWS_A_COLUMN
 from odescope.selection.criterion import penalty
 from odescope.selection.ranking import Candidate, Ranked, criteria, left_column
 from odescope.selection.sweep import Sweep
@@ -99,6 +100,25 @@ def forward(problem: Problem, terms: int = FORWARD_TERMS) -> Relation:
     return _selected(problem, problem.left, terms)
 
 
+def of_degree(problem: Problem, degree: int) -> list[Relation]:
+    """Return the bare target on all plain candidates up to a degree, and on a selection of them if that is less.
+
+    Nothing where rows can decide between all candidates, or not even between these. Of few rows a selection among many
+    candidates is chance; a search drops from all of a few what is not needed.
+
+    Args:
+        problem: of the target.
+        degree: the largest total one.
+    """
+    support = tuple(j for j, t in enumerate(problem.terms) if t.factor is None and t.degree <= degree)
+    if problem.factor.rows >= ROWS_A_COLUMN * len(problem.terms) or problem.factor.rows <= len(support):
+        return []
+    found = [_fitted(problem, problem.left, support)]
+    if len(support) > FORWARD_TERMS:
+        found.append(_selected(problem, problem.left, FORWARD_TERMS, support))
+    return found
+
+
 def rival(problem: Problem, candidates: Sequence[Candidate]) -> Relation | None:
     """Return the best forward selection that holds another target term, if none of simplest or candidates beats it.
 
@@ -118,11 +138,22 @@ def rival(problem: Problem, candidates: Sequence[Candidate]) -> Relation | None:
     return None if beaten else relations[best]
 
 
-def _selected(problem: Problem, left: int, terms: int = FORWARD_TERMS) -> Relation:
-    """Return a sparse forward selection of a relation that holds this column of its target, and no other."""
-    others = tuple(j for j in range(len(problem.terms)) if j not in problem.own)
+def _selected(problem: Problem, left: int, terms: int = FORWARD_TERMS, among: Support | None = None) -> Relation:
+    """Return a sparse forward selection of a relation that holds one column of its target, and no other.
+
+    Args:
+        problem: of the target.
+        left: that column.
+        terms: how many are selected.
+        among: the columns that may be; left out, all without the target.
+    """
+    others = tuple(j for j in range(len(problem.terms)) if j not in problem.own) if among is None else among
     path = list(MatchingPursuit(terms).supports(problem.factor, left, others))
-    support = exchanged(problem.factor, left, others, path[-1])
+    return _fitted(problem, left, exchanged(problem.factor, left, others, path[-1]))
+
+
+def _fitted(problem: Problem, left: int, support: Support) -> Relation:
+    """Return the relation of a column and those that explain it."""
     xi = problem.factor.solve((*support, left), left)
     return Relation(tuple(RelationTerm(problem.terms[j], float(xi[j])) for j in (left, *support)))
 

@@ -15,11 +15,12 @@ from odescope.model.assembled import coefficients_of
 from odescope.model.model import Model
 from odescope.model.relation import Relation
 from odescope.pipeline.constants import Substituted
-from odescope.pipeline.joint_models import Search, forward, plain, rival
+from odescope.pipeline.joint_models import Search, forward, of_degree, plain, rival
 from odescope.pipeline.reduce import Whole
 from odescope.regression.problem import Problem
 from odescope.selection.ranking import Candidate
 
+LOW = (1, 2)  # degrees of libraries that few rows may still decide between
 SHORT = 3  # terms of a forward selection that a search adds to
 
 
@@ -72,6 +73,12 @@ class Regressed:
     def short(self) -> list[Relation]:
         """The first terms of it."""
         return [forward(p, SHORT) for p in self.problems]
+
+    @property
+    def of_low_degree(self) -> list[list[Relation]]:
+        """Plain candidates of low degree for every target, where rows are too few to decide between more."""
+        found = ([of_degree(p, degree) for p in self.problems] for degree in LOW)
+        return [list(relations) for each in found for relations in zip(*each, strict=False)]
 
     def start(self, mechanisms: Sequence[Mechanism], relations: Sequence[Relation]) -> Start:
         """Return where the likelihood may begin.
