@@ -20,6 +20,7 @@ NEGLIGIBLE = 0.05  # of the largest value: a quantity that is never further belo
 STEEP = 200.0  # times as wide as a step of tanh or of a logistic function the range of its variable may be
 GROWTH = 30.0  # largest argument of an exponential, over the range of its variable,
 WAVES = 12.0  # and of a sine
+ARC, TURNS = 0.4, 60.0  # radians that an angle moves over: over less its functions are powers
 FLAT = 0.3  # least one
 OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
@@ -54,6 +55,11 @@ def laid_out(
         nominal[place] = value
         columns.append(evaluate(tape, np.vstack([seen, nominal])))
     return replace(constant, grid=grid_for(constant, np.nan_to_num(np.array(columns), posinf=0.0, neginf=0.0)))
+
+
+def may_be_angle(values: FloatArray) -> bool:
+    """Say whether values (N,) may be an angle in radians, called so or not, of which functions tell."""
+    return ARC < float(np.ptp(values)) < TURNS
 
 
 def families_of(variable: str, values: FloatArray, taken: Collection[str]) -> tuple[Family, ...]:
@@ -95,7 +101,7 @@ def families_of(variable: str, values: FloatArray, taken: Collection[str]) -> tu
             drawn.append((f"{variable}/({half.name} + {variable})", (half,)))
     else:
         drawn += [(f"abs({variable})", ()), (f"{variable}*abs({variable})", ())]
-    if 1.0 < reach < WAVES:  # an angle in radians, whether it is called one or not
+    if may_be_angle(values):
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
     if low < reach:
         drawn.append((f"tanh({variable}/{scale.name})", (scale,)))

@@ -19,6 +19,7 @@ SUSPECTED = {
     "powers": "{target} holds several powers of {variable}",
     "fractions": "{target} holds {variable} in a denominator",
     "residual": "what is unexplained of {target} goes with {variable}",
+    "angle": "{variable} may be an angle",
 }
 MANY = 3  # powers of one variable that are rarely a law
 FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}

@@ -305,10 +305,10 @@ class Conserved(msgspec.Struct, frozen=True):
 class SuspicionScore(msgspec.Struct, frozen=True):
     """What was made of the suspicion that terms of a variable imitate a function of it.
 
-    `reason` is "powers", "fractions" or "residual", `terms` how many terms of the model's relation may still be the
-    imitation, `low` and `high` the range of the variable in the data, `tried` the functions that competed, `found`
-    those in the model. `gain` is by how much the model with functions lowers cost and price together, negative where it
-    does not and None where the two cannot be compared.
+    `reason` is "powers", "fractions", "residual" or "angle", `terms` how many terms of the model's relation may still
+    be the imitation, `low` and `high` the range of the variable in the data, `tried` the functions that competed,
+    `found` those in the model. `gain` is by how much the model with functions lowers cost and price together, negative
+    where it does not and None where the two cannot be compared.
     """
 
     target: str

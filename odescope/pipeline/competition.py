@@ -14,13 +14,14 @@ from odescope.likelihood.refine import Refinement
 from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
 from odescope.model.scores import FormScore, SuspicionScore
-from odescope.pipeline.constants import Substituted, constants_of, substitute, substituted_at
+from odescope.pipeline.angular import with_angles
+from odescope.pipeline.constants import constants_of, substitute, substituted_at
 from odescope.pipeline.filtering import Filtered, Prepared
 from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
 from odescope.pipeline.joint_models import adopt, determined
 from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.stages import draw_anew, pose_all, propose, refine_form, search_all
+from odescope.pipeline.stages import draw_anew, refine_form, regress_at
 from odescope.pipeline.suspicion import with_suspected
 from odescope.pipeline.work import Work
 from odescope.signals.estimate import Signals
@@ -44,7 +45,7 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
         points = substitute(prepared.libraries, constants, filtered.signals.targets)
     if not prepared.libraries:
         return Regressed(points[0])
-    tried = [_regress_at(work, p, filtered) for p in (points if filtered.sample.complete else points[:1])]
+    tried = [regress_at(work, p, filtered) for p in (points if filtered.sample.complete else points[:1])]
     best = min(tried, key=lambda r: r.criterion)
     if not best.proposals:
         return best
@@ -55,17 +56,6 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
         searches=tuple(replace(s, named=named) for s in searches),
         elsewhere=tuple(r for r in tried if r is not best),
     )
-
-
-def _regress_at(work: Work, substituted: Substituted, filtered: Filtered) -> Regressed:
-    """Return what regression finds where constants have these numbers."""
-    problems, whole = pose_all(work, substituted.libraries, filtered)
-    searches = search_all(work, substituted.libraries, problems)
-    try:
-        proposals = tuple(propose(work, filtered.signals, searches))
-    except NoModelError as failure:
-        return Regressed(substituted, problems, whole=whole, failure=failure, in_vain=searches)
-    return Regressed(substituted, problems, searches, proposals, whole)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,8 +150,11 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
                 contenders.append(asis)
                 continue
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
-        if refinement is not None and posed.form == "relations" and work.study.suspects:
-            refinement, suspicions = with_suspected(work, filtered, posed, refinement)
+        if posed.form == "relations" and work.study.suspects:
+            if refinement is not None:
+                refinement, suspicions = with_suspected(work, filtered, posed, refinement)
+            refinement, angles = with_angles(work, filtered, regressed, refinement, bool(suspicions))
+            suspicions = (*suspicions, *angles)
         own = partial(_regressed, posed, regressed, filtered.signals)
         model, refinement = adopt(own, refinement, filtered.signals)
         filtered = replace(filtered, signals=under_found_holds(filtered.signals, refinement))
@@ -187,7 +180,7 @@ def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regres
 
     def again(values: Mapping[str, float]) -> Regressed:
         there = substituted_at(prepared.libraries, substituted.constants, values, targets)
-        return _regress_at(work, there, filtered)
+        return regress_at(work, there, filtered)
 
     forms = [
         mechanisms_form(study, form, library, substituted.constants, records, signals)

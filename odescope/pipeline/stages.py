@@ -13,10 +13,12 @@ from odescope.library.candidates import Library
 from odescope.likelihood.refine import Refinement, refine
 from odescope.likelihood.settings import Starts
 from odescope.model.model import Model
+from odescope.pipeline.constants import Substituted
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
 from odescope.pipeline.joint_models import Search, proposals
 from odescope.pipeline.reduce import Plan, Whole, reduce_all
+from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.work import Work, nested, swept
 from odescope.regression.problem import Problem, pose
 from odescope.selection.bootstrap import inclusion
@@ -94,6 +96,23 @@ def propose(work: Work, signals: Signals, searches: Sequence[Search]) -> list[tu
                 "model", "the best relations of the targets do not determine them together: two say the same"
             )
     return proposed
+
+
+def regress_at(work: Work, substituted: Substituted, filtered: Filtered) -> Regressed:
+    """Return what regression finds where constants have these numbers.
+
+    Args:
+        work: whose study says how.
+        substituted: the libraries with these numbers.
+        filtered: the signals.
+    """
+    problems, whole = pose_all(work, substituted.libraries, filtered)
+    searches = search_all(work, substituted.libraries, problems)
+    try:
+        proposals = tuple(propose(work, filtered.signals, searches))
+    except NoModelError as failure:
+        return Regressed(substituted, problems, whole=whole, failure=failure, in_vain=searches)
+    return Regressed(substituted, problems, searches, proposals, whole)
 
 
 def draw_anew(work: Work, searches: Sequence[Search], chosen: Chosen) -> tuple[Search, ...]:

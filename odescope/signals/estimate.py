@@ -29,8 +29,8 @@ SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below
 class Channel:
     """What was found in one coordinate: noise (standard deviation, its unit), cutoff (hertz).
 
-    The noise is no less than `floor`, see `odescope.signals.noise.least_noise`; where it goes with the reading it is the
-    root mean square of what `relative` says.
+    The noise is no less than `floor`, see `odescope.signals.noise.least_noise`; where it goes with the reading it is
+    the root mean square of what `relative` says.
     """
 
     name: str
