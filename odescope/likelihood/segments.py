@@ -26,7 +26,7 @@ OVERSAMPLING = 8  # block averages a period of the highest cutoff
 SEGMENT = 25  # block averages a segment
 SHORT = 6  # block averages of a segment in which a model that lacks most is not lost
 LEAST_SEGMENT = 4
-FEW = 200  # averages in all: of fewer the residual variance, by which a model is judged, scatters by more than a tenth
+FEW = 50  # averages in all: of fewer the residual variance, by which a model is judged, scatters by more than a fifth
 DIFFERENCE = 0.02  # samples: of the difference quotient that says how an input changes with its delay
 LARGEST = 60_000  # averages in all: of longer logs the likelihood takes the first part of every record, to bound memory
 

@@ -39,6 +39,7 @@ from odescope.study.library_options import Form
 from odescope.study.options import Mechanisms, Study
 from odescope.study.pieces import versions
 
+LEAST = 150  # samples that regression keeps of a short record: a default library has nearly as many candidates
 SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out, unless all are
 
 
@@ -219,7 +220,9 @@ def _acted(records: Records, inputs: Sequence[Input], lead: float | None) -> Rec
 
 def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals:
     options = study.signals
-    return estimate_signals(records, study.measured(), inputs, options.differentiator, options.margin, options.decimate)
+    return estimate_signals(
+        records, study.measured(), inputs, options.differentiator, options.margin, options.decimate, LEAST
+    )
 
 
 def _delays(work: Work, records: Records, libraries: Sequence[Library], wanted: Sequence[str]) -> dict[str, Delay]:

@@ -20,7 +20,6 @@ from odescope.signals.relative import RelativeNoise, relative_noise
 from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, differentiate, differentiate_smoothly
 
 OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
-FEW = 1000  # samples of all records that are not thinned out: it would save nothing
 INPUT_BAND = 0.9  # of half the decimated rate: where inputs end
 SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below the cutoff
 
@@ -90,6 +89,7 @@ def estimate_signals(
     differentiator: Differentiator,
     margin: float = 0.5,
     decimate: bool = True,
+    least: int = 0,
 ) -> Signals:
     """Return the signals of uniformly sampled records.
 
@@ -100,6 +100,7 @@ def estimate_signals(
         differentiator: see `Differentiator`.
         margin: what is dropped at each end, in periods of the lowest cutoff, but at most a twentieth of a record.
         decimate: keep eight samples a period of the highest cutoff; the filtered signals hold no more.
+        least: samples that are kept even so, where there are as many.
 
     Raises:
         InputError: the sampling periods differ.
@@ -115,7 +116,7 @@ def estimate_signals(
         relative.append(_relative(records, c, derivatives) if derivatives.noise > floors[-1] else None)
         found.append(replace(derivatives, noise=max(derivatives.noise, floors[-1])))
         _check_signal(records, c, found[-1], period)
-    enough = max(1, records.samples // FEW)
+    enough = max(1, records.samples // least) if least else records.samples
     stride = min(enough, max(1, int(1.0 / (period * OVERSAMPLING * max(d.cutoff for d in found))))) if decimate else 1
     names = (*state_names(coordinates), *(c.target for c in coordinates), *(i.name for i in inputs))
     channels = tuple(
