@@ -18,6 +18,7 @@ from odescope.likelihood.segments import SHORT
 from odescope.parallel.workers import Workers
 
 JOINED_SHARE = 0.6  # of the budget, at most, for the searches without process noise
+FEW = 300  # averages that more than one model may follow without a doubt
 FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
 
 
@@ -30,6 +31,8 @@ def searches(
     space: SearchSpace, begun: Sequence[FloatArray], plain: FloatArray | None, monitor: Monitor, workers: Workers
 ) -> list[Outcome]:
     """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails.
+
+    Of few samples every start is searched from.
 
     Every search has its own part of the budget, so that it ends alike wherever it runs.
 
@@ -56,7 +59,8 @@ def searches(
             failed = True
             continue
         outcomes.append(found)
-        if found.clear and not space.needed:  # what a function with constants says, others can nearly say
+        # What a function with constants says, others can nearly say; and few samples are followed by many models.
+        if found.clear and not space.needed and space.segments.samples > FEW:
             break
     if failed and plain is not None:
         monitor.tell(Progress("likelihood", "search from plain relations", 0, 1))

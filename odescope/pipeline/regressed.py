@@ -20,7 +20,7 @@ from odescope.pipeline.reduce import Whole
 from odescope.regression.problem import Problem
 from odescope.selection.ranking import Candidate
 
-LOW = (1, 2)  # degrees of libraries that few rows may still decide between
+LOW = (0, 1, 2)  # degrees of libraries that few rows may still decide between
 SHORT = 3  # terms of a forward selection that a search adds to
 
 
