@@ -142,6 +142,10 @@ def in_blocks(contributions: FloatArray) -> FloatArray:
 
 
 def between(blocks: FloatArray) -> FloatArray:
-    """Return the variance of the sum of blocks (b, k), from how they differ from their mean."""
-    variance: FloatArray = len(blocks) * blocks.var(axis=0, ddof=1)
-    return variance
+    """Return the variance of the sum of blocks (b, k), from how they differ from their mean.
+
+    It is infinite where a model runs away in one of them.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        variance: FloatArray = len(blocks) * blocks.var(axis=0, ddof=1)
+    return np.where(np.isnan(variance), np.inf, variance)

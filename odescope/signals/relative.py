@@ -12,7 +12,7 @@ from odescope.arrays import FloatArray
 SHARES = (0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)  # of the mean variance that may go with the reading
 LIKELIER = 20.0  # fall of -2 ln likelihood from which on noise goes with the reading
 FEWEST = 40  # samples that tell
-WHITE = 0.3  # correlation of neighbours, beyond which what is left is no noise
+WHITE = 0.5  # correlation of neighbours, beyond which what is left is no noise
 FAR = 4.0  # standard deviations beyond which a sample has no say in how large noise is
 
 

@@ -166,3 +166,31 @@ def test_the_jitter_is_the_least_over_all_grids():
     told = float(re.search(r"deviates by ([\d.]+) sample periods", str(caught.value))[1])
     assert told == pytest.approx(least, rel=0.03)  # periods are those of the grid here, medians there
     uniform(raw(t=t, x=t), jitter=1.01 * told)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_regular_clock_that_lost_half_of_its_rows_is_seen_through(seed):
+    ideal = 3.0 + np.linspace(0.0, 10.0, 150)
+    kept = np.sort(np.random.default_rng(seed).choice(150, 75, replace=False))
+    run, points = uniform(raw(t=ideal[kept], x=np.sin(ideal[kept])))
+    assert run.sample_period == pytest.approx(10.0 / 149)
+    assert np.abs(run.t[points] - ideal[kept]).max() < 1e-6
+    assert np.array_equal(run.column("x")[points], np.sin(ideal[kept]))
+    assert run.counted("x").sum() == 75
+
+
+def test_a_coarse_clock_read_with_jitter_is_not_taken_for_a_fine_one_with_lost_rows():
+    """Its steps are whole ticks too, but what comes late is made up for by the next."""
+    rng, period = np.random.default_rng(4), 0.02
+    ideal = period * np.arange(400)
+    t = np.rint((ideal + rng.uniform(-0.008, 0.008, 400)) / 0.01) * 0.01
+    t = np.maximum.accumulate(t + 0.01 * np.concatenate([[0.0], np.diff(t) == 0.0]))
+    keep = np.concatenate([[True], np.diff(t) > 0.0])
+    run, _ = uniform(raw(t=t[keep], x=np.sin(t[keep])))
+    assert run.sample_period == pytest.approx(period, rel=0.02)
+
+
+def test_stamps_that_fit_no_grid_are_taken_as_irregular():
+    t = np.cumsum(np.random.default_rng(5).uniform(0.5, 1.5, 200))
+    run, _ = uniform(raw(t=t, x=moving(t)))
+    assert run.sample_period == pytest.approx(np.mean(np.diff(t)), rel=0.05)

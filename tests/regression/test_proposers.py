@@ -12,6 +12,7 @@ from odescope.regression.proposers import (
     EnergyThreshold,
     MatchingPursuit,
     NullSpace,
+    exchanged,
 )
 
 seeds = st.integers(0, 2**32 - 1)
@@ -279,3 +280,12 @@ def test_a_null_vector_that_hardly_holds_the_guess_is_not_its_own():
     factor = factorise([theta])
     assert set(NullSpace().supports(factor, 1, tuple(range(12)))) == {(6, 9)}
     assert list(NullSpace().supports(factor, 2, tuple(range(12)))) == []
+
+
+def test_exchanges_end_where_a_fit_is_exact_but_for_rounding():
+    """What is left may then be below nothing: with one row more than columns every support leaves next to nothing."""
+    rng = np.random.default_rng(0)
+    for rows in (3, 4, 5):
+        factor = factorise([rng.standard_normal((rows, 8)) @ np.diag(10.0 ** rng.uniform(-3.0, 3.0, 8))])
+        support = exchanged(factor, 0, tuple(range(1, 8)), (1, 2, 3, 4))
+        assert len(support) == 4
