@@ -16,6 +16,7 @@ from odescope.library.families import may_be_angle
 from odescope.library.readable import readable
 from odescope.likelihood.alternatives import EVIDENT
 from odescope.likelihood.refine import Refinement
+from odescope.likelihood.search import WIDTHS
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.constants import substitute
 from odescope.pipeline.filtering import Filtered
@@ -102,7 +103,9 @@ def _promises(found: Regressed, before: Regressed) -> bool:
 
 
 def _better(other: Refinement, before: Refinement | None) -> bool:
-    """Say whether a model with sines and cosines replaces the one without."""
+    """Say whether a model with sines and cosines replaces the one without: it follows the record in one piece."""
+    if other.outcome.width > WIDTHS[-1]:
+        return False
     if before is None:
         return other.exact
     apart = before.outcome.penalised - other.outcome.penalised
