@@ -17,7 +17,7 @@ from odescope.library.tape import run_tape
 from odescope.model.linear_solve import solve_in_place
 from odescope.parallel.kernels import kernel
 
-LANES = 48  # segments side by side: states, sensitivities and tape of 32 lanes stay in a first- or second-level cache
+LANES = 48  # segments side by side: states, sensitivities and tape of so many stay in a first- or second-level cache
 
 
 class Averages(NamedTuple):
