@@ -159,7 +159,8 @@ def _exchanges(r: FloatArray, left: int, columns: Support, support: Support) -> 
         norms = np.linalg.norm(others, axis=0)
         explained = np.where(norms > 1e-9, (y @ others) ** 2 / np.maximum(norms**2, 1e-300), 0.0)
         best = int(np.argmax(explained))
-        yield float(y @ y - explained[best]), tuple(sorted((*kept, able[best])))
+        # Of an exact fit rounding leaves a number of either sign, and what is below zero is less than any share of itself.
+        yield max(float(y @ y - explained[best]), 0.0), tuple(sorted((*kept, able[best])))
 
 
 def _independent(factor: Factor, columns: list[int]) -> list[int]:

@@ -12,6 +12,8 @@ from odescope.regression.proposers import (
     EnergyThreshold,
     MatchingPursuit,
     NullSpace,
+    _exchanges,
+    exchanged,
 )
 
 seeds = st.integers(0, 2**32 - 1)
@@ -279,3 +281,18 @@ def test_a_null_vector_that_hardly_holds_the_guess_is_not_its_own():
     factor = factorise([theta])
     assert set(NullSpace().supports(factor, 1, tuple(range(12)))) == {(6, 9)}
     assert list(NullSpace().supports(factor, 2, tuple(range(12)))) == []
+
+
+# exchanges
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_exchanges_end_where_a_fit_is_exact(seed):
+    rng = np.random.default_rng(seed)
+    theta = rng.normal(size=(60, 3))
+    # Columns of which three span all there is: residuals are rounding, of which a negative one is no less than another.
+    theta = np.column_stack([theta @ rng.normal(size=3), theta, theta @ rng.normal(size=3)])
+    factor, columns = factorise([theta]), (1, 2, 3, 4)
+    least = [residual for residual, _ in _exchanges(factor.r, 0, columns, (1, 2, 3))]
+    assert min(least) >= 0.0
+    assert rest(theta, exchanged(factor, 0, columns, (1, 2, 3)), 0) < 1e-20 * np.sum(theta[:, 0] ** 2)
