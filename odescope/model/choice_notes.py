@@ -37,6 +37,20 @@ def findings(scores: ModelScores | None) -> tuple[str, ...]:
     )
 
 
+def unsettled(suspicions: Sequence[SuspicionScore]) -> Iterator[str]:
+    """Yield those of the findings that leave a suspicion standing: the equations may imitate another function."""
+    for found in suspicions:
+        if _stands(found):
+            yield _of_a_suspicion(found)
+
+
+def _stands(found: SuspicionScore) -> bool:
+    """Say whether terms that are left may still imitate a function."""
+    if found.found or not (found.terms or found.reason == "residual"):
+        return False
+    return not found.tried or found.reason == "fractions" or found.terms >= MANY
+
+
 def _of_the_forms(forms: Sequence[FormScore]) -> Iterator[str]:
     kept = [f for f in forms if f.chosen]
     others = [f for f in forms if not f.chosen]
@@ -75,8 +89,9 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
     lost = "none is better"
     if found.gain:
         lost = f"the best is {'worse' if found.gain < 0.0 else 'no more than better'} by {abs(found.gain):,.0f}"
-    warn = found.reason == "fractions" or found.terms >= MANY
-    return f"{what}: functions of it were tried, {lost} {tried}" + (f"; {_held_within(found)}" if warn else "")
+    return f"{what}: functions of it were tried, {lost} {tried}" + (
+        f"; {_held_within(found)}" if _stands(found) else ""
+    )
 
 
 def _held_within(found: SuspicionScore) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from odescope.model.choice_notes import TOLD, findings, listed
+from odescope.model.choice_notes import TOLD, findings, listed, unsettled
 from odescope.model.free_run_notes import free_run_sentences
 from odescope.model.scores import (
     Conserved,
@@ -102,11 +102,19 @@ def notes_of(
     """
     said = [*_left_out(dependent)]
     if scores is not None:
-        said += [*findings(scores), *_of_the_data(scores), *_unlikely(scores.conserved)]
-        if scores.energy is not None:
-            said += [*_of_the_energy(scores.energy)]
-        if scores.likelihood is not None and doubts is not None:
-            said += [*_of_the_likelihood(scores.likelihood, doubts), *scores.likelihood.hints]
+        said += [*findings(scores), *warnings_of(scores, doubts), *_of_the_data(scores)]
+    return tuple(dict.fromkeys(said))
+
+
+def warnings_of(scores: ModelScores | None, doubts: Doubts | None) -> tuple[str, ...]:
+    """Return those of the notes that say what may be wrong with a model; all others say what was found and done."""
+    if scores is None:
+        return ()
+    said = [*unsettled(scores.suspicions), *_lost(scores), *_unlikely(scores.conserved)]
+    if scores.energy is not None:
+        said += [*_of_the_energy(scores.energy)]
+    if scores.likelihood is not None and doubts is not None:
+        said += [*_of_the_likelihood(scores.likelihood, doubts), *scores.likelihood.hints]
     return tuple(dict.fromkeys(said))
 
 
@@ -122,11 +130,16 @@ def _left_out(dependent: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
         yield f"and {len(said) - TOLD} more candidates that are combinations of others: see the report"
 
 
-def _of_the_data(scores: ModelScores) -> Iterator[str]:
+def _lost(scores: ModelScores) -> Iterator[str]:
+    """Yield where the model is not to be run, and what of the data it has not seen."""
     for target in _poles(scores):
         yield f"the denominator of {target} vanishes between the states of the data: expect poles when simulating"
     if scores.left_out:
         yield f"{scores.left_out} recordings are shorter than a period of the cutoff and were left out"
+
+
+def _of_the_data(scores: ModelScores) -> Iterator[str]:
+    """Yield what was found out about the record, and allowed for."""
     if scores.time is not None:
         yield from _of_time(scores.time)
     if (read := scores.streamed) is not None:

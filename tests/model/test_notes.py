@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 
-from odescope.model.notes import TOLD, notes_of, share, trust, uncertain
+from odescope.model.notes import TOLD, notes_of, share, trust, uncertain, warnings_of
 from odescope.model.scores import (
     Conserved,
     DelayScore,
@@ -20,6 +20,7 @@ from odescope.model.scores import (
     ModelScores,
     PathScore,
     Streamed,
+    SuspicionScore,
     TargetScore,
 )
 
@@ -106,6 +107,37 @@ def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():
     assert said(ModelScores(), doubts) == ()
     late = said(ModelScores(likelihood=judged), msgspec.structs.replace(doubts, late=True))
     assert "ended by the clock" in late[0]
+
+
+def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
+    poles = TargetScore(0.998, 0.1, 0.997, 12.0, Denominator(data=(0.5, 1.0), box=(-0.1, 1.1)))
+    tried = {"tried": ("log(x)",), "gain": -3.0, "low": 0.1, "high": 2.0}
+    scores = ModelScores(
+        targets={"x_dot": poles},
+        likelihood=JUDGED,
+        left_out=2,
+        delays={"u": DelayScore(0.02)},
+        outliers={"x": 3},
+        suspicions=(
+            SuspicionScore(target="x_dot", variable="x", reason="powers", terms=2, found=(), **tried),
+            SuspicionScore(target="x_dot", variable="y", reason="fractions", terms=2, found=(), **tried),
+        ),
+    )
+    doubts = msgspec.structs.replace(NONE, thin=(("x*y", "y_dot", 2.345),))
+    told, warned = said(scores, doubts, [("a", ("b",))]), warnings_of(scores, doubts)
+    assert set(warned) < set(told)
+    for part, warns in {
+        "left out of the library": False,
+        "holds several powers of x": False,
+        "holds y in a denominator": True,
+        "vanishes between": True,
+        "2 recordings are shorter": True,
+        "acts 0.02 s after": False,
+        "were clipped": False,
+        "thin evidence": True,
+    }.items():
+        assert [part in line for line in told].count(True) == 1, part
+        assert any(part in line for line in warned) == warns, part
 
 
 def test_a_model_that_does_not_follow_has_no_errors_to_speak_of():
