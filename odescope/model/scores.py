@@ -295,11 +295,14 @@ class Conserved(msgspec.Struct, frozen=True):
     """A sum of coordinates that stays constant: in the data, and whether it does by the mechanisms of the model.
 
     `values` are those in the recordings, where the data show it; `by_model` is None where the model has no reactions.
+    Where the reactions would keep it and the data do not, `drift` is how far it moves beyond its noise, over the member
+    that moves most, both root mean squares.
     """
 
     sum: str
     values: tuple[Number, ...]
     by_model: bool | None
+    drift: Number = None
 
 
 class SuspicionScore(msgspec.Struct, frozen=True):

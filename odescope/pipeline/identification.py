@@ -31,7 +31,7 @@ from odescope.model.simulation import Trajectory
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.adopted import Adopted, adopted
 from odescope.pipeline.competition import Contender, Winner, compete, regress
-from odescope.pipeline.evaluation import domain, free_run_scores, provenance, require_prediction, scores, time_score
+from odescope.pipeline.evaluation import domain, free_run_scores, provenance, require_model, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.gate import gated_scores
 from odescope.pipeline.inputs import hold_scores
@@ -318,7 +318,7 @@ def _identified(
         seen = settled(work, filtered, winner.model)
         with work.stage("model"):
             model = _judged(work.study, seen, regressed, winner)
-            require_prediction(model.scores, winner.follows)
+            require_model(model, winner.follows, winner.best.exact)
             model, runs = _run_freely(work, seen, model)
     except NoModelError as failure:
         work.monitor.tell(_nothing_found(work, filtered, regressed, failure))

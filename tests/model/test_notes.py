@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 
-from odescope.model.notes import TOLD, notes_of, share, trust, uncertain, warnings_of
+from odescope.model.notes import FLOWS, TOLD, notes_of, share, trust, uncertain, warnings_of
 from odescope.model.scores import (
     Conserved,
     DelayScore,
@@ -194,6 +194,10 @@ def test_energies_are_spoken_of_only_where_something_is_wrong(changed, words):
             ["these reactions would keep E + C constant, but in the data it is not seen to be"],
         ),
         (
+            Conserved("E + C", (), True, 0.02),
+            [f"these reactions would keep E + C constant, but in the data it moves: {FLOWS}"],
+        ),
+        (
             Conserved("E + C", (1.0,), False),
             [
                 "E + C stays constant at 1 in recording 1",
@@ -275,6 +279,17 @@ def test_an_uncertain_model_is_said_to_be_so_in_one_sentence(follows, process_no
     assert found.startswith("uncertain: ") if words else found == ""
     assert words in found
     assert "\n" not in found
+
+
+@pytest.mark.parametrize(
+    ("drift", "process_noise", "said"),
+    [(0.3, {"x_dot": 0.1}, True), (0.03, {"x_dot": 0.1}, False), (0.3, None, False), (None, {"x_dot": 0.1}, False)],
+)
+def test_reactions_that_lack_a_feed_are_uncertain_where_the_record_asks_for_noise(drift, process_noise, said):
+    kept = (Conserved("A + B", (), True, drift),)
+    found = uncertain(ModelScores(likelihood=likelihood_of(True, process_noise), conserved=kept))
+    assert found.startswith("uncertain: these reactions would keep A + B constant") == said
+    assert ('"-> S"' in found) == said
 
 
 def test_a_model_without_scores_is_not_called_uncertain():
