@@ -60,15 +60,15 @@ def test_what_the_reactions_keep_and_the_data_do_not():
     assert ("E + C", (), True) in [(c.sum, c.values, c.by_model) for c in found]
 
 
-@pytest.mark.parametrize(("leak", "moves"), [(0.05, True), (0.005, False)])
-def test_how_far_a_sum_moves_that_reactions_would_keep(leak, moves):
+@pytest.mark.parametrize("leak", [0.1, 0.05, 0.02])
+def test_how_far_a_sum_moves_that_reactions_would_keep(leak):
     records, signals = measured(leak)
     moved = {c.sum: c.drift for c in constants_of(records, signals, TRUE) if not c.values}
     # Smoothed another way: over the record, means of 25 samples.
     smooth = [[np.convolve(r.column(n), np.ones(25) / 25, "valid") for n in "EC"] for r in records]
     total = np.sqrt(np.mean([np.var(e + c) for e, c in smooth]))
     assert moved["E + C"] == pytest.approx(total / max(np.std(v) for r in smooth for v in r), rel=0.15)
-    assert (moved["E + C"] > OPEN) == moves
+    assert moved["E + C"] > OPEN
 
 
 def test_a_short_record_of_much_noise_moves_no_sum():
