@@ -170,7 +170,7 @@ def check_writable(folder: Path) -> None:
 
 
 def refuse_foreign(folder: Path, written: Iterable[str]) -> None:
-    """Refuse, before anything is computed, a folder whose files results would take the place of and that are no results.
+    """Refuse, before anything is computed, a folder with files that are no results and whose place results would take.
 
     A folder with earlier results is theirs: new ones replace them. In any other, which may be that of a project, files
     that happen to be called like results stay as they are.

@@ -165,6 +165,15 @@ def test_recordings_are_told_apart(here):
     assert study.data.recording == "segment"
 
 
+def test_batches_of_a_few_samples_are_told_apart_where_time_goes_back(here):
+    t = np.tile(2.0 * np.arange(12), 5)
+    run = np.repeat(np.arange(1.0, 6.0), 12)
+    amount = np.exp(-0.1 * t) * np.repeat([1.0, 0.5, 2.0, 1.5, 0.8], 12)
+    study, text = drafted({"run": run, "time (min)": t, "A (mol/L)": amount + 0.01 * np.sin(7.0 * t)})
+    assert study.data.recording == "run"
+    assert "60 samples in 5 recordings" in text
+
+
 def test_without_a_time_the_period_is_to_be_changed(here):
     study, text = drafted({"u": motion(8), "y": motion(9)})
     assert study.data.sample_period == 1.0
