@@ -178,6 +178,7 @@ def provenance(study: Study, signals: Signals, whole: Whole | None) -> dict[str,
     return {
         "odescope": version("odescope"),
         "time": study.data.time,
+        **({"date": study.data.date} if study.data.date else {}),
         **({"time_unit": study.data.time_unit} if study.data.time_unit else {}),
         "columns": columns,
         **({"degrees": degrees} if degrees else {}),

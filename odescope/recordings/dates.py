@@ -60,7 +60,7 @@ def in_zone(column: ChunkedArray) -> bool:
 def to_text(t: FloatArray, zoned: bool) -> list[str]:
     """Return times in seconds since 1970 (N,) as dates of ISO 8601, or as clocks where all are of its first day.
 
-    They have as many decimals as tell the microseconds of all: a 64-bit float of this century knows no more.
+    They have as many decimals as tell the microseconds of all: a 64-bit float of these decades knows no more.
 
     Args:
         t: the times.

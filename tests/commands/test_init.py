@@ -9,7 +9,7 @@ from logs import oscillator, pendulum, smooth, write
 
 from odescope.commands.init import draft
 from odescope.study.options import Driven, Measured
-from odescope.study.toml import parse_study
+from odescope.study.toml import parse_study, read_study
 
 RNG = np.random.default_rng(0)
 T = 0.01 * np.arange(1500)
@@ -73,7 +73,8 @@ def test_a_column_of_dates_is_the_time(here, odescope, name, said):
     written = Path("log.toml").read_text()
     assert parse_study(written).data.time == said
     assert "one every 1 s, 999 s in all" in written
-    assert "Datum: dates" in written
+    assert ('date = "Datum"' in written) == (name == "Uhrzeit")  # elsewhere the time holds the day
+    assert ("Datum: dates" in written) == (name != "Uhrzeit")
 
 
 def test_times_that_cannot_be_read_are_told_with_what_can(here, odescope):
@@ -201,3 +202,21 @@ def test_a_log_without_coordinates_is_refused(odescope, columns, part):
     write("log.csv", columns)
     assert part in odescope.refused("init", "log.csv")
     assert "no such file" in odescope.refused("init", "missing.csv")
+
+
+def test_a_day_and_a_clock_in_two_columns_are_one_time(odescope):
+    t, x, u = oscillator(600).values()
+    stamps = [np.datetime64("2024-01-31T23:59:55", "us") + np.timedelta64(round(1e6 * v), "us") for v in t.tolist()]
+    apart = [str(s).split("T") for s in stamps]
+    rows = [f"{d},{c},{a!r},{b!r}" for (d, c), a, b in zip(apart, x.tolist(), u.tolist(), strict=True)]
+    Path("apart.csv").write_text("\n".join(["Date,Time,x,u", *rows]) + "\n")
+    assert odescope("init", "apart.csv").code == 0
+    text = Path("apart.toml").read_text()
+    data = read_study(Path("apart.toml")).data
+    assert (data.time, data.date, data.recording) == ("Time", "Date", None)
+    Path("apart.toml").write_text(f"{text}\n[likelihood]\nenabled = false\n")
+    assert odescope("identify", "apart.toml").code == 0
+    assert odescope("simulate", "apart", "apart.csv", "--out", "run.csv").code == 0
+    written = [line.partition(",")[0] for line in Path("run.csv").read_text().splitlines()]
+    assert written[0] == "Time"
+    assert [np.datetime64(cell, "us") for cell in written[1:]] == stamps
