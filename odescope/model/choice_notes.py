@@ -69,11 +69,11 @@ def _of_the_versions(versions: Sequence[VersionScore]) -> Iterator[str]:
     for kept in (v for v in versions if v.chosen):
         read = listed([f"{name} from the column {column!r}" for name, column in kept.columns.items()])
         others = listed([_version(v) for v in versions if v is not kept])
-        yield f"{read} was preferred{_free_run(kept, 'free-run error ')} to {others}"
+        yield f"{read} was preferred{_free_run(kept.did, 'free-run error ')} to {others}"
 
 
 def _version(of: VersionScore) -> str:
-    how = "no model" if of.coefficients is None else _free_run(of, "")[2:]
+    how = "no model" if of.did is None else _free_run(of.did, "")[2:]
     return " and ".join(map(repr, of.columns.values())) + (f" ({how})" if how else "")
 
 
@@ -101,8 +101,8 @@ def _held_within(found: SuspicionScore) -> str:
     )
 
 
-def _free_run(form: FormScore | VersionScore, what: str) -> str:
-    return "" if form.free_run is None else f", {what}{form.free_run:.2g}"
+def _free_run(form: FormScore | None, what: str) -> str:
+    return "" if form is None or form.free_run is None else f", {what}{form.free_run:.2g}"
 
 
 def _of_the_path(path: Sequence[PathScore]) -> Iterator[str]:

@@ -243,17 +243,18 @@ class FormScore(msgspec.Struct, frozen=True):
 
 
 class VersionScore(msgspec.Struct, frozen=True):
-    """How a model did whose inputs were read from these `columns`, by input, where several were offered.
+    """How the model `did` whose inputs were read from these `columns`, by input, where several were offered.
 
-    The others are those of `FormScore`, all None where these columns gave no model.
+    None where these columns gave no model.
     """
 
     columns: dict[str, str]
-    coefficients: int | None
-    free_run: Number
-    misfit: Number
-    follows: bool | None
-    chosen: bool
+    did: FormScore | None
+
+    @property
+    def chosen(self) -> bool:
+        """Whether these columns describe the record best."""
+        return self.did is not None and self.did.chosen
 
 
 class PathScore(msgspec.Struct, frozen=True):
