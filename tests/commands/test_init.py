@@ -155,6 +155,12 @@ def test_a_coarse_encoder_is_no_command(here):
     assert list(study.coordinates) == ["x"]
 
 
+def test_a_speed_without_its_position_is_one(here):
+    study, text = drafted({"t": T, "omega [rad/s]": motion(6)})
+    assert study.coordinates["omega"].order == 1
+    assert "where friction is dry, name sign(omega) in [library] basis" in text
+
+
 def test_recordings_are_told_apart(here):
     again = np.concatenate([T[:500]] * 3)
     run = np.repeat([1.0, 2.0, 3.0], 500)
