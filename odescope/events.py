@@ -35,9 +35,10 @@ class Progress(Event):
 
 @dataclass(frozen=True, slots=True)
 class Note(Event):
-    """Something the user should know."""
+    """Something the user should know: what was found and done, or, where it `warns`, what may be wrong."""
 
     text: str
+    warns: bool = False
 
 
 @dataclass(frozen=True, slots=True)

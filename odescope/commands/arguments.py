@@ -154,6 +154,9 @@ def _each(
             # Only of a column that is there: anything else is a slip, and its plain name would hide that.
             name, read = (Heading.of(label).name, label) if label in labels else (label, None)
         if not (name.isascii() and name.isidentifier()):
+            near = nearest(label, labels)
+            if near.startswith("did you mean"):
+                raise InputError(f"--{option}: there is no column {label!r}; {near}")
             raise InputError(
                 f"--{option}: {name!r} is not a plain name; in a study file, a {option} with a plain name can read any"
                 f" column, by column = {name!r}"

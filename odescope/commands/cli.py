@@ -186,7 +186,7 @@ def simulate(
     made = free_runs(model, data, time, sample_period, recording, initial or [])
     for note in made.notes:
         print(f"odescope: {note}", file=sys.stderr)
-    _deliver(made.text, made.fits, out)
+    _deliver(made.text, made.lines, out)
 
 
 @app.command("filter", short_help="Estimate the states of a machine from a log.")
@@ -225,8 +225,8 @@ def filter_(
         check_file(out)
         refuse_overwriting([out], [model, data])
     options = NoiseOptions(tuple(noise or ()), tuple(process_noise or ()))
-    text, found = filtered(model, data, TimeColumns(time, sample_period, recording), options, smooth)
-    _deliver(text, found.lines, out)
+    text, lines = filtered(model, data, TimeColumns(time, sample_period, recording), options, smooth)
+    _deliver(text, lines, out)
 
 
 @app.command(short_help="Judge models on data that they have not seen.")

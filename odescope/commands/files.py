@@ -25,6 +25,16 @@ PATH = "path"  # that of the models from many terms to few, and the table of the
 PATH_MODEL = "_terms.json"  # what the names of these models end in, after how many terms they have
 FACTORS = "factors"  # and the one of what is kept of logs that do not fit in memory
 
+PATH_MODELS = f"{PATH}/[0-9]*{PATH_MODEL}"
+WRITTEN = (*RESULT_FILES, f"{PATH}.csv", PATH_MODELS, NO_MODEL, f"{FIGURES}/*.svg", f"{FIGURES}/*.png")
+MARKED = 400  # bytes in which a file says that odescope wrote it
+MARKS = (
+    ("model.json", b'"odescope/model"'),
+    ("report.json", b'"odescope/report"'),
+    (NO_MODEL, b'content="odescope"'),
+)
+LISTED = 4  # files in a message
+
 CANDIDATE_COLUMNS = (
     "target",
     "guess",
@@ -159,6 +169,38 @@ def check_writable(folder: Path) -> None:
         raise InputError(f"cannot write to {folder}: {error.strerror or error}") from error
 
 
+def refuse_foreign(folder: Path, written: Iterable[str]) -> None:
+    """Refuse, before anything is computed, a folder with files that are no results and whose place results would take.
+
+    A folder with earlier results is theirs: new ones replace them. In any other, which may be that of a project, files
+    that happen to be called like results stay as they are.
+
+    Args:
+        folder: for results.
+        written: names of files that are to come; of folders in it, patterns.
+
+    Raises:
+        InputError: such files are there.
+    """
+    if any(_holds(folder / name, mark) for name, mark in MARKS):
+        return
+    foreign = sorted({path.relative_to(folder).as_posix() for name in written for path in folder.glob(name)})
+    if foreign:
+        more = ", ..." if len(foreign) > LISTED else ""
+        raise InputError(
+            f"{folder}/ holds {', '.join(foreign[:LISTED])}{more} and no results of odescope, which would take their"
+            " place; name another folder with --out"
+        )
+
+
+def _holds(path: Path, mark: bytes) -> bool:
+    """Say whether a file begins with a mark, within what a line or two take."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return mark in file.read(MARKED)
+
+
 def refuse_overwriting(targets: Iterable[Path], sources: Iterable[Path]) -> None:
     """Refuse, before anything is computed, to write a result over a file that it is made from.
 
@@ -180,7 +222,7 @@ def write_results(folder: Path, files: Mapping[str, str | bytes]) -> None:
     write_files(folder, files)
     try:
         (folder / NO_MODEL).unlink(missing_ok=True)
-        for model in (folder / PATH).glob(f"*{PATH_MODEL}"):
+        for model in folder.glob(PATH_MODELS):
             if f"{PATH}/{model.name}" not in files:
                 model.unlink()
     except OSError as error:

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.commands.model_data import Sensors, in_unit, label_of, named_numbers, time_name
+from odescope.commands.model_data import Sensors, TimeCells, label_of, named_numbers, units_told
 from odescope.errors import InputError
 from odescope.export.model_file import read_model
 from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
-from odescope.model.recorded import TimeColumns, lacking_columns, layout_for, model_columns, read_for, time_unit_of
+from odescope.model.recorded import TimeColumns, lacking_columns, layout_for, model_columns, read_for
 from odescope.model.simulation import Trajectory, simulate
 from odescope.recordings.readers import read_times
 from odescope.recordings.record import Record, Records
@@ -27,11 +27,14 @@ NEAR = 0.75  # sample periods from the regular times: rows of the next piece are
 
 @dataclass(frozen=True)
 class FreeRuns:
-    """Simulated states, as sensors would read them, as CSV text; notes on runs that ended early; fits, line by line."""
+    """Simulated states, as sensors would read them, as CSV text, and notes on runs that ended early.
+
+    `lines` say what the columns are in, and how every coordinate agrees with what was measured.
+    """
 
     text: str
     notes: tuple[str, ...]
-    fits: tuple[str, ...]
+    lines: tuple[str, ...]
 
 
 def free_runs(
@@ -67,24 +70,24 @@ def free_runs(
     records, measured = _recordings(model, data_path, columns, given)
     out, notes, runs = io.StringIO(), [], list[Trajectory]()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow((*(() if recording is None else (recording,)), time_name(model, data_path, columns), *model.states))
+    time_cells = TimeCells.of(model, data_path, columns)
+    writer.writerow((*(() if recording is None else (recording,)), time_cells.label, *model.states))
     sensors = Sensors.of(model)
     stamps = read_times(
         data_path, layout_for(model, [data_path], columns, [n for n in model_columns(model) if n in records.names])
     )
-    time_unit = time_unit_of(model, data_path, columns)
     for run in records:
         label = () if recording is None else (label_of(run, [data_path], recording),)
         result = _free_run(model, run, given, sensors)
         runs.append(result)
         own, states = _at_the_rows(result, run, stamps.get(run.source, run.t))
-        for t, row in zip(in_unit(own, time_unit).tolist(), sensors.read(states).tolist(), strict=True):
-            writer.writerow((*label, repr(t), *map(repr, row)))
+        for t, row in zip(time_cells.written(own), sensors.read(states).tolist(), strict=True):
+            writer.writerow((*label, t, *map(repr, row)))
         if result.ended:
             where = f" of recording {label[0]}" if label else ""
             notes.append(f"the free run{where} ended early, at {len(result.t)} of {len(run)} samples: {result.ended}")
-    fits = () if measured is None else tuple(_fits(model, records, runs, measured))
-    return FreeRuns(out.getvalue(), tuple(notes), fits)
+    fits = () if measured is None else _fits(model, records, runs, measured)
+    return FreeRuns(out.getvalue(), tuple(notes), (*fits, *units_told(model, time_cells)))
 
 
 def _recordings(

@@ -16,7 +16,7 @@ from odescope.errors import InputError
 from odescope.files import check_file, write_file
 from odescope.recordings.columns import recording_codes, times
 from odescope.recordings.coordinate import check_name
-from odescope.recordings.dates import FORMS, is_dates
+from odescope.recordings.dates import DAY, FORMS, is_dates
 from odescope.recordings.formats import Format, opened
 from odescope.recordings.headings import Heading, TimeUnit, time_unit
 from odescope.recordings.layout import Layout
@@ -66,11 +66,12 @@ def init_study(sources: Sequence[Path], out: Path | None, force: bool) -> tuple[
 
 @dataclass(frozen=True)
 class ClockColumn:
-    """The column of the time, its unit and what that rests on; None where there is none."""
+    """The column of the time, its unit and what that rests on, and that of the day beside a clock; None for none."""
 
     label: str | None
     unit: TimeUnit
     why: str
+    date: str | None = None
 
 
 def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
@@ -101,7 +102,7 @@ def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
     if not any(s.role == "coordinate" for s in seen):
         told = "; ".join(f"{s.heading.label}: {s.why}" for s in seen)
         raise InputError(f"no column of {file.name} looks like a coordinate ({told}): write a study, or use identify")
-    empty = [label for label in labels if label not in (*others, clock.label, recording)]
+    empty = [label for label in labels if label not in (*others, clock.label, clock.date, recording)]
     unused = {label: _no_numbers(label, label in dated) for label in empty}
     text = "\n".join(_lines(sources, folder, clock, recording, records, seen, unused)) + "\n"
     parse_study(text)
@@ -146,9 +147,10 @@ def _clock(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColumn:
         if label not in dated and (TIMES.fullmatch(heading.name) or (time_unit(label) and heading.unit is None)):
             unit = time_unit(label)
             return ClockColumn(label, unit or "s", "" if unit in (None, "s") else f"its heading says {unit}")
-    for label in moving:
-        if label in dated:
-            return ClockColumn(label, "s", "dates or a clock, in seconds")
+    days = [label for label in dated if not np.any(np.mod(columns[label], DAY))]
+    for label in sorted((m for m in moving if m in dated), key=days.__contains__):  # a column of days alone comes last
+        clock = len(days) == 1 and label not in days and columns[label].max() < DAY
+        return ClockColumn(label, "s", "dates or a clock, in seconds", days[0] if clock else None)
     for label, values in columns.items():
         steps = np.diff(values)
         if len(steps) and np.all(steps > 0.0) and steps.max() < STEADY * np.median(steps) and values[0] == 0.0:
@@ -159,20 +161,24 @@ def _clock(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColumn:
 def _recording(kind: Format, file: Path, columns: Mapping[str, FloatArray | None], clock: ClockColumn) -> str | None:
     """Return the column that changes wherever time goes back, or that is called so and stays for long."""
     t = None if clock.label is None else columns[clock.label]
+    day = None if clock.date is None else columns[clock.date]
     if clock.label is None or t is None:
         return None
+    t = t if day is None else t + day
     back = set(np.flatnonzero(np.diff(t) < 0.0).tolist())
     for label in columns:
         layout = Layout(time=clock.label, columns=(("t", clock.label),), recording=label)
         called = LABELS.fullmatch(Heading.of(label).name) is not None
-        if label == clock.label or not (called or back):
+        if label in (clock.label, clock.date) or not (called or back):
             continue
         try:
             _, codes = recording_codes(kind.read(file, layout), layout, file.name)
         except InputError:  # a row without a label: it is none of these
             continue
         changes = set(np.flatnonzero(np.diff(codes)).tolist())
-        if changes and back <= changes and (called or back == changes) and len(changes) * LEAST_ROWS < len(codes):
+        # Where time goes back at every change, and nowhere else, a recording may be as short as it likes.
+        seldom = len(changes) * LEAST_ROWS < len(codes) or (called and back == changes)
+        if changes and seldom and back <= changes and (called or back == changes):
             return label
     return None
 
@@ -198,6 +204,7 @@ def _layout(clock: ClockColumn, recording: str | None, headings: dict[str, Headi
         columns=tuple((name, heading.label) for name, heading in headings.items()),
         recording=recording,
         time_unit=clock.unit,
+        date=clock.date,
     )
 
 
@@ -223,6 +230,8 @@ def _lines(
         yield _line("sample_period = 1.0", "CHANGE THIS: seconds; no column holds the time")
     else:
         yield _line(f"time = {_quoted(clock.label)}", clock.why or "in seconds")
+    if clock.date is not None:
+        yield _line(f"date = {_quoted(clock.date)}", "the day of that clock")
     if clock.unit != "s":
         yield _line(f"time_unit = {_quoted(clock.unit)}", "converted to seconds")
     if recording is not None:

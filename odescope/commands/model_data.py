@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, nearest
 from odescope.model.model import Model
-from odescope.model.recorded import TimeColumns, in_degrees, time_label
+from odescope.model.recorded import TimeColumns, in_degrees, time_label, time_unit_of
+from odescope.recordings.dates import to_text
 from odescope.recordings.headings import TimeUnit, in_seconds
+from odescope.recordings.readers import date_zone
 from odescope.recordings.record import Record
+from odescope.report.units import quantity_units, shown
 
 
 def label_of(run: Record, files: Sequence[Path], recording: str) -> str:
@@ -59,21 +63,54 @@ def named_numbers(option: str, texts: Sequence[str], known: Sequence[str], what:
     return given
 
 
-def time_name(model: Model, data: Path, given: TimeColumns) -> str:
-    """Return what the column of time is called in results: as in the data, else t.
+@dataclass(frozen=True)
+class TimeCells:
+    """The column of the time in results, as it is in the data.
 
-    Args:
-        model: that was identified with some column.
-        data: a file.
-        given: by the command line.
+    Attributes:
+        label: its name there, else t.
+        unit: of its numbers.
+        zoned: whether its dates name their zone; None where it holds numbers.
     """
-    return time_label(model, data, given) or "t"
+
+    label: str
+    unit: TimeUnit
+    zoned: bool | None
+
+    @staticmethod
+    def of(model: Model, data: Path, given: TimeColumns) -> TimeCells:
+        """Return the column of a file.
+
+        Args:
+            model: that was identified with some column.
+            data: a file.
+            given: by the command line.
+        """
+        label = time_label(model, data, given)
+        if label is None:
+            return TimeCells("t", "s", None)
+        return TimeCells(label, time_unit_of(model, data, given), date_zone(data, label))
+
+    def written(self, t: FloatArray) -> list[str]:
+        """Return times in seconds (N,) as cells, as few digits as tell them apart: 1.001 s are 1001 ms."""
+        if self.zoned is not None:
+            return to_text(t, self.zoned)
+        factor, over = in_seconds(self.unit)
+        return [repr(v) if self.unit == "s" else repr(float(f"{v:.15g}")) for v in (t * over / factor).tolist()]
+
+    @property
+    def told(self) -> str:
+        """What is said of it: the unit of numbers, or that it holds dates."""
+        return f"{self.label} in {self.unit}" if self.zoned is None else f"{self.label} as dates"
 
 
-def in_unit(t: FloatArray, unit: TimeUnit) -> FloatArray:
-    """Return times in seconds (N,) in a unit, as few digits as tell them apart: 1.001 s are 1001 ms."""
-    factor, over = in_seconds(unit)
-    return t if unit == "s" else np.array([float(f"{v:.15g}") for v in (t * over / factor).tolist()])
+def units_told(model: Model, time: TimeCells) -> list[str]:
+    """Return a line on what results are in, the time and every state whose unit is known; none for bare seconds."""
+    degrees = in_degrees(model)
+    read = (msgspec.structs.replace(c, unit="deg") if c.name in degrees else c for c in model.coordinates)
+    units = quantity_units(replace(model, coordinates=tuple(read)))
+    known = [f"{s} in {shown(units[s])}" for s in model.states if units[s] is not None]
+    return [f"columns: {', '.join([time.told, *known])}"] if known or time.told != f"{time.label} in s" else []
 
 
 @dataclass(frozen=True, eq=False)

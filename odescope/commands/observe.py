@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from odescope.commands.model_data import Sensors, in_unit, label_of, named_numbers, time_name
+from odescope.commands.model_data import Sensors, TimeCells, label_of, named_numbers, units_told
 from odescope.export.model_file import read_model
 from odescope.model.model import Model
-from odescope.model.recorded import TimeColumns, read_for, time_unit_of
+from odescope.model.recorded import TimeColumns, read_for
 from odescope.observer.estimate import StateEstimates, estimate_states
 from odescope.observer.noise import FIT, ProcessNoise, measurement_noise
 from odescope.recordings.record import Records
@@ -38,8 +38,8 @@ class NoiseOptions:
 
 def filtered(
     model_path: Path, data_path: Path, columns: TimeColumns, options: NoiseOptions, smooth: bool
-) -> tuple[str, StateEstimates]:
-    """Return the states of recordings with standard deviations as CSV text, and as they are.
+) -> tuple[str, tuple[str, ...]]:
+    """Return the states of recordings with standard deviations as CSV text, and what there is to say of them.
 
     States are as sensors would read them.
 
@@ -58,23 +58,26 @@ def filtered(
     names = [c.name for c in model.coordinates] + [i.name for i in model.inputs]
     records = read_for(model, [data_path], columns, names)
     found = estimate_states(model, records, noise, process, smooth)
-    return _csv(model, data_path, columns, found, records), found
+    time_cells = TimeCells.of(model, data_path, columns)
+    text = _csv(model, data_path, columns, time_cells, found, records)
+    return text, (*found.lines, *units_told(model, time_cells))
 
 
-def _csv(model: Model, data: Path, columns: TimeColumns, found: StateEstimates, records: Records) -> str:
+def _csv(
+    model: Model, data: Path, columns: TimeColumns, time_cells: TimeCells, found: StateEstimates, records: Records
+) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     labels = () if columns.recording is None else (columns.recording,)
     readings = [f"{c.name}_innovation{of}" for of in ("", "_std") for c in model.coordinates]
     std = [f"{s}_std" for s in model.states]
-    writer.writerow((*labels, time_name(model, data, columns), *model.states, *std, *readings, "innovations_squared"))
+    writer.writerow((*labels, time_cells.label, *model.states, *std, *readings, "innovations_squared"))
     sensors = Sensors.of(model)
     unit = sensors.unit[[model.states.index(c.name) for c in model.coordinates]]
-    time_unit = time_unit_of(model, data, columns)
     for record, run in zip(records, found.runs, strict=True):
         label = () if columns.recording is None else (label_of(record, [data], columns.recording),)
         states, innovations = (sensors.read(run.states), run.std / sensors.unit), (run.innovations, run.expected)
-        table = np.column_stack([in_unit(run.t, time_unit), *states, *(i / unit for i in innovations), run.squared])
-        for row in table.tolist():
-            writer.writerow((*label, *("" if v != v else repr(v) for v in row)))
+        table = np.column_stack([*states, *(i / unit for i in innovations), run.squared])
+        for t, row in zip(time_cells.written(run.t), table.tolist(), strict=True):
+            writer.writerow((*label, t, *("" if v != v else repr(v) for v in row)))
     return out.getvalue()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from odescope.commands.files import check_writable, result_files, write_results
+from odescope.commands.files import WRITTEN, check_writable, refuse_foreign, result_files, write_results
 from odescope.errors import as_path, check_kind
 from odescope.files import write_files
 from odescope.pipeline.identification import Identification
@@ -17,11 +17,12 @@ def save_result(result: Identification, folder: Path | str) -> None:
     Those are model.json, candidates.csv, study.toml, and the models on the path from many terms to few.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: the folder cannot be written, or holds files called like results that are none.
     """
     check_kind(result, Identification, "what is saved")
     folder = as_path(folder, "a folder for results")
     check_writable(folder)
+    refuse_foreign(folder, WRITTEN)
     write_results(folder, result_files(result, moved(result.study, Path(), folder), {}))
 
 
@@ -34,7 +35,7 @@ def write_report(result: Identification, folder: Path | str, title: str = "Ident
         title: heading of the report.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: the folder cannot be written, or holds files called like results that are none.
     """
     from odescope.report.assemble import summary
     from odescope.report.figures.catalogue import pictures
@@ -44,6 +45,7 @@ def write_report(result: Identification, folder: Path | str, title: str = "Ident
     check_kind(result, Identification, "what is reported")
     folder = as_path(folder, "a folder for a report")
     check_writable(folder)
+    refuse_foreign(folder, WRITTEN)
     report = summary(result, title)
     with painters() as painter:
         write_files(folder, report_files(report, painter.paint(pictures(report))))

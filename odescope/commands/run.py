@@ -13,7 +13,9 @@ from odescope.commands.files import (
     FACTORS,
     NO_MODEL,
     RESULT_FILES,
+    WRITTEN,
     check_writable,
+    refuse_foreign,
     refuse_overwriting,
     result_files,
     write_results,
@@ -97,6 +99,7 @@ def run_study(
     check_writable(out)
     resolved = moved(study, folder, out)
     _refuse_own_sources(study, resolved, folder, out, source)
+    refuse_foreign(out, WRITTEN)
     if study.likelihood.enabled and not compiled(integrate):
         monitor.tell(Note("compiling the kernels, once: this takes about a minute"))
     with painters() as painter:
@@ -169,6 +172,7 @@ def draw_again(folder: Path, out: Path, monitor: Monitor = SILENT) -> None:
     """
     stored = read_report(folder / "report.json")
     check_writable(out)
+    refuse_foreign(out, WRITTEN)
     monitor.tell(StageBegan("report"))
     with painters() as painter:
         files = report_files(stored, painter.paint(pictures(stored)))

@@ -86,7 +86,7 @@ def remark(event: Event) -> str:
     if isinstance(event, EquationsReady):
         return uncertain(event.result.model.scores)
     if isinstance(event, Note):
-        return f"note: {event.text}"
+        return f"{'warning' if event.warns else 'note'}: {event.text}"
     return f"wrote {event.folder}/: {', '.join(event.names)}" if isinstance(event, FilesWritten) else ""
 
 

@@ -98,18 +98,18 @@ def _limits(refinement: Refinement, evidence: Evidence) -> tuple[Limit, ...]:
 
 def doubts(refinement: Refinement, targets: Sequence[str]) -> Doubts:
     """Return what the stage knows against its model: where evidence is thin, and what a search may have missed."""
-    process, evidence, free = refinement.process, refinement.evidence, refinement.fit.free
+    process, space, fit = refinement.process, refinement.space, refinement.fit
     thin = list[tuple[str, str, float]]()
-    if refinement.follows and evidence is not None:
-        weak = evidence.wald < THIN * refinement.space.penalty[free]
+    if refinement.follows and refinement.evidence is not None:
+        sure = space.sureness_of(fit, refinement.covariance)
         thin = [
-            (m.term, m.place, float(np.sqrt(wald)))
-            for m, wald, is_weak in zip(_fitted(refinement), evidence.wald, weak, strict=True)
-            if is_weak and m.parts
+            (space.mechanisms[k].term, space.mechanisms[k].place, errors)
+            for k, errors in zip(fit.present.tolist(), sure, strict=True)
+            if errors is not None and errors**2 < THIN * space.penalty[k]
         ]
     return Doubts(
         late=refinement.late,
-        crowded=len(free) > MOST_TERMS * len(targets),
+        crowded=len(fit.free) > MOST_TERMS * len(targets),
         window=None if process is None else process.window,
         thin=tuple(thin),
     )

@@ -21,7 +21,7 @@ from odescope.likelihood.gauge import held_of, rechosen
 from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.segments import Segments
 from odescope.likelihood.settings import FoundSettings, settings_of, values_of
-from odescope.model.assembled import relations_of, stated
+from odescope.model.assembled import relations_of, stated, sureness
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.selection.criterion import penalty
 
@@ -322,9 +322,7 @@ class SearchSpace:
             found: the fit.
             covariance: (p, p) of its parameters.
         """
-        present, theta, whole = self._as_found(found, covariance)
-        values = values_of(present, theta, whole, self.frame.constants)
-        return relations_of([mechanism_at(m, values) for m in present], theta, whole, self.frame.targets)
+        return relations_of(*self._with_numbers(found, covariance), self.frame.targets)
 
     def mechanisms_of(self, found: Fit, covariance: FloatArray) -> tuple[FoundMechanism, ...]:
         """Return the mechanisms of a fit, plain candidates left out.
@@ -333,9 +331,18 @@ class SearchSpace:
             found: the fit.
             covariance: (p, p) of its parameters.
         """
-        present, theta, whole = self._as_found(found, covariance)
-        values = values_of(present, theta, whole, self.frame.constants)
-        return stated([mechanism_at(m, values) for m in present], theta, whole)
+        return stated(*self._with_numbers(found, covariance))
+
+    def sureness_of(self, found: Fit, covariance: FloatArray) -> tuple[float | None, ...]:
+        """Return how many standard errors each present mechanism is from zero, as it is stated to people.
+
+        None where no error is stated. In a scale other than that of the statement the number would be another.
+
+        Args:
+            found: the fit.
+            covariance: (p, p) of its parameters.
+        """
+        return sureness(*self._with_numbers(found, covariance), self.frame.targets)
 
     def settings_of(self, found: Fit, covariance: FloatArray) -> FoundSettings:
         """Return the offsets, delays, constants and holds of a fit.
@@ -347,6 +354,12 @@ class SearchSpace:
         driven = self.segments.driven
         holds = {} if driven is None else dict(zip(self.frame.inputs, driven.holds, strict=True))
         return settings_of(*self._as_found(found, covariance), self.frame.constants, holds)
+
+    def _with_numbers(self, found: Fit, covariance: FloatArray) -> tuple[list[Mechanism], FloatArray, FloatArray]:
+        """Return what `_as_found` does, with numbers for constants."""
+        present, theta, whole = self._as_found(found, covariance)
+        values = values_of(present, theta, whole, self.frame.constants)
+        return [mechanism_at(m, values) for m in present], theta, whole
 
     def _as_found(self, found: Fit, covariance: FloatArray) -> tuple[list[Mechanism], FloatArray, FloatArray]:
         """Return the present mechanisms, their coefficients, and the covariance of all of these."""

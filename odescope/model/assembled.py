@@ -105,6 +105,31 @@ def stated(
     )
 
 
+def sureness(
+    mechanisms: Sequence[Mechanism], theta: FloatArray, covariance: FloatArray, targets: Sequence[str]
+) -> tuple[float | None, ...]:
+    """Return how many standard errors each mechanism is from zero in what `relations_of` and `stated` say of it.
+
+    Args:
+        mechanisms: those of the model.
+        theta: (k,) their coefficients.
+        covariance: (k, k) of the coefficients, zero where they are given.
+        targets: one a relation.
+    """
+    relations = relations_of(mechanisms, theta, covariance, targets)
+    plain = {(r, t.product): t for r, relation in enumerate(relations) for t in relation.terms}
+    joint = iter(stated(mechanisms, theta, covariance))
+    said = list[RelationTerm | FoundMechanism | None]()
+    for m in mechanisms:
+        if not m.parts:
+            said.append(None)
+        elif m.kind == "term":
+            said.append(plain.get((m.parts[0].relation, m.parts[0].product)))
+        else:
+            said.append(next(joint))
+    return tuple(abs(s.coefficient) / s.std_error if s is not None and s.std_error else None for s in said)
+
+
 def _reference(mechanisms: Sequence[Mechanism], group: Sequence[int]) -> tuple[int, float] | None:
     """Return whose coefficient sets the scale of a group, and its value there; None where the scale is given."""
     if any(mechanisms[k].known is not None for k in group):

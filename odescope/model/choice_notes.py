@@ -38,6 +38,20 @@ def findings(scores: ModelScores | None) -> tuple[str, ...]:
     )
 
 
+def unsettled(suspicions: Sequence[SuspicionScore]) -> Iterator[str]:
+    """Yield those of the findings that leave a suspicion standing: the equations may imitate another function."""
+    for found in suspicions:
+        if _stands(found):
+            yield _of_a_suspicion(found)
+
+
+def _stands(found: SuspicionScore) -> bool:
+    """Say whether terms that are left may still imitate a function."""
+    if found.found or not (found.terms or found.reason == "residual"):
+        return False
+    return not found.tried or found.reason == "fractions" or found.terms >= MANY
+
+
 def _of_the_forms(forms: Sequence[FormScore]) -> Iterator[str]:
     kept = [f for f in forms if f.chosen]
     others = [f for f in forms if not f.chosen]
@@ -56,11 +70,11 @@ def _of_the_versions(versions: Sequence[VersionScore]) -> Iterator[str]:
     for kept in (v for v in versions if v.chosen):
         read = listed([f"{name} from the column {column!r}" for name, column in kept.columns.items()])
         others = listed([_version(v) for v in versions if v is not kept])
-        yield f"{read} was preferred{_free_run(kept, 'free-run error ')} to {others}"
+        yield f"{read} was preferred{_free_run(kept.did, 'free-run error ')} to {others}"
 
 
 def _version(of: VersionScore) -> str:
-    how = "no model" if of.coefficients is None else _free_run(of, "")[2:]
+    how = "no model" if of.did is None else _free_run(of.did, "")[2:]
     return " and ".join(map(repr, of.columns.values())) + (f" ({how})" if how else "")
 
 
@@ -76,8 +90,9 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
     lost = "none is better"
     if found.gain:
         lost = f"the best is {'worse' if found.gain < 0.0 else 'no more than better'} by {abs(found.gain):,.0f}"
-    warn = found.reason == "fractions" or found.terms >= MANY
-    return f"{what}: functions of it were tried, {lost} {tried}" + (f"; {_held_within(found)}" if warn else "")
+    return f"{what}: functions of it were tried, {lost} {tried}" + (
+        f"; {_held_within(found)}" if _stands(found) else ""
+    )
 
 
 def _held_within(found: SuspicionScore) -> str:
@@ -87,8 +102,8 @@ def _held_within(found: SuspicionScore) -> str:
     )
 
 
-def _free_run(form: FormScore | VersionScore, what: str) -> str:
-    return "" if form.free_run is None else f", {what}{form.free_run:.2g}"
+def _free_run(form: FormScore | None, what: str) -> str:
+    return "" if form is None or form.free_run is None else f", {what}{form.free_run:.2g}"
 
 
 def _of_the_path(path: Sequence[PathScore]) -> Iterator[str]:

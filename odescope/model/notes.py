@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from odescope.model.choice_notes import TOLD, findings, listed
+from odescope.model.choice_notes import TOLD, findings, listed, unsettled
 from odescope.model.free_run_notes import free_run_sentences
 from odescope.model.scores import (
     Conserved,
@@ -23,6 +23,8 @@ UNSIGNED = 1e-6  # of the largest power dissipated: less is rounding
 IMBALANCE = 0.1  # of the energy turned over: less is what noise of the velocities makes
 LOOSE = 1.0  # standard error over coefficient of a kinetic term that another Lagrangian could do without
 FAR = 0.5  # standard deviations of the record: free runs further off say that little is known
+OPEN = 0.1  # drift of a sum: no small leak, and no gain of a sensor that is a little off
+FLOWS = 'name what flows in or out as inputs, or add reactions with the world outside, such as "-> S" and "S ->"'
 HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
 REASONS = {
@@ -41,9 +43,9 @@ def trust(scores: ModelScores | None) -> tuple[str, ...]:
 def uncertain(scores: ModelScores | None) -> str:
     """Return a sentence that says why a model is uncertain as a whole; nothing where no score says so.
 
-    A model that does not follow the record is, and so is one that only follows it with process noise and whose free
-    runs over what it was not fitted to go far off. Those of a chaotic system do for any law, which its likelihood
-    answers for where that follows without.
+    A model that does not follow the record is, and so is one that only follows it with process noise and whose
+    reactions keep what the record does not, or whose free runs over what it was not fitted to go far off. Those of a
+    chaotic system do for any law, which its likelihood answers for where that follows without.
     """
     if scores is None:
         return ""
@@ -51,6 +53,9 @@ def uncertain(scores: ModelScores | None) -> str:
     if judged is not None and not judged.follows:
         return "uncertain: even in short segments this model does not follow the record to within its noise"
     noisy = judged is not None and bool(judged.process_noise)
+    lacking = [c.sum for c in scores.conserved if c.drift is not None and c.drift > OPEN]
+    if noisy and lacking:
+        return f"uncertain: these reactions would keep {listed(lacking)} constant, but the record does not: {FLOWS}"
     for step in scores.path:
         if noisy and step.chosen and step.error is not None and step.error > FAR:
             return (
@@ -102,11 +107,19 @@ def notes_of(
     """
     said = [*_left_out(dependent)]
     if scores is not None:
-        said += [*findings(scores), *_of_the_data(scores), *_unlikely(scores.conserved)]
-        if scores.energy is not None:
-            said += [*_of_the_energy(scores.energy)]
-        if scores.likelihood is not None and doubts is not None:
-            said += [*_of_the_likelihood(scores.likelihood, doubts), *scores.likelihood.hints]
+        said += [*findings(scores), *warnings_of(scores, doubts), *_of_the_data(scores)]
+    return tuple(dict.fromkeys(said))
+
+
+def warnings_of(scores: ModelScores | None, doubts: Doubts | None) -> tuple[str, ...]:
+    """Return those of the notes that say what may be wrong with a model; all others say what was found and done."""
+    if scores is None:
+        return ()
+    said = [*unsettled(scores.suspicions), *_lost(scores), *_unlikely(scores.conserved)]
+    if scores.energy is not None:
+        said += [*_of_the_energy(scores.energy)]
+    if scores.likelihood is not None and doubts is not None:
+        said += [*_of_the_likelihood(scores.likelihood, doubts), *scores.likelihood.hints]
     return tuple(dict.fromkeys(said))
 
 
@@ -122,11 +135,16 @@ def _left_out(dependent: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
         yield f"and {len(said) - TOLD} more candidates that are combinations of others: see the report"
 
 
-def _of_the_data(scores: ModelScores) -> Iterator[str]:
+def _lost(scores: ModelScores) -> Iterator[str]:
+    """Yield where the model is not to be run, and what of the data it has not seen."""
     for target in _poles(scores):
         yield f"the denominator of {target} vanishes between the states of the data: expect poles when simulating"
     if scores.left_out:
         yield f"{scores.left_out} recordings are shorter than a period of the cutoff and were left out"
+
+
+def _of_the_data(scores: ModelScores) -> Iterator[str]:
+    """Yield what was found out about the record, and allowed for."""
     if scores.time is not None:
         yield from _of_time(scores.time)
     if (read := scores.streamed) is not None:
@@ -210,7 +228,8 @@ def _unlikely(sums: Sequence[Conserved]) -> Iterator[str]:
     """Yield a sentence a sum on which the data and the reactions of the model do not agree."""
     for found in sums:
         if not found.values:
-            yield f"these reactions would keep {found.sum} constant, but in the data it is not seen to be"
+            moves = f"it moves: {FLOWS}" if found.drift else "it is not seen to be"
+            yield f"these reactions would keep {found.sum} constant, but in the data {moves}"
         elif found.by_model is False:
             yield f"these reactions would change {found.sum}, which the data show constant"
 

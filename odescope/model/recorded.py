@@ -165,9 +165,11 @@ def _layout(model: Model, tables: Sequence[TableLabels], given: TimeColumns, nam
     units = {name: Heading.of(labels[name]).unit for name in angles}
     headed = {name for name, unit in units.items() if is_degrees(unit)}
     radians = {name for name, unit in units.items() if unit == "rad"}
-    time = _time_label(model, first, given)
+    time, day = _time_label(model, first, given), model.provenance.get("date")
+    beside = isinstance(day, str) and time is not None and time == model.provenance.get("time")
     return Layout(
         time=time,
+        date=find_label(str(day), first.labels, first.source) if beside else None,
         sample_period=given.sample_period,
         columns=tuple(labels.items()),
         angles=angles,

@@ -243,17 +243,18 @@ class FormScore(msgspec.Struct, frozen=True):
 
 
 class VersionScore(msgspec.Struct, frozen=True):
-    """How a model did whose inputs were read from these `columns`, by input, where several were offered.
+    """How the model `did` whose inputs were read from these `columns`, by input, where several were offered.
 
-    The others are those of `FormScore`, all None where these columns gave no model.
+    None where these columns gave no model.
     """
 
     columns: dict[str, str]
-    coefficients: int | None
-    free_run: Number
-    misfit: Number
-    follows: bool | None
-    chosen: bool
+    did: FormScore | None
+
+    @property
+    def chosen(self) -> bool:
+        """Whether these columns describe the record best."""
+        return self.did is not None and self.did.chosen
 
 
 class PathScore(msgspec.Struct, frozen=True):
@@ -295,11 +296,14 @@ class Conserved(msgspec.Struct, frozen=True):
     """A sum of coordinates that stays constant: in the data, and whether it does by the mechanisms of the model.
 
     `values` are those in the recordings, where the data show it; `by_model` is None where the model has no reactions.
+    Where the reactions would keep it and the data do not, `drift` is how far it moves beyond its noise, over the member
+    that moves most, both root mean squares.
     """
 
     sum: str
     values: tuple[Number, ...]
     by_model: bool | None
+    drift: Number = None
 
 
 class SuspicionScore(msgspec.Struct, frozen=True):

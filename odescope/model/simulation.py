@@ -99,7 +99,7 @@ def follow(
         equations, driven, np.array(initial, dtype=np.float64), states, float(rtol), float(atol)
     )
     reason = _REASONS.get(ending)
-    ended = None if reason is None else f"{reason} after t = {float(t[reached - 1])!r} s"
+    ended = None if reason is None else f"{reason} after {t[reached - 1] - t[0]:.6g} s"
     return Trajectory(np.array(t[:reached], dtype=np.float64), states[:reached].copy(), model.states, ended)
 
 

@@ -12,6 +12,7 @@ from odescope.likelihood.findings import likelihood_scores
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Json, Model
+from odescope.model.notes import FLOWS
 from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore, TimeScore
 from odescope.pipeline.adopted import Adopted
 from odescope.pipeline.joint_models import Search, samples_of
@@ -118,6 +119,27 @@ def require_prediction(found: ModelScores | None, follows: bool) -> None:
             )
 
 
+def require_model(model: Model, follows: bool, exact: bool) -> None:
+    """Refuse what is no model: one that predicts nothing, and one that says of every target that it is zero.
+
+    Args:
+        model: that was found.
+        follows: whether it follows the record, with process noise if need be.
+        exact: whether it does without, which would explain anything.
+
+    Raises:
+        NoModelError: a target is predicted worse than by its mean, or no term is left in any equation.
+    """
+    require_prediction(model.scores, follows)
+    if not exact and all(t.factor is not None for r in model.relations for t in r.terms):
+        lacking = f"; {FLOWS}" if all(c.order == 1 for c in model.coordinates) else ""
+        raise NoModelError(
+            "likelihood",
+            "no candidate earns its place, and without any the record is followed as noise alone: the library lacks"
+            f" what moves it{lacking}",
+        )
+
+
 def time_score(records: Records, coordinates: Sequence[Coordinate]) -> TimeScore | None:
     """Return what was wrong with the time of recordings; None where nothing was.
 
@@ -156,6 +178,7 @@ def provenance(study: Study, signals: Signals, whole: Whole | None) -> dict[str,
     return {
         "odescope": version("odescope"),
         "time": study.data.time,
+        **({"date": study.data.date} if study.data.date else {}),
         **({"time_unit": study.data.time_unit} if study.data.time_unit else {}),
         "columns": columns,
         **({"degrees": degrees} if degrees else {}),

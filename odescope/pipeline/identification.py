@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,15 +23,15 @@ from odescope.model.coefficients import CoefficientRow, rows_with_errors
 from odescope.model.display import equations_html
 from odescope.model.given import GivenInputs, GivenState
 from odescope.model.model import SHOWN_DIGITS, Model
-from odescope.model.notes import notes_of, trust, uncertain
+from odescope.model.notes import notes_of, trust, uncertain, warnings_of
 from odescope.model.relation import Relation, RelationTerm
-from odescope.model.scores import DelayScore, ModelScores, OffsetScore, Streamed
+from odescope.model.scores import DelayScore, Doubts, ModelScores, OffsetScore, Streamed
 from odescope.model.screen import screen
 from odescope.model.simulation import Trajectory
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.adopted import Adopted, adopted
 from odescope.pipeline.competition import Contender, Winner, compete, regress
-from odescope.pipeline.evaluation import domain, free_run_scores, provenance, require_prediction, scores, time_score
+from odescope.pipeline.evaluation import domain, free_run_scores, provenance, require_model, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.gate import gated_scores
 from odescope.pipeline.inputs import hold_scores
@@ -115,7 +115,7 @@ class Identification:
         odescope.write_report(self, folder, title)
 
     def __repr__(self) -> str:
-        said = (uncertain(self.model.scores), *trust(self.model.scores), *self.notes)
+        said = (uncertain(self.model.scores), *self._told)
         equations = odescope.to_text(self.model, SHOWN_DIGITS).splitlines()
         return screen(equations, [s for s in said if s], "odescope.to_text(result.model), result.coefficients, .notes")
 
@@ -123,7 +123,7 @@ class Identification:
         """Return what a notebook shows: the equations with standard errors, how far to trust them, and the notes."""
         return equations_html(
             self.model.equations,
-            (*trust(self.model.scores), *self.notes),
+            tuple(self._told),
             self.model.shown_mechanisms,
             self.model.names,
             self.model.parameters,
@@ -162,22 +162,38 @@ class Identification:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know: candidates left out as dependent, denominators that may vanish, early ends."""
+        """What the user should know: candidates left out as dependent, what was found out about the log, `warnings`."""
         dependent = [(str(m), [str(o) for o in others]) for m, others in self.left_out]
         if not self.model.mechanisms:
             searches = self.searches
             dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
-        judged = None if self.refinement is None else doubts(self.refinement, self.model.targets)
         unit = self.study.data.time_unit
         units = [] if unit in (None, "s") else [f"time was recorded in {unit}: here it is in seconds"]
         units += [f"{name} was recorded in degrees: here it is in radians" for name in sorted(self.study.degrees)]
-        units += contradicted_headings(self.study)
+        told = notes_of(self.model.scores, dependent, self._doubts)
+        return tuple(dict.fromkeys((*told, *units, *self.warnings)))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Those of the notes that say what may be wrong with the model, the log or the study."""
+        said = [*warnings_of(self.model.scores, self._doubts), *contradicted_headings(self.study)]
         if self.refinement is not None and not self.refinement.follows:  # laws hold of radians alone
-            units += degrees_hints(self.records, self.study.measured())
+            said += degrees_hints(self.records, self.study.measured())
         runs = () if self.model.scores is None else self.model.scores.free_runs
         if any(run.valid_time < 0.5 * run.duration for run in runs):
-            units += order_hints(self.study.measured())
-        return (*notes_of(self.model.scores, dependent, judged), *units, *(u.note for u in tables(self.study)[1]))
+            said += order_hints(self.study.measured())
+        return (*said, *(u.note for u in tables(self.study)[1]))
+
+    @property
+    def _doubts(self) -> Doubts | None:
+        return None if self.refinement is None else doubts(self.refinement, self.model.targets)
+
+    @property
+    def _told(self) -> Iterator[str]:
+        """How far to trust the model, then the notes, as a screen has them."""
+        warned = self.warnings
+        yield from trust(self.model.scores)
+        yield from (f"warning: {note}" if note in warned else note for note in self.notes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -256,8 +272,9 @@ def identify(
         told = msgspec.structs.replace(result.model.scores or ModelScores(), versions=versions)
         result = replace(result, model=replace(result.model, scores=told))
     monitor.tell(EquationsReady(result))
+    warned = result.warnings
     for note in result.notes:
-        monitor.tell(Note(note))
+        monitor.tell(Note(note, note in warned))
     return result
 
 
@@ -301,7 +318,7 @@ def _identified(
         seen = settled(work, filtered, winner.model)
         with work.stage("model"):
             model = _judged(work.study, seen, regressed, winner)
-            require_prediction(model.scores, winner.follows)
+            require_model(model, winner.follows, winner.best.exact)
             model, runs = _run_freely(work, seen, model)
     except NoModelError as failure:
         work.monitor.tell(_nothing_found(work, filtered, regressed, failure))

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from odescope.arrays import FloatArray
 from odescope.library.conservation import conserved, constant_sums
 from odescope.library.expression import signed_sum
 from odescope.library.mechanism import Mechanism
@@ -16,6 +17,8 @@ from odescope.pipeline.joint_models import samples_of
 from odescope.recordings.record import Records
 from odescope.signals.estimate import Signals
 
+BLOCKS = 16  # a recording: what varies slowly shows in their means, where there is little noise
+SURE = 3.0  # standard deviations of a variance: what is within them may be noise
 MOST_SPECIES = 16  # of more, sums of four are too many to look at
 
 
@@ -51,7 +54,29 @@ def constants_of(records: Records, signals: Signals, mechanisms: Sequence[Mechan
     found = [Conserved(str(s), s.values, _follows(s.weights, laws, names) if reacting else None) for s in seen]
     weights = [s.weights for s in seen]
     hidden = [law for law in laws if not _follows(law, weights, names)]
-    return (*found, *(Conserved(signed_sum((w, n) for n, w in law.items()), (), True) for law in hidden))
+    drifts = [_drift(columns, np.array([law.get(n, 0.0) for n in names]), noise) for law in hidden]
+    told = [signed_sum((w, n) for n, w in law.items()) for law in hidden]
+    return (*found, *(Conserved(s, (), True, drift) for s, drift in zip(told, drifts, strict=True)))
+
+
+def _drift(columns: Sequence[FloatArray], weights: FloatArray, noise: FloatArray) -> float:
+    """Return how far a sum moves within recordings, over the member that moves most; what noise may do counts as none.
+
+    Args:
+        columns: (c, N) of every recording.
+        weights: (c,) of the sum.
+        noise: (c,) standard deviations.
+    """
+    moved, most, by_chance, means = 0.0, 0.0, 0.0, 0
+    for x in columns:
+        blocks = np.array_split(x * weights[:, None], min(BLOCKS, x.shape[1]), axis=1)
+        mean = np.array([block.mean(axis=1) for block in blocks])
+        moved += float(mean.sum(axis=1).var() * len(mean))
+        most = max(most, float(mean.var(axis=0).max()))
+        by_chance += float(np.sum((weights * noise) ** 2)) * sum(1.0 / block.shape[1] for block in blocks)
+        means += len(mean)
+    beyond = moved - (1.0 + SURE * np.sqrt(2.0 / means)) * by_chance
+    return float(np.sqrt(max(beyond, 0.0) / means / most)) if most > 0.0 else 0.0
 
 
 def _follows(law: Mapping[str, float], laws: Sequence[Mapping[str, float]], names: Sequence[str]) -> bool:

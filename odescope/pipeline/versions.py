@@ -83,22 +83,11 @@ def best_version(
         raise failures[0]
     best = best_of([contender for _, contender in models])
     result = next(result for result, contender in models if contender is best)
-    ran = [None if end is None else end[1] for end in ends]
-    return result, tuple(_score(study, v, c, c is best) for v, c in zip(versions, ran, strict=True))
+    did = [None if end is None else end[1].score(end[1] is best) for end in ends]
+    return result, tuple(VersionScore(_columns(study, v), d) for v, d in zip(versions, did, strict=True))
 
 
-def _score(study: Study, version: Study, contender: Contender | None, chosen: bool) -> VersionScore:
-    """Return how a version did; without a contender it gave no model.
-
-    Args:
-        study: that offers several columns.
-        version: with one of them an input.
-        contender: its model.
-        chosen: whether that was the best.
-    """
+def _columns(study: Study, version: Study) -> dict[str, str]:
+    """Return the columns that the inputs of a version are read from, of those that a study offers several."""
     several = [name for name, i in study.inputs.items() if isinstance(i.column, tuple)]
-    columns = {name: str(version.inputs[name].column) for name in several}
-    if contender is None:
-        return VersionScore(columns, None, None, None, None, chosen)
-    did = contender.score(chosen)
-    return VersionScore(columns, did.coefficients, did.free_run, did.misfit, did.follows, chosen)
+    return {name: str(version.inputs[name].column) for name in several}

@@ -9,7 +9,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError, nearest
-from odescope.recordings.dates import from_text, is_text
+from odescope.recordings.dates import DAY, FORMS, from_text, is_dates, is_text
 from odescope.recordings.headings import in_seconds
 from odescope.recordings.layout import Layout
 from odescope.recordings.text_files import NUMBER
@@ -104,6 +104,29 @@ def numbers(column: ChunkedArray, label: str, source: str) -> FloatArray:
         raise InputError(f"column {label!r} in {source} does not fit 64-bit floats: {first_line(error)}") from error
 
 
+def row_seconds(columns: Columns, layout: Layout, source: str) -> FloatArray:
+    """Return the times of the rows of a table in seconds (N,), a clock's with the day that stands beside it.
+
+    Args:
+        columns: of the table.
+        layout: names the column of the time, and that of the day if there is one.
+        source: where the table came from, for messages.
+
+    Raises:
+        InputError: a column holds neither numbers nor dates, or the day stands beside what is no clock.
+    """
+    time = str(layout.time)
+    found = times(columns[time], layout, source)
+    if layout.date is None:
+        return found
+    if not is_dates(columns[time]) or np.nanmax(found, initial=0.0) >= DAY:
+        raise InputError(
+            f"the column {layout.date!r} holds the day of a clock, and {time!r} in {source} holds no clock, such as"
+            " 12:00:00.5: leave date out of [data]"
+        )
+    return found + in_seconds_of_dates(columns[layout.date], layout.date, source)
+
+
 def times(column: ChunkedArray, layout: Layout, source: str) -> FloatArray:
     """Return a column of times in seconds (N,), NaN where a cell is missing: of numbers, or of dates since 1970.
 
@@ -115,13 +138,31 @@ def times(column: ChunkedArray, layout: Layout, source: str) -> FloatArray:
     Raises:
         InputError: it holds neither.
     """
+    if is_dates(column):
+        return in_seconds_of_dates(column, str(layout.time), source)
+    factor, over = in_seconds(layout.time_unit)
+    return numbers(column, str(layout.time), source) * factor / over
+
+
+def in_seconds_of_dates(column: ChunkedArray, label: str, source: str) -> FloatArray:
+    """Return a column of dates or clocks in seconds since 1970 (N,), NaN where a cell is missing.
+
+    Args:
+        column: of instants, of days or of text.
+        label: its name, for messages.
+        source: where it came from, for messages.
+
+    Raises:
+        InputError: it holds something else.
+    """
     import pyarrow as pa
 
     if is_text(column):
-        column = from_text(column, str(layout.time), source)
+        column = from_text(column, label, source)
+    if pa.types.is_date(column.type):
+        column = column.cast(pa.timestamp("s"))
     if not pa.types.is_timestamp(column.type):
-        factor, over = in_seconds(layout.time_unit)
-        return numbers(column, str(layout.time), source) * factor / over
+        raise InputError(f"column {label!r} in {source} holds {column.type}, expected dates; {FORMS}")
     ticks = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64()).combine_chunks()
     seconds = 1e-9 * ticks.fill_null(0).to_numpy().astype(np.float64)
     found: FloatArray = np.where(ticks.is_null().to_numpy(zero_copy_only=False), np.nan, seconds)

@@ -7,6 +7,9 @@ import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from odescope.arrays import FloatArray
 from odescope.errors import InputError
 
 if TYPE_CHECKING:
@@ -15,6 +18,7 @@ if TYPE_CHECKING:
 MISSING = ("", " ", "NA", "N/A", "NaN", "nan", "NAN", "null", "NULL")
 DATE = re.compile(r"\s*(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}\b|\d{1,2}:\d{2}\b)", re.ASCII)
 FORMS = "dates are read as 2024-01-31 12:00:00.5 or 31.01.2024 12:00:00,5, clocks as 12:00:00.5"
+DAY = 86_400  # seconds
 SLASHES = "31/01/2024 is not read, as 01/02/2024 may be two days"
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d(:\d\d(\.\d+)?)?Z?", re.ASCII)
 # To ISO 8601, one after the other. Where dots stand between, the day comes first in every country that writes so.
@@ -42,6 +46,33 @@ def is_dates(column: ChunkedArray) -> bool:
     import pyarrow as pa
 
     return bool(pa.types.is_timestamp(column.type)) or is_text(column)
+
+
+def in_zone(column: ChunkedArray) -> bool:
+    """Return whether a column of dates says which zone they are of, which is then that of UTC."""
+    import pyarrow as pa
+
+    if is_text(column):
+        return any(cell.rstrip().endswith("Z") for cell in column.drop_null()[:1].to_pylist())
+    return bool(pa.types.is_timestamp(column.type)) and column.type.tz is not None
+
+
+def to_text(t: FloatArray, zoned: bool) -> list[str]:
+    """Return times in seconds since 1970 (N,) as dates of ISO 8601, or as clocks where all are of its first day.
+
+    They have as many decimals as tell the microseconds of all: a 64-bit float of these decades knows no more.
+
+    Args:
+        t: the times.
+        zoned: whether the dates say that they are of UTC.
+    """
+    ticks = np.rint(1e6 * t).astype(np.int64)
+    digits = next(d for d in range(7) if not np.any(ticks % 10 ** (6 - d)))
+    end = -(6 - digits + (digits == 0)) or None  # the point goes with the last of them
+    shown = [text[:end].replace("T", " ") for text in np.datetime_as_string(ticks.astype("datetime64[us]")).tolist()]
+    if len(ticks) and ticks.min() >= 0 and ticks.max() < DAY * 1_000_000:
+        return [text.partition(" ")[2] for text in shown]
+    return [f"{text}Z" for text in shown] if zoned else shown
 
 
 def from_text(column: ChunkedArray, label: str, source: str) -> ChunkedArray:

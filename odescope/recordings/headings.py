@@ -10,7 +10,7 @@ from typing import Literal
 
 from odescope.errors import InputError
 
-TimeUnit = Literal["s", "ms", "us", "ns", "min", "h"]
+TimeUnit = Literal["s", "ms", "us", "ns", "min", "h", "d"]
 
 _TIMES: dict[TimeUnit, tuple[str, ...]] = {
     "s": ("s", "sec", "secs", "second", "seconds"),
@@ -19,6 +19,7 @@ _TIMES: dict[TimeUnit, tuple[str, ...]] = {
     "ns": ("ns", "nsec", "nanos", "nanosecond", "nanoseconds"),
     "min": ("min", "mins", "minute", "minutes"),
     "h": ("h", "hr", "hrs", "hour", "hours"),
+    "d": ("d", "day", "days"),
 }
 # Times and over: a division by 1000 is exact where the number of seconds has a short decimal, a product with 0.001 not.
 _SECONDS: dict[TimeUnit, tuple[float, float]] = {
@@ -28,6 +29,7 @@ _SECONDS: dict[TimeUnit, tuple[float, float]] = {
     "ns": (1.0, 1e9),
     "min": (60.0, 1.0),
     "h": (3600.0, 1.0),
+    "d": (86400.0, 1.0),
 }
 UNITS_OF_TIME: tuple[TimeUnit, ...] = tuple(_TIMES)
 _WITHOUT_BRACKETS = ("s", "ms", "us", "ns")  # in t_min the rest may be the least of something
@@ -60,6 +62,7 @@ _WHOLE = frozenset(
         "hr",
         "d",
         "day",
+        "days",
         "in",
         "ft",
         "lb",

@@ -16,8 +16,8 @@ class Layout:
 
     `columns` and `units` are pairs (name in odescope, column in the file) and (name, unit); `angles`, `held` and
     `inputs` hold names in odescope, `degrees` those of angles to convert to radians; `jitter` is a limit in sample
-    periods, None for none; `time_unit` is that of the column `time`; `time` and `recording` are columns in the file, or
-    `recording` a folder's key (lap=7/a.parquet).
+    periods, None for none; `time_unit` is that of the column `time`; `time`, `date` and `recording` are columns in the
+    file, or `recording` a folder's key (lap=7/a.parquet). `date` holds the day where `time` holds a clock.
 
     Raises:
         InputError: not exactly one of `time` and `sample_period`, no column, a tolerance or period out of range.
@@ -35,6 +35,7 @@ class Layout:
     gaps: Gaps = "bridge"
     jitter: float | None = None
     time_unit: TimeUnit = "s"
+    date: str | None = None
 
     def __post_init__(self) -> None:
         if (self.time is None) == (self.sample_period is None):
@@ -68,4 +69,5 @@ class Layout:
     @property
     def used(self) -> tuple[str, ...]:
         """The file's columns that are read at all, each once."""
-        return tuple(dict.fromkeys((*self.numeric, *(() if self.recording is None else (self.recording,)))))
+        beside = (label for label in (self.date, self.recording) if label is not None)
+        return tuple(dict.fromkeys((*self.numeric, *beside)))

@@ -11,6 +11,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, as_path
 from odescope.recordings.chunks import Chunk, DataFile
+from odescope.recordings.dates import in_zone, is_dates
 from odescope.recordings.formats import FORMATS, PARQUET, opened
 from odescope.recordings.frames import frame_columns
 from odescope.recordings.layout import Layout
@@ -90,6 +91,22 @@ def read_times(file: Path, layout: Layout) -> dict[str, FloatArray]:
         for source, t in row_times(columns, layout, path.name):
             found[source] = np.concatenate([found[source], t]) if source in found else t
     return found
+
+
+def date_zone(file: Path, label: str) -> bool | None:
+    """Return whether the dates in a column of the time name their zone; None where that holds numbers.
+
+    Args:
+        file: or a folder, whose first file is looked at.
+        label: of the column.
+
+    Raises:
+        InputError: the file is unreadable, or has no such column.
+    """
+    path = find_files([file])[0]
+    with opened(path) as kind:
+        column = kind.read(path, Layout(time=label, columns=((label, label),)))[label]
+    return in_zone(column) if is_dates(column) else None
 
 
 def survey(path: Path, layout: Layout) -> DataFile:

@@ -12,7 +12,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
 from odescope.recordings.angles import unwrap
 from odescope.recordings.chunks import Chunk
-from odescope.recordings.columns import Columns, numbers, recording_codes, times
+from odescope.recordings.columns import Columns, numbers, recording_codes, row_seconds
 from odescope.recordings.disorder import in_order
 from odescope.recordings.gaps import SHORTEST_RUN, RawRun, check_cells, pieces
 from odescope.recordings.layout import Layout
@@ -68,7 +68,7 @@ def row_times(columns: Columns, layout: Layout, source: str) -> Iterator[tuple[s
     if layout.time is None:
         return
     labels, codes = recording_codes(columns, layout, source)
-    time = times(columns[layout.time], layout, source)
+    time = row_seconds(columns, layout, source)
     for k, label in enumerate(labels):
         own = time[codes == k]
         yield _source(source, layout, label), own[np.isfinite(own)]
@@ -85,7 +85,7 @@ def _raw_runs(
     found = {label: numbers(columns[label], label, source) for label in dict(layout.columns).values()}
     factors = [np.pi / 180.0 if name in layout.degrees else 1.0 for name in layout.names]
     values = np.column_stack([found[column] for _, column in layout.columns]) * factors
-    time = None if layout.time is None else times(columns[layout.time], layout, source)
+    time = None if layout.time is None else row_seconds(columns, layout, source)
     units = dict(layout.units) | dict.fromkeys(layout.degrees, "rad")
     counted = np.arange(len(values), dtype=np.float64) * (layout.sample_period or 0.0)
     for label, rows in groups:

@@ -210,8 +210,8 @@ def read_columns(
     import pyarrow as pa
 
     types = {label: pa.float64() if label in numeric else pa.string() for label in labels}
-    dates = [] if time is None else [types | {time: pa.timestamp("ns", zone)} for zone in (None, "UTC")]
-    for decimal, kinds in itertools.product(file.decimals, (types, *dates)):
+    dated = [] if time is None else [types | {time: pa.timestamp("ns", zone)} for zone in (None, "UTC")]
+    for decimal, kinds in itertools.product(file.decimals, (types, *dated)):
         try:
             return _parse(file, kinds, decimal)
         except pa.ArrowInvalid:
@@ -223,14 +223,19 @@ def read_columns(
                 return {**found, time: from_text(found[time], time, file.path.name)}
     cells = _parse(file, dict.fromkeys(types, pa.binary()), ".", threads=False)
     texts = {label: [cell.decode(errors="replace") for cell in cells[label].to_pylist()] for label in labels}
-    faults = {mark: {label: _faults(texts[label], mark) for label in numeric} for mark in file.decimals}
+    dates = None if time is None else _as_dates(texts[time], time)  # then the cells at fault are in other columns
+    checked = [label for label in numeric if dates is None or label != time]
+    faults = {mark: {label: _faults(texts[label], mark) for label in checked} for mark in file.decimals}
     decimal = min(faults, key=lambda mark: sum(map(len, faults[mark].values())))
     columns: dict[str, Sequence[object]] = dict(texts)
-    for label in numeric:
+    for label in checked:
         if rows := faults[decimal][label]:
             _refuse_cells(file, label, texts[label], rows, label == time)
         columns[label] = [_float(cell, decimal) for cell in texts[label]]
-    return {label: pa.chunked_array([pa.array(columns[label], types[label])]) for label in labels}
+    own = {time: dates} if time is not None and dates is not None else {}
+    return own | {
+        label: pa.chunked_array([pa.array(columns[label], types[label])]) for label in labels if label not in own
+    }
 
 
 def _parse(
@@ -288,6 +293,15 @@ def _faults(cells: Sequence[str], decimal: str) -> list[int]:
         for row, cell in enumerate(cells)
         if cell.strip() not in MISSING and (other in cell or not NUMBER.fullmatch(cell.strip().replace(decimal, ".")))
     ]
+
+
+def _as_dates(cells: Sequence[str], label: str) -> ChunkedArray | None:
+    """Return cells as instants where every one is a date or a clock, None where one is not."""
+    import pyarrow as pa
+
+    with contextlib.suppress(InputError):
+        return from_text(pa.chunked_array([pa.array(cells)]), label, "the file")
+    return None
 
 
 def _float(cell: str, decimal: str) -> float:

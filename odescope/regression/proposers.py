@@ -159,7 +159,7 @@ def _exchanges(r: FloatArray, left: int, columns: Support, support: Support) -> 
         norms = np.linalg.norm(others, axis=0)
         explained = np.where(norms > 1e-9, (y @ others) ** 2 / np.maximum(norms**2, 1e-300), 0.0)
         best = int(np.argmax(explained))
-        # Of what is explained but for rounding the difference may be below nothing, and then there is always a lesser.
+        # Of an exact fit rounding leaves either sign, and what is below zero is less than a share of itself.
         yield max(float(y @ y - explained[best]), 0.0), tuple(sorted((*kept, able[best])))
 
 

@@ -46,6 +46,7 @@ def summary(
             tuple(Coefficient(unit=unit) for unit in coefficient_units(relation, units)) for relation in model.relations
         ),
         notes=result.notes,
+        warnings=result.warnings,
         observed=observed(result, truth) if known is None else known,
         searches=searched(result),
         at_work=at_work(result, truth),

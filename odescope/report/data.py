@@ -299,7 +299,7 @@ class Reproduce(Plain, frozen=True):
 
 
 class Report(Plain, frozen=True):
-    """The whole report. `model` is the text of model.json, read with the same care."""
+    """The whole report. `model` is the text of model.json, read with the same care; `warnings` are among the notes."""
 
     format: Literal["odescope/report"]
     version: Literal[1]
@@ -312,3 +312,4 @@ class Report(Plain, frozen=True):
     at_work: AtWork
     table: tuple[TableRow, ...]
     reproduce: Reproduce
+    warnings: tuple[str, ...] = ()

@@ -39,6 +39,7 @@ POSITIONS = re.compile(
 )
 ANGLES = re.compile(r".*(theta|phi|psi|angle|winkel|yaw|pitch|roll|heading)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE)
 LENGTHS = frozenset({"m", "mm", "cm", "um", "µm", "μm", "nm", "km", "in", "ft", "meter", "metre", "meters", "metres"})
+SPEEDS = frozenset({"m/s", "mm/s", "km/h", "rad/s", "deg/s", "°/s", "rpm", "1/min"})
 
 
 @dataclass(frozen=True)
@@ -183,6 +184,9 @@ def _coordinate(name: str, heading: Heading, turn: float | None, with_rate: set[
         return Seen(name, heading, "coordinate", "a position, by its unit", 2)
     if name in with_rate:
         return Seen(name, heading, "coordinate", "a position: its rate was measured, too", 2)
+    if unit in SPEEDS:
+        why = f"a speed, by its unit; where friction is dry, name sign({name}) in [library] basis"
+        return Seen(name, heading, "coordinate", why)
     if unit is None and POSITIONS.fullmatch(heading.name):
         return Seen(name, heading, "coordinate", "a position, by its name; order 1 for an amount", 2)
     return Seen(name, heading, "coordinate", "an amount? order 2 for a position")

@@ -57,10 +57,10 @@ def with_labels(study: Study, labels: Sequence[str], source: str) -> Study:
         source: where these are, for messages.
     """
     own = study.data
-    time = own.time if own.time is None else find_label(own.time, labels, source) or own.time
-    recording = own.recording if own.recording is None else find_label(own.recording, labels, source) or own.recording
+    named = (own.time, own.date, own.recording)
+    time, date, recording = (name and (find_label(name, labels, source) or name) for name in named)
     unit = own.time_unit or (None if time is None else time_unit(time))
-    data = msgspec.structs.replace(own, time=time, recording=recording, time_unit=unit)
+    data = msgspec.structs.replace(own, time=time, date=date, recording=recording, time_unit=unit)
     coordinates = {name: _measured(name, c, labels, source) for name, c in study.coordinates.items()}
     inputs = {name: _driven(name, i, labels, source) for name, i in study.inputs.items()}
     readers: dict[str, str] = {}

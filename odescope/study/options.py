@@ -54,7 +54,8 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     Attributes:
         files: one recording a file, or folders of Parquet files; paths are relative to the study file.
         time (s): the column that holds the time; dates and times of day will do.
-        time_unit: of that column; left out, what its heading says, as in "time (ms)", else seconds.
+        date: the column that holds the day, where `time` holds a clock and the two stand apart.
+        time_unit: of that column of time; left out, what its heading says, as in "time (ms)", else seconds.
         sample_period (s): the time between rows, where no column holds it; one of the two must be given.
         recording: the column, or the key=value folder, that tells recordings apart.
         gaps: what happens where samples lack: they are bridged up to 32 steps, the recording is split, or it is
@@ -66,6 +67,7 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     files: tuple[str, ...] = ()
     time: str | None = None
+    date: str | None = None
     time_unit: TimeUnit | None = None
     sample_period: float | None = None
     recording: str | None = None
@@ -260,6 +262,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         named: list[tuple[str, Measured | Driven]] = [*self.coordinates.items(), *self.inputs.items()]
         return Layout(
             time=self.data.time,
+            date=self.data.date,
             sample_period=self.data.sample_period,
             columns=tuple((name, _column_of(name, c)) for name, c in named),
             units=tuple((name, c.unit) for name, c in named if c.unit is not None),

@@ -52,6 +52,12 @@ def test_bad_options(run, options, parts):
         assert part in message
 
 
+def test_a_heading_that_is_nearly_one_is_named(odescope):
+    write("units.csv", {"t": LOG["t"], "speed [rad/s]": LOG["x"], "voltage [V]": LOG["u"]})
+    said = odescope.refused("identify", "units.csv", "--time", "t", "--coordinate", "sped [rad/s]")
+    assert "there is no column 'sped [rad/s]'; did you mean 'speed [rad/s]'?" in said
+
+
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [

@@ -10,8 +10,10 @@ from logs import oscillator
 from odescope.commands.files import (
     CANDIDATE_COLUMNS,
     RESULT_FILES,
+    WRITTEN,
     candidates_csv,
     check_writable,
+    refuse_foreign,
     refuse_overwriting,
     result_files,
     write_results,
@@ -204,3 +206,30 @@ def test_overwriting_is_seen_through_links_and_detours(tmp_path):
     for target in (source, tmp_path / "link.csv", tmp_path / "sub" / ".." / "run.csv"):
         with pytest.raises(InputError, match="would overwrite"):
             refuse_overwriting([tmp_path / "other.csv", target], [source])
+
+
+@pytest.mark.parametrize("name", ["study.toml", "path.csv", "no_model.html", "figures/plot.png", "path/7_terms.json"])
+def test_a_file_of_ones_own_that_is_called_like_a_result_stays(tmp_path, name):
+    own = tmp_path / name
+    own.parent.mkdir(exist_ok=True)
+    own.write_text("my own")
+    with pytest.raises(InputError, match=rf"holds {name} and no results of odescope.*--out"):
+        refuse_foreign(tmp_path, WRITTEN)
+    assert own.read_text() == "my own"
+    (tmp_path / "model.json").write_text('{"format": "my own/model"}')
+    with pytest.raises(InputError, match=r"holds .*model\.json"):
+        refuse_foreign(tmp_path, WRITTEN)
+
+
+def test_results_stand_beside_what_a_project_holds_and_replace_earlier_ones(result, tmp_path):
+    for name in ("notes.txt", "log.csv", "figures/plot.pdf", "path/way_terms.json"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("my own")
+    for _ in range(2):
+        refuse_foreign(tmp_path, WRITTEN)
+        write_results(tmp_path, result_files(result, STUDY, {"report.html": "drawn", "figures/a.svg": "<svg/>"}))
+        (tmp_path / "path" / "99_terms.json").write_text("of an earlier result")
+    write_results(tmp_path, result_files(result, STUDY, {}))
+    for name in ("notes.txt", "log.csv", "figures/plot.pdf", "path/way_terms.json"):
+        assert (tmp_path / name).read_text() == "my own"
+    assert not (tmp_path / "path" / "99_terms.json").exists()

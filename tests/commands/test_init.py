@@ -9,7 +9,7 @@ from logs import oscillator, pendulum, smooth, write
 
 from odescope.commands.init import draft
 from odescope.study.options import Driven, Measured
-from odescope.study.toml import parse_study
+from odescope.study.toml import parse_study, read_study
 
 RNG = np.random.default_rng(0)
 T = 0.01 * np.arange(1500)
@@ -73,7 +73,8 @@ def test_a_column_of_dates_is_the_time(here, odescope, name, said):
     written = Path("log.toml").read_text()
     assert parse_study(written).data.time == said
     assert "one every 1 s, 999 s in all" in written
-    assert "Datum: dates" in written
+    assert ('date = "Datum"' in written) == (name == "Uhrzeit")  # elsewhere the time holds the day
+    assert ("Datum: dates" in written) == (name != "Uhrzeit")
 
 
 def test_times_that_cannot_be_read_are_told_with_what_can(here, odescope):
@@ -154,6 +155,12 @@ def test_a_coarse_encoder_is_no_command(here):
     assert list(study.coordinates) == ["x"]
 
 
+def test_a_speed_without_its_position_is_one(here):
+    study, text = drafted({"t": T, "omega [rad/s]": motion(6)})
+    assert study.coordinates["omega"].order == 1
+    assert "where friction is dry, name sign(omega) in [library] basis" in text
+
+
 def test_recordings_are_told_apart(here):
     again = np.concatenate([T[:500]] * 3)
     run = np.repeat([1.0, 2.0, 3.0], 500)
@@ -163,6 +170,15 @@ def test_recordings_are_told_apart(here):
         assert "in 3 recordings" in text
     study, _ = drafted({"t": T, "segment": run, "x": motion(7)})
     assert study.data.recording == "segment"
+
+
+def test_batches_of_a_few_samples_are_told_apart_where_time_goes_back(here):
+    t = np.tile(2.0 * np.arange(12), 5)
+    run = np.repeat(np.arange(1.0, 6.0), 12)
+    amount = np.exp(-0.1 * t) * np.repeat([1.0, 0.5, 2.0, 1.5, 0.8], 12)
+    study, text = drafted({"run": run, "time (min)": t, "A (mol/L)": amount + 0.01 * np.sin(7.0 * t)})
+    assert study.data.recording == "run"
+    assert "60 samples in 5 recordings" in text
 
 
 def test_without_a_time_the_period_is_to_be_changed(here):
@@ -192,3 +208,21 @@ def test_a_log_without_coordinates_is_refused(odescope, columns, part):
     write("log.csv", columns)
     assert part in odescope.refused("init", "log.csv")
     assert "no such file" in odescope.refused("init", "missing.csv")
+
+
+def test_a_day_and_a_clock_in_two_columns_are_one_time(odescope):
+    t, x, u = oscillator(600).values()
+    stamps = [np.datetime64("2024-01-31T23:59:55", "us") + np.timedelta64(round(1e6 * v), "us") for v in t.tolist()]
+    apart = [str(s).split("T") for s in stamps]
+    rows = [f"{d},{c},{a!r},{b!r}" for (d, c), a, b in zip(apart, x.tolist(), u.tolist(), strict=True)]
+    Path("apart.csv").write_text("\n".join(["Date,Time,x,u", *rows]) + "\n")
+    assert odescope("init", "apart.csv").code == 0
+    text = Path("apart.toml").read_text()
+    data = read_study(Path("apart.toml")).data
+    assert (data.time, data.date, data.recording) == ("Time", "Date", None)
+    Path("apart.toml").write_text(f"{text}\n[likelihood]\nenabled = false\n")
+    assert odescope("identify", "apart.toml").code == 0
+    assert odescope("simulate", "apart", "apart.csv", "--out", "run.csv").code == 0
+    written = [line.partition(",")[0] for line in Path("run.csv").read_text().splitlines()]
+    assert written[0] == "Time"
+    assert [np.datetime64(cell, "us") for cell in written[1:]] == stamps

@@ -114,6 +114,47 @@ def test_simulate_says_how_well_it_fits(machine):
     assert (blind.code, blind.err) == (0, "")
 
 
+DATED = {
+    "dates": ("2024-01-31 23:59:{:09.6f}", "2024-02-01 00:00:{:09.6f}"),
+    "dates of a zone": ("2024-01-31 23:59:{:09.6f}Z", "2024-02-01 00:00:{:09.6f}Z"),
+    "clocks": ("11:59:{:09.6f}", "12:00:{:09.6f}"),
+    "days first": ("31.01.2024 23:59:{:09.6f}", "01.02.2024 00:00:{:09.6f}"),
+}
+
+
+@pytest.mark.parametrize("command", ["simulate", "filter"])
+@pytest.mark.parametrize("form", DATED)
+def test_times_that_were_dates_are_written_as_dates(machine, command, form):
+    t, x, u = oscillator(1000, noise=NOISE, seed=3).values()
+    before, after = DATED[form]
+    texts = [before.format(40.0 + v) if v < 20.0 else after.format(v - 20.0) for v in t.tolist()]
+    rows = [f"{stamp},{a!r},{b!r}" for stamp, a, b in zip(texts, x.tolist(), u.tolist(), strict=True)]
+    Path("dated.csv").write_text("\n".join(["t,x,u", *rows]) + "\n")
+    ended = machine(command, "model.json", "dated.csv", "--out", "out.csv")
+    assert "columns: t as dates" in ended.out
+    written = table(Path("out.csv").read_text())["t"].tolist()
+    begin = texts[0].replace("31.01.2024", "2024-01-31").rstrip("Z").rstrip("0")
+    assert written[0].rstrip("Z").rstrip("0") == begin
+    assert written[0].endswith("Z") == (form == "dates of a zone")
+    assert len({len(cell) for cell in written}) == 1
+    day = "1970-01-01 " if form == "clocks" else ""
+    spent = [
+        np.datetime64(day + v.rstrip("Z"), "us") - np.datetime64(day + written[0].rstrip("Z"), "us") for v in written
+    ]
+    assert np.array(spent).astype(float) * 1e-6 == pytest.approx(t - t[0], abs=2e-6)
+
+
+def test_what_simulate_and_filter_write_is_said_with_its_units(machine):
+    known = json.loads(Path("model.json").read_text())
+    known["coordinates"][0]["unit"] = "m"
+    Path("model.json").write_text(json.dumps(known))
+    t, x, u = oscillator(400, noise=NOISE, seed=3).values()
+    write("ms.csv", {"time (ms)": 1e3 * t, "x": x, "u": u})
+    for command in ("simulate", "filter"):
+        said = machine(command, "model.json", "ms.csv", "--out", "out.csv").out
+        assert "columns: time (ms) in ms, x in m, x_dot in m" in said
+
+
 def test_simulate_asks_for_all_states_that_are_missing_at_once(machine):
     log = oscillator(200)
     write("input.csv", {"t": log["t"], "u": log["u"]})

@@ -66,13 +66,14 @@ def test_what_stays_is_on_standard_error_alone(capsys):
     with shown() as tell:
         for event in (
             StageBegan("signals"),
-            Note("mind the gap"),
+            Note("a gap was bridged"),
+            Note("mind the gap", warns=True),
             FilesWritten(Path("out"), ("model.json", "figures/")),
         ):
             tell(event)
     out, err = capsys.readouterr()
     assert out == ""
-    assert err == "note: mind the gap\nwrote out/: model.json, figures/\n"
+    assert err == "note: a gap was bridged\nwarning: mind the gap\nwrote out/: model.json, figures/\n"
     assert remark(StageBegan("signals")) == ""
 
 

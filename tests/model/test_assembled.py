@@ -6,7 +6,8 @@ import pytest
 from odescope.library.mechanism import Mechanism, Part, candidates_of
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
-from odescope.model.assembled import coefficients_of, relations_of
+from odescope.model.assembled import coefficients_of, relations_of, stated, sureness
+from odescope.model.coefficients import term_rows
 from odescope.model.relation import NORMAL
 
 TARGETS = ("x_ddot", "phi_ddot")
@@ -193,3 +194,39 @@ def test_what_is_no_candidate_is_left_out_and_what_the_relations_lack_is_zero():
     fewer = (*PLAIN[:3], *PLAIN[5:], *candidates_of([[product("x_dot**2")]], ["x_ddot"]))
     back = coefficients_of(fewer, relations)
     np.testing.assert_allclose(back, [0.2, 1.0, -0.5, -2.2, 1.0, -0.125, -0.225, 0.0], rtol=1e-14)
+
+
+# how sure a fraction is of its terms
+
+
+FRACTION = candidates_of([[product("1", "x_ddot"), product("x**2", "x_ddot"), product("x"), product("u")]], ["x_ddot"])
+
+
+def held_at(k, theta, covariance):
+    """Return coefficients and their covariance in the scale in which the k-th is 1 and held."""
+    slopes = (np.eye(len(theta)) - np.outer(theta / theta[k], np.eye(len(theta))[k])) / theta[k]
+    return theta / theta[k], slopes @ covariance @ slopes.T
+
+
+@pytest.mark.parametrize("k", range(4))
+def test_how_sure_a_term_of_a_fraction_is_does_not_depend_on_what_a_fit_held(k):
+    spread = np.random.default_rng(0).standard_normal((4, 4)) * [[0.1], [0.2], [1.0], [0.4]]
+    theta, covariance = held_at(0, np.array([1.0, 0.5, 4.0, -2.0]), spread @ spread.T)
+    found = sureness(FRACTION, *held_at(k, theta, covariance), ["x_ddot"])
+    (relation,) = relations_of(FRACTION, theta, covariance, ["x_ddot"])
+    rows = {row.term: row.z for row in term_rows([relation], ["x_ddot"]) if row.z is not None}
+    told = [rows.get(m.term) for m in FRACTION]
+    assert [s is None for s in found] == [t is None for t in told] == [True, False, False, False]
+    assert found[1:] == pytest.approx([abs(z) for z in told[1:]], rel=1e-6)
+    # What a fit holds has no error of its own: counted by the fit, this is another number.
+    own = np.sqrt(np.diag(held_at(2, theta, covariance)[1]))
+    assert abs(held_at(2, theta, covariance)[0][1] / own[1]) != pytest.approx(found[1], rel=0.05)
+
+
+def test_what_is_tied_and_what_is_known_is_as_sure_as_it_is_stated():
+    spread = 0.05 * np.random.default_rng(1).standard_normal((len(CART), len(CART)))
+    covariance = spread @ spread.T
+    covariance[0], covariance[:, 0] = 0.0, 0.0
+    found = sureness(CART, THETA, covariance, TARGETS)
+    sizes = [abs(m.coefficient) / m.std_error if m.std_error else None for m in stated(CART, THETA, covariance)]
+    assert found == pytest.approx(sizes)

@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 
-from odescope.model.notes import TOLD, notes_of, share, trust, uncertain
+from odescope.model.notes import FLOWS, TOLD, notes_of, share, trust, uncertain, warnings_of
 from odescope.model.scores import (
     Conserved,
     DelayScore,
@@ -20,6 +20,7 @@ from odescope.model.scores import (
     ModelScores,
     PathScore,
     Streamed,
+    SuspicionScore,
     TargetScore,
 )
 
@@ -108,6 +109,37 @@ def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():
     assert "ended by the clock" in late[0]
 
 
+def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
+    poles = TargetScore(0.998, 0.1, 0.997, 12.0, Denominator(data=(0.5, 1.0), box=(-0.1, 1.1)))
+    tried = {"tried": ("log(x)",), "gain": -3.0, "low": 0.1, "high": 2.0}
+    scores = ModelScores(
+        targets={"x_dot": poles},
+        likelihood=JUDGED,
+        left_out=2,
+        delays={"u": DelayScore(0.02)},
+        outliers={"x": 3},
+        suspicions=(
+            SuspicionScore(target="x_dot", variable="x", reason="powers", terms=2, found=(), **tried),
+            SuspicionScore(target="x_dot", variable="y", reason="fractions", terms=2, found=(), **tried),
+        ),
+    )
+    doubts = msgspec.structs.replace(NONE, thin=(("x*y", "y_dot", 2.345),))
+    told, warned = said(scores, doubts, [("a", ("b",))]), warnings_of(scores, doubts)
+    assert set(warned) < set(told)
+    for part, warns in {
+        "left out of the library": False,
+        "holds several powers of x": False,
+        "holds y in a denominator": True,
+        "vanishes between": True,
+        "2 recordings are shorter": True,
+        "acts 0.02 s after": False,
+        "were clipped": False,
+        "thin evidence": True,
+    }.items():
+        assert [part in line for line in told].count(True) == 1, part
+        assert any(part in line for line in warned) == warns, part
+
+
 def test_a_model_that_does_not_follow_has_no_errors_to_speak_of():
     judged = msgspec.structs.replace(JUDGED, follows=False, residual_variance=49.0)
     (note,) = said(ModelScores(likelihood=judged), NONE)
@@ -160,6 +192,10 @@ def test_energies_are_spoken_of_only_where_something_is_wrong(changed, words):
         (
             Conserved("E + C", (), True),
             ["these reactions would keep E + C constant, but in the data it is not seen to be"],
+        ),
+        (
+            Conserved("E + C", (), True, 0.02),
+            [f"these reactions would keep E + C constant, but in the data it moves: {FLOWS}"],
         ),
         (
             Conserved("E + C", (1.0,), False),
@@ -243,6 +279,17 @@ def test_an_uncertain_model_is_said_to_be_so_in_one_sentence(follows, process_no
     assert found.startswith("uncertain: ") if words else found == ""
     assert words in found
     assert "\n" not in found
+
+
+@pytest.mark.parametrize(
+    ("drift", "process_noise", "said"),
+    [(0.3, {"x_dot": 0.1}, True), (0.03, {"x_dot": 0.1}, False), (0.3, None, False), (None, {"x_dot": 0.1}, False)],
+)
+def test_reactions_that_lack_a_feed_are_uncertain_where_the_record_asks_for_noise(drift, process_noise, said):
+    kept = (Conserved("A + B", (), True, drift),)
+    found = uncertain(ModelScores(likelihood=likelihood_of(True, process_noise), conserved=kept))
+    assert found.startswith("uncertain: these reactions would keep A + B constant") == said
+    assert ('"-> S"' in found) == said
 
 
 def test_a_model_without_scores_is_not_called_uncertain():

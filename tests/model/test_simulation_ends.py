@@ -15,7 +15,7 @@ def test_a_blow_up_ends_the_run_where_it_happens():
     t = np.linspace(0.0, 3.0, 301)
     found = free(model, t, [1.0])
     assert "grew without bound" in found.ended
-    assert repr(float(found.t[-1])) in found.ended
+    assert found.ended.endswith(f"after {found.t[-1] - found.t[0]:.6g} s")
     assert 0.98 < found.t[-1] <= 1.0 + 1e-9
     early = found.t < 0.95
     assert found.states[early, 0] == pytest.approx(1.0 / (1.0 - found.t[early]), rel=1e-5)
@@ -55,7 +55,7 @@ def test_leaving_the_domain_of_a_function_ends_the_run():
 def test_stiffness_ends_the_run_and_says_so():
     stiff = build([X], [], [("x_dot", "1", 1.0), (None, "x", 1e7), (None, "1", -1.0)])
     found = free(stiff, np.linspace(0.0, 1.0, 101), [1.0])
-    assert "too stiff to follow after t = 0.0 s" in found.ended
+    assert "too stiff to follow after 0 s" in found.ended
     assert len(found.t) == 1
     mild = build([X], [], [("x_dot", "1", 1.0), (None, "x", 1e4), (None, "1", -1.0)])
     assert free(mild, np.linspace(0.0, 1.0, 101), [1.0]).states[-1, 0] == pytest.approx(1e-4, rel=1e-3)

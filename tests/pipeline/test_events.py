@@ -39,7 +39,7 @@ def test_events_come_in_the_order_of_the_work(told):
     assert events[draft + 1] == StageBegan("likelihood")
     assert events[ready - 1] == StageBegan("model")
     assert events[ready].result is result
-    assert events[ready + 1 :] == [Note(note) for note in result.notes] != []
+    assert events[ready + 1 :] == [Note(note, note in result.warnings) for note in result.notes] != []
 
 
 def test_the_draft_is_the_result_of_the_regression(told):

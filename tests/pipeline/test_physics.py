@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from odescope.library.reactions import reactions
-from odescope.pipeline.physics import constants_of
+from odescope.model.notes import OPEN
+from odescope.pipeline.physics import _drift, constants_of
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral
@@ -57,6 +58,28 @@ def test_a_reaction_that_breaks_what_the_data_keep(closed):
 def test_what_the_reactions_keep_and_the_data_do_not():
     found = constants_of(*measured(leak=0.05), TRUE)
     assert ("E + C", (), True) in [(c.sum, c.values, c.by_model) for c in found]
+
+
+@pytest.mark.parametrize("leak", [0.1, 0.05, 0.02])
+def test_how_far_a_sum_moves_that_reactions_would_keep(leak):
+    records, signals = measured(leak)
+    moved = {c.sum: c.drift for c in constants_of(records, signals, TRUE) if not c.values}
+    # Smoothed another way: over the record, means of 25 samples.
+    smooth = [[np.convolve(r.column(n), np.ones(25) / 25, "valid") for n in "EC"] for r in records]
+    total = np.sqrt(np.mean([np.var(e + c) for e, c in smooth]))
+    assert moved["E + C"] == pytest.approx(total / max(np.std(v) for r in smooth for v in r), rel=0.15)
+    assert moved["E + C"] > OPEN
+
+
+def test_a_short_record_of_much_noise_moves_no_sum():
+    rng, t = np.random.default_rng(5), np.arange(12.0)
+    drifts = []
+    for _ in range(60):
+        s = 2.0 * np.exp(-0.3 * t)
+        values = np.column_stack([s, 2.0 - s]) + 0.1 * rng.standard_normal((12, 2))
+        columns = [np.ascontiguousarray(values.T)]
+        drifts.append(_drift(columns, np.ones(2), np.full(2, 0.1)))
+    assert np.mean(np.array(drifts) > OPEN) <= 0.05
 
 
 def test_positions_are_no_amounts(closed):

@@ -104,6 +104,7 @@ def test_powers_that_are_the_law_stay_and_are_what_they_were(rate, terms):
     assert said.gain is None or said.gain < 0.0
     warned = any("no further than the record went, x =" in note for note in suspecting.notes)
     assert warned == (len(terms) > 2)
+    assert any("no further than" in note for note in suspecting.warnings) == warned
 
 
 def test_what_is_fixed_by_name_is_not_suspected():

@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 from identification_cases import study_of
+from scipy.integrate import solve_ivp
 
 from odescope.errors import NoModelError
+from odescope.model.notes import uncertain
 from odescope.model.scores import ModelScores, TargetScore
 from odescope.pipeline.evaluation import require_prediction
 from odescope.pipeline.identification import NothingFound, identify
-from odescope.study.options import Measured
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Measured, Study
 
 
 def held_out(*r2):
@@ -43,3 +46,41 @@ def test_what_was_searched_in_vain_is_told_before_the_error(order):
         assert search.found.supports
         assert best is search.ranked.candidates[0]
     assert told.result.model.targets == told.result.signals.targets
+
+
+def reactor(feed, reactions, composition=None):
+    """A -> B -> C in a stirred tank with a feed of A and an outflow of all: two logs, and a study of some reactions."""
+
+    def change(_, y):
+        a, b, c = y
+        return [feed * (1.0 - a) - 0.5 * a, 0.5 * a - 0.3 * b - feed * b, 0.3 * b - feed * c]
+
+    rng, t, logs = np.random.default_rng(0), np.linspace(0.0, 20.0, 300), []
+    for start in ([2.0, 0.0, 0.0], [0.3, 1.0, 0.2]):
+        y = solve_ivp(change, (0.0, 20.0), start, t_eval=t, rtol=1e-9).y
+        logs.append({"t": t, **dict(zip("ABC", y + 0.01 * rng.standard_normal(y.shape), strict=True))})
+    library = Candidates(form="reactions", reactions=reactions, composition=composition)
+    return Study(data=Data(time="t"), coordinates={n: Measured() for n in "ABC"}, library=library), logs
+
+
+@pytest.mark.parametrize("composition", [None, {"A": "a", "B": "a", "C": "a"}])
+def test_a_network_that_lacks_the_feed_of_its_record_is_uncertain_and_says_what_to_add(composition):
+    result = identify(*reactor(0.02, None if composition else ("A -> B", "B -> C"), composition))
+    said = uncertain(result.model.scores)
+    assert said.startswith("uncertain: these reactions would keep")
+    assert '"-> S"' in said
+
+
+def test_a_network_whose_reactions_explain_nothing_is_no_model():
+    with pytest.raises(NoModelError, match=r'no candidate earns its place.*"-> S"') as e:
+        identify(*reactor(0.2, ("A -> B", "B -> C")))
+    assert e.value.exit_code == 3
+
+
+def test_with_its_feed_the_network_is_found_and_certain():
+    result = identify(*reactor(0.2, ("A -> B", "B -> C", "-> A", "A ->", "B ->", "C ->")))
+    assert uncertain(result.model.scores) == ""
+    rates = {m.name: m.coefficient for m in result.model.mechanisms}
+    assert rates == pytest.approx(
+        {"A -> B": 0.5, "B -> C": 0.3, "-> A": 0.2, "A ->": 0.2, "B ->": 0.2, "C ->": 0.2}, rel=0.1
+    )

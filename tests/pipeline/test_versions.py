@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from odescope import Candidates, Data, Driven, InputError, Measured, NoModelError, Study, identify
+from odescope import Candidates, Data, Driven, InputError, Measured, NoModelError, Study, from_json, identify, to_json
 from odescope.events import Note
 from odescope.pipeline.versions import versions_of
 
@@ -51,6 +51,7 @@ def test_the_column_that_drove_the_record_is_taken(seed):
     assert found.model.equations == alone.model.equations
     assert [t.term.text for t in found.model.relations[0].terms[1:]] == ["x", "x_dot", "u"]
     assert dict(found.study.layout().columns)["u"] == "measured"
+    assert from_json(to_json(found.model)).scores.versions == found.model.scores.versions
     assert [(v.columns, v.chosen) for v in found.model.scores.versions] == [
         ({"u": "command"}, False),
         ({"u": "measured"}, True),

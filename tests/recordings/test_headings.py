@@ -63,6 +63,7 @@ def test_names_that_formulae_can_use():
         ("time µs", "us"),
         ("milliseconds", "ms"),
         ("t (min)", "min"),
+        ("time [days]", "d"),
         ("t_min", None),  # the least of t
         ("t_h", None),
         ("time (samples)", None),
@@ -85,7 +86,7 @@ def test_a_column_is_meant_by_its_label_or_by_its_plain_name():
 @pytest.mark.parametrize("unit", UNITS_OF_TIME)
 def test_times_come_in_seconds(unit, tmp_path):
     """A second is so many of the unit, by numpy's own clock."""
-    one = np.timedelta64(3600, "s") / np.timedelta64(1, "m" if unit == "min" else unit)
+    one = np.timedelta64(3600, "s") / np.timedelta64(1, {"min": "m", "d": "D"}.get(unit, unit))
     stamps = np.arange(40.0)
     values = np.sin(stamps)
     layout = Layout("clock", columns=(("x", "x"),), time_unit=unit)

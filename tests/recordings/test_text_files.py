@@ -113,6 +113,17 @@ def test_dates_are_times(tmp_path, zone, gap):
     refused(tmp_path, text, r"column 't' in run1\.csv has cells that are not numbers")
 
 
+@pytest.mark.parametrize("stamp", ["2026-11-22 13:00:{:02}", "22.11.2026 13:00:{:02}", "13:00:{:02}"])
+def test_a_cell_at_fault_beside_dates_is_named_and_no_date_is(tmp_path, stamp):
+    text = ["t,x,force", *(f"{stamp.format(k)},{k},{-k}" for k in range(50))]
+    text[20] = f"{stamp.format(19)},error 7,-19"
+    refused(tmp_path, text, r"column 'x' in run1\.csv has cells that are not numbers \(line 21: 'error 7'\)")
+    text[20] = f"{stamp.format(19)},+19,-19"  # a number that Arrow does not take for one
+    (run,) = read_records([write(tmp_path, text)], LAYOUT)
+    assert run.t - run.t[0] == pytest.approx(np.arange(50), abs=1e-6)
+    assert run.column("x") == pytest.approx(np.arange(50))
+
+
 @pytest.mark.parametrize(
     ("form", "first"),
     [
