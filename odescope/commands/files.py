@@ -15,15 +15,9 @@ from odescope.model.model import Model
 from odescope.model.prediction import relation_errors
 from odescope.model.scores import PathScore
 from odescope.pipeline.identification import Identification
+from odescope.report.result_names import FIGURES, NO_MODEL, PATH, PATH_MODEL, RESULT_FILES
 from odescope.study.options import Study
 from odescope.study.toml import study_toml
-
-RESULT_FILES = ("model.json", "candidates.csv", "study.toml", "report.html", "report.json")
-NO_MODEL = "no_model.html"  # what a run leaves that ends without a model, beside the results of earlier ones
-FIGURES = "figures"  # the folder beside them
-PATH = "path"  # that of the models from many terms to few, and the table of these beside it
-PATH_MODEL = "_terms.json"  # what the names of these models end in, after how many terms they have
-FACTORS = "factors"  # and the one of what is kept of logs that do not fit in memory
 
 CANDIDATE_COLUMNS = (
     "target",

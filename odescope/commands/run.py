@@ -9,15 +9,7 @@ from pathlib import Path
 import msgspec
 
 from odescope.arrays import FloatArray
-from odescope.commands.files import (
-    FACTORS,
-    NO_MODEL,
-    RESULT_FILES,
-    check_writable,
-    refuse_overwriting,
-    result_files,
-    write_results,
-)
+from odescope.commands.files import check_writable, refuse_overwriting, result_files, write_results
 from odescope.errors import Stopped
 from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageBegan
 from odescope.files import write_files
@@ -31,6 +23,7 @@ from odescope.report.figures.catalogue import early_pictures, pictures
 from odescope.report.figures.processes import Painters, painters
 from odescope.report.no_model import no_model_html
 from odescope.report.page import report_files
+from odescope.report.result_names import FACTORS, FIGURES, NO_MODEL, REPORT, REPORT_PAGE, RESULT_FILES
 from odescope.report.searches import searched
 from odescope.study.options import Study
 from odescope.study.toml import moved, study_toml
@@ -167,14 +160,14 @@ def draw_again(folder: Path, out: Path, monitor: Monitor = SILENT) -> None:
     Raises:
         InputError: there is no report to draw, or the folder cannot be written.
     """
-    stored = read_report(folder / "report.json")
+    stored = read_report(folder / REPORT)
     check_writable(out)
     monitor.tell(StageBegan("report"))
     with painters() as painter:
         files = report_files(stored, painter.paint(pictures(stored)))
     monitor.check()
-    write_files(out, {name: content for name, content in files.items() if name != "report.json"})
-    monitor.tell(FilesWritten(out, ("report.html", "figures/")))
+    write_files(out, {name: content for name, content in files.items() if name != REPORT})
+    monitor.tell(FilesWritten(out, (REPORT_PAGE, f"{FIGURES}/")))
 
 
 def _placed(study: Study, folder: Path) -> Study:
