@@ -151,7 +151,6 @@ def _common(names: Sequence[str]) -> Options:
         "textStyle": {"fontFamily": "system-ui, sans-serif", "fontSize": 12},
         "legend": {"top": 0, "left": LEFT - 8, "itemWidth": 26, "data": list(dict.fromkeys(names)), "type": "scroll"},
         "tooltip": {"trigger": "axis", "confine": True, "axisPointer": {"type": "line", "animation": False}},
-        "aria": {"enabled": True},
     }
 
 
@@ -242,7 +241,6 @@ def matrix(names: Sequence[str], percent: Sequence[Sequence[int]]) -> Options:
     small = {"fontSize": 10, "color": GREY, "width": 110, "overflow": "truncate"}
     return {
         "animation": False,
-        "aria": {"enabled": True},
         "tooltip": {"confine": True},
         "grid": {"left": 120, "right": 20, "top": 10, "bottom": 150},
         "xAxis": {**labels, "axisLabel": {**small, "rotate": 60, "interval": 0 if len(names) <= 40 else "auto"}},

@@ -7,12 +7,15 @@ import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import TYPE_CHECKING
 
 from odescope.errors import InputError
 from odescope.recordings.formats import FORMATS
 from odescope.recordings.readers import find_files
 from odescope.report.result_names import MODEL, NO_MODEL
-from odescope.study.options import Study
+
+if TYPE_CHECKING:
+    from odescope.study.options import Study
 
 DEPTH = 4  # folders within folders that are looked into
 MOST = 500  # files that are listed

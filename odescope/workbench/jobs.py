@@ -167,17 +167,22 @@ class Jobs:
         job = self.find(name)
         if job is not None and not job.running:
             shutil.rmtree(self._folder.root / HIDDEN / name, ignore_errors=True)
+            self._remove_empty(job)
 
     def _tidy(self, job: Job) -> None:
         """Remove what a run that was ended has left, and say in its events that it is over."""
         results = self._folder.root / job.record.results
         for partial in results.glob(PARTIAL):
             shutil.rmtree(partial, ignore_errors=True)
-        with suppress(OSError):
-            results.rmdir()  # where nothing was written at all
+        self._remove_empty(job)
         found = self.find(job.name)
         if found is not None and found.end is None:
             EventFile(self._folder.root / HIDDEN / job.name / EVENTS).end(Stopped.exit_code, "stopped")
+
+    def _remove_empty(self, job: Job) -> None:
+        """Remove the folder of results, if nothing was written there at all."""
+        with suppress(OSError):
+            (self._folder.root / job.record.results).rmdir()
 
     def _place_for(self, stem: str) -> Path:
         """Return a new folder for a run, named by when it began and its study."""

@@ -111,7 +111,6 @@ def extremes(y: FloatArray) -> IntArray:
     lacking = np.flatnonzero(np.isnan(blocks[np.arange(len(blocks)), low]))  # the least of numbers with NaN is NaN
     low[lacking] = np.where(np.isnan(blocks[lacking]), np.inf, blocks[lacking]).argmin(axis=1)
     high[lacking] = np.where(np.isnan(blocks[lacking]), -np.inf, blocks[lacking]).argmax(axis=1)
-    ends = np.arange(whole, len(y))
-    both = [starts + np.minimum(low, high), starts + np.maximum(low, high), ends]
-    found: IntArray = np.unique(np.concatenate([*both, [0, len(y) - 1]])) if len(y) else np.empty(0, np.int64)
-    return found
+    both = np.stack([starts + np.minimum(low, high), starts + np.maximum(low, high)], axis=1).ravel()
+    found: IntArray = np.concatenate([np.zeros(min(len(y), 1), np.int64), both, np.arange(max(whole - 1, 0), len(y))])
+    return found[np.diff(found, prepend=-1) > 0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from functools import lru_cache
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from odescope.workbench.log_file import LogFile, open_log
 from odescope.workbench.long_chart import LongChart, LongLine, LongPlot
 
 MOST_PANELS = 40
+SMALL = 20_000_000  # bytes of a file that is looked at in no time
 
 
 @lru_cache(maxsize=3)
@@ -100,14 +102,12 @@ async def _seen(bench: Workbench, path: Path, waiting: ui.element) -> None:
     """Say what the columns look like, and offer the study."""
     target = path.parent / f"{path.name.removesuffix('.gz').rpartition('.')[0]}.toml"
     try:
-        drafted = await run.cpu_bound(draft, path, [path], path.parent)
-    except SubprocessException as error:
+        drafted = await _drafted(path)
+    except InputError as error:
         waiting.delete()
-        complaint(error.original_message)
+        complaint(str(error))
         return
     waiting.delete()
-    if drafted is None:  # the server ends
-        return
     text("p", drafted.sampled)
     table("Columns", ("column", "unit", "may be", "because"), _rows(drafted))
     with ui.element("div").classes("actions"):
@@ -120,6 +120,24 @@ async def _seen(bench: Workbench, path: Path, waiting: ui.element) -> None:
                 ui.navigate.to(address("study", bench.folder.name(target)))
 
             button("Make a study of it", told(begin), main=True)
+
+
+async def _drafted(path: Path) -> Drafted:
+    """Return the study of a log; a long look is taken in another process, since it would hold up the pages of this.
+
+    Raises:
+        InputError: there is nothing to identify in it.
+        asyncio.CancelledError: the server ends.
+    """
+    if path.stat().st_size < SMALL:
+        return await aside(draft, path, [path], path.parent)
+    try:
+        found = await run.cpu_bound(draft, path, [path], path.parent)
+    except SubprocessException as error:
+        raise InputError(error.original_message) from error
+    if found is None:
+        raise asyncio.CancelledError
+    return found
 
 
 def in_bytes(size: int) -> str:

@@ -84,7 +84,8 @@ def study_page(bench: Workbench, name: str) -> None:
             try:
                 Editor(bench, chosen)
             except (InputError, OSError, UnicodeDecodeError) as error:
-                complaint(f"{chosen} cannot be opened: {error}")
+                text("h1", chosen)
+                complaint(f"it cannot be opened: {error}")
 
 
 class Editor:
