@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from odescope.arrays import FloatArray, IntArray
+from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.library.tape import run_tape
 from odescope.model.linear_solve import solve_in_place
 from odescope.parallel.kernels import kernel
 
-LANES = 32  # segments side by side: states, sensitivities and tape of 32 lanes stay in a first- or second-level cache
+LANES = 48  # segments side by side: states, sensitivities and tape of so many stay in a first- or second-level cache
 
 
 class Averages(NamedTuple):
@@ -67,7 +67,11 @@ class Sums(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for the slopes of a block of L lanes: work (slots, L); a, inv (T, T, L); y, v (T, L); g (T, n, L)."""
+    """Room for the slopes of a block of L lanes.
+
+    Shapes: work (slots, L); a, inv (T, T, L); y, v (T, L); g (T, n, L); row (L,); acts (n,) whether a relation depends
+    on the state.
+    """
 
     work: FloatArray
     a: FloatArray
@@ -75,6 +79,8 @@ class Scratch(NamedTuple):
     y: FloatArray
     g: FloatArray
     v: FloatArray
+    row: FloatArray
+    acts: BoolArray
 
 
 @kernel("contract")
@@ -83,114 +89,110 @@ def _slopes(code, places, param, weight, within_param, p, lanes, x, s, u, scratc
 
     Shapes: x, dx (n, L); s, ds (n, n + p, L); u (inputs, L); param, weight one entry a part.
     """
-    work, a, inv, y, g, v = scratch.work, scratch.a, scratch.inv, scratch.y, scratch.g, scratch.v
+    work, a, inv, y, g, v, row, acts = scratch
     slot, owner, factor, share = places.slot, places.owner, places.factor, places.share
-    grad, following = places.grad, places.following
-    within = places.within
+    grad, following, within = places.grad, places.following, places.within
     n, targets = x.shape[0], y.shape[0]
     for i in range(n):
-        work[i, :lanes] = x[i, :lanes]
+        for lane in range(lanes):
+            work[i, lane] = x[i, lane]
     for i in range(u.shape[0]):
-        work[n + i, :lanes] = u[i, :lanes]
+        for lane in range(lanes):
+            work[n + i, lane] = u[i, lane]
     run_tape(code, work, lanes)
-    a[:, :, :lanes] = 0.0
-    y[:, :lanes] = 0.0
-    for k in range(owner.shape[0]):
-        value, c, r = work[slot[k]], weight[k], owner[k]
-        if factor[k] >= 0:
-            row = a[r, factor[k]]
-            for lane in range(lanes):
-                row[lane] += c * value[lane]
-        else:
-            row = y[r]
-            for lane in range(lanes):
-                row[lane] -= c * value[lane]
-    _invert(a, inv, targets, lanes)
-    for lane in range(lanes):
+    for r in range(targets):
+        for lane in range(lanes):
+            v[r, lane] = 0.0
         for t in range(targets):
-            total = 0.0
-            for r in range(targets):
-                total += inv[t, r, lane] * y[r, lane]
-            v[t, lane] = total
-    for t in range(targets):
-        y[t, :lanes] = v[t, :lanes]
-    g[:, :, :lanes] = 0.0
-    for q in range(grad.shape[0]):
-        k, state, value = grad[q, 0], grad[q, 1], work[grad[q, 2]]
-        c, row = weight[k], g[owner[k], state]
-        if c == 0.0:
-            continue
-        if factor[k] >= 0:
-            by = y[factor[k]]
             for lane in range(lanes):
-                row[lane] += c * by[lane] * value[lane]
+                a[r, t, lane] = 0.0
+    for k in range(owner.shape[0]):
+        c, r, at = weight[k], owner[k], slot[k]
+        if factor[k] >= 0:
+            for lane in range(lanes):
+                a[r, factor[k], lane] += c * work[at, lane]
         else:
             for lane in range(lanes):
-                row[lane] += c * value[lane]
+                v[r, lane] -= c * work[at, lane]
+    _invert(a, inv, targets, lanes)
+    for t in range(targets):
+        for lane in range(lanes):
+            y[t, lane] = inv[t, 0, lane] * v[0, lane]
+        for r in range(1, targets):
+            for lane in range(lanes):
+                y[t, lane] += inv[t, r, lane] * v[r, lane]
+    for i in range(n):
+        acts[i] = False
+        for r in range(targets):
+            for lane in range(lanes):
+                g[r, i, lane] = 0.0
+    for q in range(grad.shape[0]):
+        k, i, at = grad[q, 0], grad[q, 1], grad[q, 2]
+        c, r, of = weight[k], owner[k], factor[k]
+        if c != 0.0:
+            acts[i] = True
+            if of >= 0:
+                for lane in range(lanes):
+                    g[r, i, lane] += c * y[of, lane] * work[at, lane]
+            else:
+                for lane in range(lanes):
+                    g[r, i, lane] += c * work[at, lane]
     for i in range(n):
         if following[i] >= 0:
-            dx[i, :lanes] = x[following[i], :lanes]
+            for lane in range(lanes):
+                dx[i, lane] = x[following[i], lane]
             for j in range(n + p):
                 for lane in range(lanes):
                     ds[i, j, lane] = s[following[i], j, lane]
         else:
             t = -1 - following[i]
-            dx[i, :lanes] = y[t, :lanes]
+            for lane in range(lanes):
+                dx[i, lane] = y[t, lane]
             for j in range(n + p):
                 for lane in range(lanes):
                     ds[i, j, lane] = 0.0
-    # d rho / dx S, relation by relation, then through the inverse of A into the targets' rows.
-    for j in range(n + p):
-        for r in range(targets):
-            row = v[r]
-            row[:lanes] = 0.0
-            for i in range(n):
-                gr, si = g[r, i], s[i, j]
+            # d target / dx, the inverse of A times d rho / dx, then times S.
+            for k in range(n):
+                if not acts[k]:
+                    continue
                 for lane in range(lanes):
-                    row[lane] += gr[lane] * si[lane]
-        for i in range(n):
-            if following[i] < 0:
-                t = -1 - following[i]
-                out = ds[i, j]
-                for r in range(targets):
-                    w, row = inv[t, r], v[r]
+                    row[lane] = inv[t, 0, lane] * g[0, k, lane]
+                for r in range(1, targets):
                     for lane in range(lanes):
-                        out[lane] -= w[lane] * row[lane]
+                        row[lane] += inv[t, r, lane] * g[r, k, lane]
+                for j in range(n + p):
+                    for lane in range(lanes):
+                        ds[i, j, lane] -= row[lane] * s[k, j, lane]
     for k in range(owner.shape[0]):
-        if param[k] < 0:
-            continue
-        value, r = work[slot[k]], owner[k]
-        for i in range(n):
-            if following[i] < 0:
-                t = -1 - following[i]
-                w, c, out = inv[t, r], share[k], ds[i, n + param[k]]
-                if factor[k] >= 0:
-                    by = y[factor[k]]
-                    for lane in range(lanes):
-                        out[lane] -= c * w[lane] * by[lane] * value[lane]
-                else:
-                    for lane in range(lanes):
-                        out[lane] -= c * w[lane] * value[lane]
+        if param[k] >= 0:
+            part = slot[k], owner[k], factor[k]
+            _add_parameter(ds, n + param[k], share[k], part, following, scratch, lanes)
     for q in range(within.shape[0]):
         k = within[q, 0]
-        r, c = owner[k], weight[k]
-        if within_param[q] < 0 or c == 0.0:
-            continue
-        value = work[within[q, 1]]
-        for i in range(n):
-            if following[i] < 0:
-                t = -1 - following[i]
-                w, out = inv[t, r], ds[i, n + within_param[q]]
-                if factor[k] >= 0:
-                    by = y[factor[k]]
-                    for lane in range(lanes):
-                        out[lane] -= c * w[lane] * by[lane] * value[lane]
-                else:
-                    for lane in range(lanes):
-                        out[lane] -= c * w[lane] * value[lane]
+        if within_param[q] >= 0 and weight[k] != 0.0:
+            part = within[q, 1], owner[k], factor[k]
+            _add_parameter(ds, n + within_param[q], weight[k], part, following, scratch, lanes)
 
 
-@kernel()
+@kernel("contract")
+def _add_parameter(ds, column, c, part, following, scratch, lanes):
+    """Add to a column of S' what a part (slot, relation, target or -1) times c is of d rho by its parameter."""
+    at, r, of = part
+    work, inv, y, row = scratch.work, scratch.inv, scratch.y, scratch.row
+    if of >= 0:
+        for lane in range(lanes):
+            row[lane] = c * work[at, lane] * y[of, lane]
+    else:
+        for lane in range(lanes):
+            row[lane] = c * work[at, lane]
+    for i in range(following.shape[0]):
+        if following[i] < 0:
+            t = -1 - following[i]
+            for lane in range(lanes):
+                ds[i, column, lane] -= inv[t, r, lane] * row[lane]
+
+
+@kernel("contract")
 def _invert(a, inv, targets, lanes):
     if targets == 1:
         for lane in range(lanes):
@@ -201,6 +203,14 @@ def _invert(a, inv, targets, lanes):
             d = 1.0 / (a[0, 0, lane] * a[1, 1, lane] - a[0, 1, lane] * a[1, 0, lane])
             inv[0, 0, lane], inv[1, 1, lane] = a[1, 1, lane] * d, a[0, 0, lane] * d
             inv[0, 1, lane], inv[1, 0, lane] = -a[0, 1, lane] * d, -a[1, 0, lane] * d
+        return
+    off = 0.0
+    for i in range(targets):
+        for j in range(targets):
+            for lane in range(lanes):
+                inv[i, j, lane] = 1.0 if i == j else 0.0
+                off += abs(a[i, j, lane] - inv[i, j, lane])
+    if off == 0.0:  # bare targets: the inverse is the identity
         return
     left, right = np.empty((targets, targets)), np.empty((targets, targets))
     for lane in range(lanes):
@@ -253,24 +263,25 @@ def integrate(code, places, param, weight, settings, p, data, x0, begin, end, ou
         np.empty((targets, LANES)),
         np.empty((targets, n, LANES)),
         np.empty((targets, LANES)),
+        np.empty(LANES),
+        np.empty(n, dtype=np.bool_),
     )
     for i in range(settings.constants.shape[0]):
         scratch.work[n + inputs + i] = settings.constants[i]
     offset, offset_param, within_param = settings.offset, settings.offset_param, settings.within_param
     u, e, scales = np.zeros((inputs, LANES)), np.empty(LANES), np.empty(LANES)
-    slope = np.empty(width)
+    slope = np.empty((width, LANES))
+    # Sums of the lanes, which go out when their block is done.
+    costs, gradients, hessians = np.empty(LANES), np.empty((width, LANES)), np.empty((width, width, LANES))
     step = data.step / substeps
     for low in range(begin, end, LANES):
         lanes = min(LANES, end - low)
         longest = 0
         for lane in range(lanes):
             longest = max(longest, count[low + lane])
-            cost[low + lane] = 0.0
-            gradient[low + lane] = 0.0
-            hessian[low + lane] = 0.0
             for i in range(n):
                 x[i, lane] = x0[low + lane, i]
-        s[:] = 0.0
+        s[:], costs[:], gradients[:], hessians[:] = 0.0, 0.0, 0.0, 0.0
         for i in range(n):
             for lane in range(lanes):
                 s[i, i, lane] = 1.0
@@ -280,23 +291,21 @@ def integrate(code, places, param, weight, settings, p, data, x0, begin, end, ou
                 for lane in range(lanes):
                     row, inside = start[low + lane] + k, k < count[low + lane]
                     scales[lane] = inverse_noise[c] * w_data[row, c] if inside else 0.0
-                    e[lane] = (x[m, lane] + offset[c] - y_data[row, c]) * scales[lane] if inside else 0.0
+                    e[lane] = (x[m, lane] + offset[c] - y_data[row, c]) * scales[lane] if scales[lane] > 0.0 else 0.0
                 for lane in range(lanes):
-                    if scales[lane] > 0.0:
-                        cost[low + lane] += e[lane] * e[lane]
-                        scale = scales[lane]
-                        gl, hl = gradient[low + lane], hessian[low + lane]
-                        for i in range(width):
-                            slope[i] = scale * s[m, i, lane]
-                        if offset_param[c] >= 0:
-                            slope[n + offset_param[c]] += scale
-                        for i in range(width):
-                            si = slope[i]
-                            gl[i] += si * e[lane]
-                            if si != 0.0:
-                                hi = hl[i]
-                                for j in range(i + 1):
-                                    hi[j] += si * slope[j]
+                    costs[lane] += e[lane] * e[lane]
+                for i in range(width):
+                    for lane in range(lanes):
+                        slope[i, lane] = scales[lane] * s[m, i, lane] if scales[lane] > 0.0 else 0.0
+                if offset_param[c] >= 0:
+                    for lane in range(lanes):
+                        slope[n + offset_param[c], lane] += scales[lane]
+                for i in range(width):
+                    for lane in range(lanes):
+                        gradients[i, lane] += slope[i, lane] * e[lane]
+                    for j in range(i + 1):
+                        for lane in range(lanes):
+                            hessians[i, j, lane] += slope[i, lane] * slope[j, lane]
             for part in range(substeps):
                 for stage in range(4):
                     node = 2 * part + (0 if stage == 0 else 1 if stage < 3 else 2)
@@ -332,6 +341,8 @@ def integrate(code, places, param, weight, settings, p, data, x0, begin, end, ou
                         for j in range(width):
                             jacobian[low + lane, i, j] = s[i, j, lane]
         for lane in range(lanes):
+            cost[low + lane] = costs[lane]
             for i in range(width):
-                for j in range(i):
-                    hessian[low + lane, j, i] = hessian[low + lane, i, j]
+                gradient[low + lane, i] = gradients[i, lane]
+                for j in range(i + 1):
+                    hessian[low + lane, i, j] = hessian[low + lane, j, i] = hessians[i, j, lane]

@@ -7,6 +7,7 @@ of the least, or too small to matter. docs/method.md, The path of models.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,8 @@ QUICK = 2  # steps of a fit without a mechanism, which are enough
 FORETOLD = 1.1  # if they raise the cost by no more than so many times its Wald statistic, as in a linear model
 FAR = 10  # steps of other fits where they are rough, and
 NEAR = 0.01  # of what the cost is above that of the longest: how near they come
+LOST = 0.5  # standard deviations of what was measured: further away a free run follows nothing,
+KEPT = 0.25  # and where a longer model was nearer than this, no shorter one than a lost one is worth its fit
 TENTH = 0.1  # of the least error: where free runs tell little, no more than that is given away for fewer terms
 
 
@@ -76,7 +79,7 @@ class ModelPath:
             rough: whether models that lack much are fitted to a part of what they lack: what is chosen is fitted anew.
         """
         steps = [_step(seen, found)]
-        while not seen.budget.over:
+        while not (seen.budget.over or _lost(steps)):
             here = steps[-1].fit
             wald = [w for w, k in zip(here.wald, here.free, strict=True) if seen.mechanisms[k].parts]
             if len(wald) < 2:
@@ -121,6 +124,11 @@ class ModelPath:
             f"[likelihood] terms = {terms}: the path of models goes from {longest} terms down to {shortest}; choose"
             " one of these"
         )
+
+
+def _lost(steps: Sequence[PathStep]) -> bool:
+    """Say whether the last model follows nothing of what is held out, where a longer one did."""
+    return steps[-1].error > LOST and min(s.error for s in steps) < KEPT
 
 
 def _as_well(step: PathStep, best: PathStep) -> bool:

@@ -16,11 +16,12 @@ from odescope.signals.filling import filled, measured_derivatives
 
 STRETCH = 4  # periods of the lowest cutoff
 LEAST_SAMPLES = 16
-EVALUATIONS = 20  # of the misfit, besides those for its slopes
+EVALUATIONS = 20  # of the misfit of the shortest stretch, besides those for its slopes,
+FURTHER = 4  # and of a longer one, which the fit to the shorter one begins near its end or not at all
 LONGEST = 32  # times the shortest stretch
 FOLLOWED = 1.5  # root mean square misfit over the noise, up to which a model is said to follow
 STEP = 1e-6  # of a difference quotient, in sizes of the coordinates: well above the tolerance of the integration
-CONVERGED = 1e-6  # relative fall of the cost that ends a fit
+CONVERGED = 1e-4  # relative fall of the cost that ends a fit: a hundredth of what chance does to a few hundred samples
 
 _DEFAULT = Spectral()
 
@@ -63,7 +64,7 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
     place = [model.states.index(c.name) for c in model.coordinates]
     size = max(_size(record, c.name) for c in model.coordinates)
 
-    def fit(length: int, state: FloatArray) -> tuple[FloatArray, float]:
+    def fit(length: int, state: FloatArray, evaluations: int) -> tuple[FloatArray, float]:
         t, inside = record.t[:length], driven.first(length)
 
         def misfit(trial: FloatArray) -> FloatArray:
@@ -73,14 +74,14 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
                 off = (run.states[:, place] - measured[:length]) * weights * np.sqrt(counts[:length])
             return off[counts[:length] > 0.0]
 
-        return _fit(misfit, state, size)
+        return _fit(misfit, state, size, evaluations)
 
     length = shortest
-    state, error = fit(length, start)
+    state, error = fit(length, start, EVALUATIONS)
     # A longer stretch says more about the first sample for as long as the model follows it to within the noise.
     while error <= FOLLOWED and length < min(LONGEST * shortest, len(record)):
         length = min(2 * length, len(record))
-        better, error = fit(length, state)
+        better, error = fit(length, state, FURTHER)
         if error <= FOLLOWED:
             state = better
     return state
@@ -90,13 +91,16 @@ def _size(record: Record, name: str) -> float:
     return max(float(np.ptp(record.column(name))), 1e-300)
 
 
-def _fit(misfit: Callable[[FloatArray], FloatArray], state: FloatArray, size: float) -> tuple[FloatArray, float]:
+def _fit(
+    misfit: Callable[[FloatArray], FloatArray], state: FloatArray, size: float, evaluations: int
+) -> tuple[FloatArray, float]:
     """Return the state of least misfit and its root mean square, infinite where the run cannot be followed.
 
     Args:
         misfit: of a state (n,), in standard deviations; not finite where the free run from there ends early.
         state: (n,) to start from.
         size: of the coordinates.
+        evaluations: of the misfit at most, besides those for its slopes.
     """
     last = misfit(state)
 
@@ -115,7 +119,7 @@ def _fit(misfit: Callable[[FloatArray], FloatArray], state: FloatArray, size: fl
     if not np.all(np.isfinite(last)):
         return state, np.inf
     try:
-        found = least_squares(followed, state, slopes, x_scale="jac", ftol=CONVERGED, max_nfev=EVALUATIONS)
+        found = least_squares(followed, state, slopes, x_scale="jac", ftol=CONVERGED, max_nfev=evaluations)
     except _NotFollowedError:
         return state, np.inf
     return found.x, float(np.sqrt(np.mean(found.fun**2)))
