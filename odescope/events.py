@@ -74,3 +74,26 @@ class Monitor:
         """Raise Stopped if the run is to end."""
         if self.stop():
             raise Stopped("stopped")
+
+
+def standing(event: Event) -> str:
+    """Return where an event says that the run stands; nothing if it does not say."""
+    if isinstance(event, StageBegan):
+        return event.stage
+    if isinstance(event, Progress):
+        left = "" if event.seconds_left is None else f", {span(event.seconds_left)} left"
+        counted = event.part if event.total == 1 else f"{event.done} of {event.total} {plural(event.part)}"
+        return f"{event.stage}: {counted}{left}"
+    return ""
+
+
+def plural(part: str) -> str:
+    """Return the plural of "chunk", "search" and the like."""
+    return part + ("es" if part.endswith(("s", "x", "ch", "sh")) else "s")
+
+
+def span(seconds: float) -> str:
+    """Return a time in the two largest of its units."""
+    minutes, rest = divmod(max(round(seconds), 0), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"

@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 
 from odescope.commands.cli import main
-from odescope.commands.files import CANDIDATE_COLUMNS, FACTORS, NO_MODEL, PATH, PATH_COLUMNS, RESULT_FILES
+from odescope.commands.files import CANDIDATE_COLUMNS, PATH_COLUMNS
 from odescope.events import Note
 from odescope.export.model_file import _File, from_json, to_json
 from odescope.library.mechanism import candidates_of
 from odescope.library.ties import tied
 from odescope.report.assemble import read_report
+from odescope.report.result_names import FACTORS, NO_MODEL, PATH, RESULT_FILES
 from odescope.study.clock import with_time
 from odescope.study.options import Data
 from odescope.study.pieces import PLACES

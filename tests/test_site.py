@@ -16,6 +16,7 @@ import pytest
 import odescope
 from odescope.commands.cli import app
 from odescope.model.scores import ModelScores
+from odescope.study.described import described
 from odescope.study.options import Study
 
 ROOT = Path(__file__).parent.parent
@@ -78,7 +79,7 @@ def test_an_option_without_a_meaning_is_refused() -> None:
         high: float = 1.0
 
     with pytest.raises(LookupError, match="Silent: attributes and fields differ in hgih, high"):
-        loaded("docs/site/study_reference.py").described(Silent)
+        described(Silent)
 
 
 def test_every_score_is_in_the_reference_of_files() -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import inspect
 from typing import get_type_hints
 
-from types_in_words import in_words, structs
-
 from odescope.model.scores import ModelScores
+from odescope.study.described import in_words, structs
 
 
 def scores_reference() -> str:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
-import re
 from collections.abc import Iterator
 from typing import get_type_hints
 
 import msgspec
-from types_in_words import in_words, structs
 
+from odescope.study.described import described, in_words, structs
 from odescope.study.options import Study
 
 TABLES = {"coordinates": "coordinates.NAME", "inputs": "inputs.NAME"}
-ATTRIBUTE = re.compile(r"^    (?P<name>\w+)(?: \((?P<unit>[^)]*)\))?: (?P<text>.*(?:\n {8}.*)*)", re.MULTILINE)
 
 
 def study_reference() -> str:
@@ -21,20 +18,6 @@ def study_reference() -> str:
     sections = get_type_hints(Study, include_extras=True)
     order = sorted(sections, key=lambda section: section != "data")  # which is where study files begin
     return "\n\n".join(p for section in order for p in _table(section, structs(sections[section])[0]))
-
-
-def described(kind: type) -> tuple[str, dict[str, tuple[str, str]]]:
-    """Return what the docstring of a class of options says: its text, and unit and meaning of every attribute.
-
-    Raises:
-        LookupError: a field is not among the attributes, or an attribute is no field.
-    """
-    text, _, attributes = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")
-    found = {m["name"]: (m["unit"] or "", " ".join(m["text"].split())) for m in ATTRIBUTE.finditer(attributes)}
-    fields = kind.__struct_fields__  # type: ignore[attr-defined]
-    if wrong := set(found) ^ set(fields):
-        raise LookupError(f"{kind.__name__}: attributes and fields differ in {', '.join(sorted(wrong))}")
-    return text.strip(), {name: found[name] for name in fields}
 
 
 def _table(section: str, kind: type) -> Iterator[str]:

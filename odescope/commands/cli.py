@@ -16,6 +16,7 @@ from odescope.commands.options import (
     DataFiles,
     DegreeOption,
     DelayOption,
+    EventsFile,
     GapsOption,
     ModelFile,
     Recording,
@@ -118,9 +119,11 @@ def identify(
     basis: BasisOption = None,
     degree: DegreeOption = None,
     cluster: ClusterOption = None,
+    events: EventsFile = None,
 ) -> None:
     """Identify the equations behind a recording: writes model.json, report.html and more to a folder."""
     from odescope.commands.arguments import DataArguments, resolve, results_folder
+    from odescope.commands.event_file import told_to
     from odescope.commands.run import run_study
     from odescope.commands.terminal import shown
     from odescope.events import Monitor
@@ -129,18 +132,19 @@ def identify(
     given = DataArguments(
         time, sample_period, coordinates, inputs, order, recording, gaps, tuple(delay or ()), tuple(basis or ()), degree
     )
-    study, folder = resolve(sources, given)
-    place = results_folder(sources)
-    with shown() as tell:
-        run = run_study(
-            study,
-            folder,
-            place if out is None else out,
-            title=sources[0].stem if len(sources) == 1 else place.name,
-            source=sources[0],
-            monitor=Monitor(tell),
-            cluster=cluster,
-        )
+    with told_to(events) as tell_file:
+        study, folder = resolve(sources, given)
+        place = results_folder(sources)
+        with shown(tell_file) as tell:
+            run = run_study(
+                study,
+                folder,
+                place if out is None else out,
+                title=sources[0].stem if len(sources) == 1 else place.name,
+                source=sources[0],
+                monitor=Monitor(tell),
+                cluster=cluster,
+            )
     _say_trust(run)
 
 
@@ -156,7 +160,7 @@ def init(
     from odescope.commands.init import init_study
 
     path, drafted = init_study(sources, out, force)
-    told = f"coordinates: {drafted.coordinates}, inputs: {drafted.inputs}"
+    told = f"coordinates: {drafted.count('coordinate')}, inputs: {drafted.count('input')}"
     print(f"wrote {path} ({told}): read it, then run odescope identify {path}", file=sys.stderr)
 
 
@@ -289,6 +293,20 @@ def demo(
         run = run_demo(out, seed, level, friction, Monitor(tell))
     _say_trust(run)
     say(table_text(run.report))
+
+
+@app.command(short_help="Open a page to identify and look at results.")
+def workbench(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Logs, studies and results; nothing else is seen.")
+    ] = Path(),
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on this machine.", show_default="a free one")] = 0,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address, and open nothing.")] = False,
+) -> None:
+    """Open a local page on the logs, studies and results of a folder: look, identify, compare, export."""
+    from odescope.commands.workbench import open_workbench
+
+    open_workbench(folder, port, show=not no_browser)
 
 
 @app.command(short_help="Draw a report again from stored results.")

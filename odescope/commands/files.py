@@ -15,22 +15,16 @@ from odescope.model.model import Model
 from odescope.model.prediction import relation_errors
 from odescope.model.scores import PathScore
 from odescope.pipeline.identification import Identification
+from odescope.report.result_names import FIGURES, MODEL, NO_MODEL, PATH, PATH_MODEL, REPORT, RESULT_FILES
 from odescope.study.options import Study
 from odescope.study.toml import study_toml
-
-RESULT_FILES = ("model.json", "candidates.csv", "study.toml", "report.html", "report.json")
-NO_MODEL = "no_model.html"  # what a run leaves that ends without a model, beside the results of earlier ones
-FIGURES = "figures"  # the folder beside them
-PATH = "path"  # that of the models from many terms to few, and the table of these beside it
-PATH_MODEL = "_terms.json"  # what the names of these models end in, after how many terms they have
-FACTORS = "factors"  # and the one of what is kept of logs that do not fit in memory
 
 PATH_MODELS = f"{PATH}/[0-9]*{PATH_MODEL}"
 WRITTEN = (*RESULT_FILES, f"{PATH}.csv", PATH_MODELS, NO_MODEL, f"{FIGURES}/*.svg", f"{FIGURES}/*.png")
 MARKED = 400  # bytes in which a file says that odescope wrote it
 MARKS = (
-    ("model.json", b'"odescope/model"'),
-    ("report.json", b'"odescope/report"'),
+    (MODEL, b'"odescope/model"'),
+    (REPORT, b'"odescope/report"'),
     (NO_MODEL, b'content="odescope"'),
 )
 LISTED = 4  # files in a message

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-MODEL = "model.json"
+from odescope.report.result_names import MODEL
 
 
 def model_in(path: Path) -> Path:
@@ -48,6 +48,10 @@ DegreeOption = Annotated[int | None, typer.Option(help="Most factors of a term o
 ClusterOption = Annotated[
     str | None,
     typer.Option(metavar="local | tcp://HOST:PORT", help="Run on Dask workers, which read the files where they lie."),
+]
+EventsFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Write what the run tells to a file as it goes, as lines of JSON."),
 ]
 Sources = Annotated[
     list[Path],

@@ -10,9 +10,6 @@ import msgspec
 
 from odescope.arrays import FloatArray
 from odescope.commands.files import (
-    FACTORS,
-    NO_MODEL,
-    RESULT_FILES,
     WRITTEN,
     check_writable,
     refuse_foreign,
@@ -33,6 +30,7 @@ from odescope.report.figures.catalogue import early_pictures, pictures
 from odescope.report.figures.processes import Painters, painters
 from odescope.report.no_model import no_model_html
 from odescope.report.page import report_files
+from odescope.report.result_names import FACTORS, FIGURES, NO_MODEL, REPORT, REPORT_PAGE, RESULT_FILES
 from odescope.report.searches import searched
 from odescope.study.options import Study
 from odescope.study.toml import moved, study_toml
@@ -170,15 +168,15 @@ def draw_again(folder: Path, out: Path, monitor: Monitor = SILENT) -> None:
     Raises:
         InputError: there is no report to draw, or the folder cannot be written.
     """
-    stored = read_report(folder / "report.json")
+    stored = read_report(folder / REPORT)
     check_writable(out)
     refuse_foreign(out, WRITTEN)
     monitor.tell(StageBegan("report"))
     with painters() as painter:
         files = report_files(stored, painter.paint(pictures(stored)))
     monitor.check()
-    write_files(out, {name: content for name, content in files.items() if name != "report.json"})
-    monitor.tell(FilesWritten(out, ("report.html", "figures/")))
+    write_files(out, {name: content for name, content in files.items() if name != REPORT})
+    monitor.tell(FilesWritten(out, (REPORT_PAGE, f"{FIGURES}/")))
 
 
 def _placed(study: Study, folder: Path) -> Study:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from odescope.errors import InputError
-from odescope.events import Event, FilesWritten, Note, Progress, StageBegan
+from odescope.events import Event, FilesWritten, Note, standing, unheard
 from odescope.model.notes import uncertain
 
 if TYPE_CHECKING:
@@ -19,8 +19,11 @@ MOST_ROWS = 20  # of coefficients
 
 
 @contextmanager
-def shown() -> Iterator[Callable[[Event], None]]:
-    """Yield what shows events: where a run stands on one line, if standard error is a terminal, and what it found."""
+def shown(also: Callable[[Event], None] = unheard) -> Iterator[Callable[[Event], None]]:
+    """Yield what shows events: where a run stands on one line, if standard error is a terminal, and what it found.
+
+    `also` is told every event first.
+    """
     status = None
     if sys.stderr.isatty():
         from rich.console import Console
@@ -29,6 +32,7 @@ def shown() -> Iterator[Callable[[Event], None]]:
         status.start()
 
     def tell(event: Event) -> None:
+        also(event)
         line, out, err = standing(event), found(event), remark(event)
         if status is not None and line:
             status.update(line)
@@ -47,17 +51,6 @@ def shown() -> Iterator[Callable[[Event], None]]:
     finally:
         if status is not None:
             status.stop()
-
-
-def standing(event: Event) -> str:
-    """Return where an event says that the run stands; nothing if it does not say."""
-    if isinstance(event, StageBegan):
-        return event.stage
-    if isinstance(event, Progress):
-        left = "" if event.seconds_left is None else f", {span(event.seconds_left)} left"
-        counted = event.part if event.total == 1 else f"{event.done} of {event.total} {plural(event.part)}"
-        return f"{event.stage}: {counted}{left}"
-    return ""
 
 
 def found(event: Event) -> str:
@@ -99,18 +92,6 @@ def errors_text(model: Model) -> str:
         lines if len(lines) <= MOST_ROWS else [*lines[:MOST_ROWS], f"... {len(lines) - MOST_ROWS} more in model.json"]
     )
     return "".join(f"{line}\n" for line in ["", *shown]) if lines else ""
-
-
-def plural(part: str) -> str:
-    """Return the plural of "chunk", "search" and the like."""
-    return part + ("es" if part.endswith(("s", "x", "ch", "sh")) else "s")
-
-
-def span(seconds: float) -> str:
-    """Return a time in the two largest of its units."""
-    minutes, rest = divmod(max(round(seconds), 0), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
 def say(text: str) -> None:

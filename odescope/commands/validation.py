@@ -13,9 +13,9 @@ from odescope.commands.options import model_in
 from odescope.errors import InputError
 from odescope.export.model_file import read_model
 from odescope.model.model import Model
-from odescope.model.recorded import TimeColumns, read_for
-from odescope.recordings.record import Records
-from odescope.validation.validate import Validation, ValidationRow, together, validate
+from odescope.model.recorded import TimeColumns
+from odescope.validation.compare import compare
+from odescope.validation.validate import Validation, ValidationRow
 
 TABLE = "validation.csv"
 FIGURE = "free-runs"
@@ -61,16 +61,8 @@ def validated(
     """
     models = {name: read_model(path) for name, path in _names(files.models).items()}
     first = next(iter(models.values()))
-    for name, model in models.items():
-        if [c.name for c in model.coordinates] != [c.name for c in first.coordinates]:
-            raise InputError(
-                f"models that are compared must be about the same coordinates: {next(iter(models))} is about"
-                f" {', '.join(c.name for c in first.coordinates)}, {name} about"
-                f" {', '.join(c.name for c in model.coordinates)}"
-            )
     given = named_numbers("--noise", noise, [c.name for c in first.coordinates], "coordinate")
-    parts = [validate({name: model}, _records(model, files.data, columns), given) for name, model in models.items()]
-    return together(parts), models
+    return compare(models, files.data, columns, given), models
 
 
 def validation_files(found: Validation, model: Model) -> dict[str, str | bytes]:
@@ -91,10 +83,6 @@ def validation_files(found: Validation, model: Model) -> dict[str, str | bytes]:
     coordinates = tuple((c.name, c.unit, c.offset) for c in model.coordinates)
     vector, raster = saved(draw_free_runs(found.runs, coordinates), FIGURE)
     return {TABLE: out.getvalue(), f"{FIGURE}.svg": vector, f"{FIGURE}.png": raster}
-
-
-def _records(model: Model, data: Sequence[Path], columns: TimeColumns) -> Records:
-    return read_for(model, data, columns, [c.name for c in model.coordinates] + [i.name for i in model.inputs])
 
 
 def _names(models: Sequence[Path]) -> dict[str, Path]:

@@ -13,9 +13,16 @@ from odescope.recordings.chunks import Chunk, DataFile
 from odescope.recordings.columns import Columns, check_columns, first_line
 from odescope.recordings.layout import Layout
 from odescope.recordings.matlab_files import matlab_names, read_matlab, survey_matlab
-from odescope.recordings.parquet_files import parquet_names, read_parquet, read_parquet_chunk, survey_parquet
+from odescope.recordings.parquet_files import (
+    parquet_names,
+    read_parquet,
+    read_parquet_chunk,
+    read_parquet_head,
+    survey_parquet,
+)
 from odescope.recordings.text_files import (
     TextFile,
+    head_of,
     index_rows,
     read_columns,
     read_header,
@@ -33,6 +40,7 @@ class Format:
         names: of the columns of a file.
         survey: the rows of a file, without parsing its numbers.
         read: the used columns of a whole file.
+        read_head: those of its first rows.
         read_chunk: those of a chunk; None where files can only be read whole.
     """
 
@@ -40,6 +48,7 @@ class Format:
     names: Callable[[Path], Sequence[str]]
     survey: Callable[[Path, Layout], DataFile]
     read: Callable[[Path, Layout], Columns]
+    read_head: Callable[[Path, Layout], Columns]
     read_chunk: Callable[[Chunk, Layout], Columns] | None = None
 
 
@@ -65,6 +74,10 @@ def _read_text(path: Path, layout: Layout) -> Columns:
     return read_columns(file, layout.used, layout.numeric, layout.time)
 
 
+def _read_text_head(path: Path, layout: Layout) -> Columns:
+    return read_columns(head_of(_header(path, layout)), layout.used, layout.numeric, layout.time)
+
+
 def _read_text_chunk(chunk: Chunk, layout: Layout) -> Columns:
     assert chunk.text is not None  # cut gives every chunk of a text file one
     columns = read_columns(chunk.text, layout.used, layout.numeric, layout.time)
@@ -77,10 +90,13 @@ TEXT = Format(
     lambda path: read_header(path).names,
     _survey_text,
     _read_text,
+    _read_text_head,
     _read_text_chunk,
 )
-PARQUET = Format((".parquet", ".pq"), parquet_names, survey_parquet, read_parquet, read_parquet_chunk)
-MATLAB = Format((".mat",), matlab_names, survey_matlab, read_matlab)
+PARQUET = Format(
+    (".parquet", ".pq"), parquet_names, survey_parquet, read_parquet, read_parquet_head, read_parquet_chunk
+)
+MATLAB = Format((".mat",), matlab_names, survey_matlab, read_matlab, read_matlab)
 FORMATS = (TEXT, PARQUET, MATLAB)
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
 
 PAGES_BYTES = 1 << 20  # what is read of a column at once: without it, all of the column in a row group
+HEAD_ROWS = 4096
 NO_LABEL = "__HIVE_DEFAULT_PARTITION__"  # the folder of the rows whose cell was empty
 
 
@@ -45,6 +46,16 @@ def read_parquet(path: Path, layout: Layout) -> Columns:
 
     with parquet.ParquetFile(path) as file:
         return _columns(file.read(columns=_labels(file, path, layout)), path, layout)
+
+
+def read_parquet_head(path: Path, layout: Layout) -> Columns:
+    """Return the used columns of the first rows of a file."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    with parquet.ParquetFile(path, buffer_size=PAGES_BYTES, pre_buffer=False) as file:
+        batches = file.iter_batches(HEAD_ROWS, columns=_labels(file, path, layout))
+        return _columns(pa.Table.from_batches([next(batches)]), path, layout)
 
 
 def read_parquet_chunk(chunk: Chunk, layout: Layout) -> Columns:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pyarrow import ChunkedArray, DataType, NativeFile
 
 HEAD_BYTES = 1 << 20
+HEAD_PART = 1 << 18  # bytes that tell what kind of cells a column has
 BLOCK_BYTES = 1 << 20  # what counting lines reads at once
 MARK_ROWS = 8192  # the place of every so-manieth row is kept: part of a file is read from the one before it
 TELLING_MARKS = 8  # so many times MARK_ROWS rows are parsed at once to find the decimal mark
@@ -149,6 +150,15 @@ def part_of(file: TextFile, index: RowIndex, start: int, stop: int) -> TextFile:
     first = low * MARK_ROWS
     rows = min(high * MARK_ROWS, index.rows) - first
     return replace(file, skip=file.skip if low == 0 else 0, begin=begin, end=end, first=first, rows=rows)
+
+
+def head_of(file: TextFile) -> TextFile:
+    """Return the part of a whole file that its first lines are; of a compressed one, the whole."""
+    if _zipped(file.path) or file.path.stat().st_size <= HEAD_PART:
+        return file
+    with file.path.open("rb") as stream:
+        end = stream.read(HEAD_PART).rfind(b"\n") + 1
+    return replace(file, end=end) if end else file
 
 
 def settle_decimal(file: TextFile, index: RowIndex, numeric: Sequence[str]) -> TextFile:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
     from markupsafe import Markup
 
+PAGE = "page.html.jinja"
 LISTED = 6  # candidates of a target in the table
 LISTED_LIMITS = 12  # absent terms shown without asking for more
 MOST_LISTED = 60  # limits and correlations
@@ -64,6 +65,21 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
     figures: dict[str, list[tuple[Picture, Markup]]] = {}
     for picture in shown:
         figures.setdefault(picture.section, []).append((picture, Markup(inline(drawn[picture.name]))))
+    return template(PAGE).render(_context(report), figures=figures)
+
+
+def sections_html(report: Report) -> dict[str, str]:
+    """Return the sections of the page by their names, without figures, and its "style"."""
+    page = template(PAGE)
+    context = page.new_context({**_context(report), "figures": {}})
+    "".join(page.root_render_func(context))  # which defines what its parts share
+    return {name: "".join(block(context)) for name, block in page.blocks.items()}
+
+
+def _context(report: Report) -> dict[str, object]:
+    """Return what the template of the page says of a report, but for its figures."""
+    from markupsafe import Markup
+
     model = model_of(report)
     found = findings(model.scores)
     path = () if model.scores is None or len(model.scores.path) < 2 else model.scores.path
@@ -75,27 +91,26 @@ def to_html(report: Report, drawn: Mapping[str, str] | None = None) -> str:
             *parameters_mathml(model.parameters),
         )
     )
-    return template("page.html.jinja").render(
-        r=report,
-        model=model,
-        equations=equations,
-        formulas=tuple(Markup(math(f)) for f in mechanisms_mathml(model.shown_mechanisms, model.names)),
-        mechanisms=_mechanisms(report),
-        relations=_relations(report),
-        trust=trust(model.scores),
-        found=[line for line in found if line not in report.warnings],
-        bracketed=any("<mtext>(" in e for e in equations),
-        cautions=cautions(model, {name: shown_unit(own) for name, own in quantity_units(model).items()}),
-        notes=[note for note in report.notes if note not in (*found, *report.warnings)],
-        likelihood=judged,
-        limits=((judged and judged.limits) or ())[:MOST_LISTED],
-        correlations=((judged and judged.correlations) or ())[:MOST_LISTED],
-        path=path,
-        another=_another(path),
-        figures=figures,
-        listed=LISTED,
-        listed_limits=LISTED_LIMITS,
-    )
+    return {
+        "r": report,
+        "model": model,
+        "equations": equations,
+        "formulas": tuple(Markup(math(f)) for f in mechanisms_mathml(model.shown_mechanisms, model.names)),
+        "mechanisms": _mechanisms(report),
+        "relations": _relations(report),
+        "trust": trust(model.scores),
+        "found": [line for line in found if line not in report.warnings],
+        "bracketed": any("<mtext>(" in e for e in equations),
+        "cautions": cautions(model, {name: shown_unit(own) for name, own in quantity_units(model).items()}),
+        "notes": [note for note in report.notes if note not in (*found, *report.warnings)],
+        "likelihood": judged,
+        "limits": ((judged and judged.limits) or ())[:MOST_LISTED],
+        "correlations": ((judged and judged.correlations) or ())[:MOST_LISTED],
+        "path": path,
+        "another": _another(path),
+        "listed": LISTED,
+        "listed_limits": LISTED_LIMITS,
+    }
 
 
 def report_files(report: Report, drawn: Mapping[str, tuple[str, bytes]]) -> dict[str, str | bytes]:

@@ -9,7 +9,6 @@ from logs import oscillator
 
 from odescope.commands.files import (
     CANDIDATE_COLUMNS,
-    RESULT_FILES,
     WRITTEN,
     candidates_csv,
     check_writable,
@@ -22,6 +21,7 @@ from odescope.errors import InputError
 from odescope.export.model_file import from_json
 from odescope.files import write_file, write_files
 from odescope.pipeline.identification import identify
+from odescope.report.result_names import RESULT_FILES
 from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import parse_study

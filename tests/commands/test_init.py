@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from logs import oscillator, pendulum, smooth, write
 
-from odescope.commands.init import draft
+from odescope.study.draft import draft
 from odescope.study.options import Driven, Measured
 from odescope.study.toml import parse_study, read_study
 

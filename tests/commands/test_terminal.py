@@ -12,8 +12,8 @@ from found_models import cart, enzyme
 from logs import OSCILLATOR_OPTIONS, oscillator, write
 
 from odescope.commands import cli
-from odescope.commands.terminal import found, remark, shown, span, standing
-from odescope.events import FilesWritten, Note, Progress, StageBegan
+from odescope.commands.terminal import found, remark, shown
+from odescope.events import FilesWritten, Note, Progress, StageBegan, span, standing
 from odescope.pipeline.identification import EquationsReady
 
 ROOT = Path(cli.__file__).parents[2]

@@ -12,20 +12,8 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 
 from odescope.report.data import Searched
 from odescope.report.figures.labels import Labels
-from odescope.report.figures.style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    PALE,
-    VERMILLION,
-    WIDTH,
-    axes,
-    legend,
-    page,
-    plain,
-    product,
-    style,
-)
+from odescope.report.figures.style import WIDTH, axes, legend, page, plain, product, style
+from odescope.report.palette import BLUE, GREY, ORANGE, PALE, VERMILLION
 
 SIZE = 6.8  # points, of the labels
 CELL = 0.155  # inches, of the grid

@@ -10,21 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from odescope.report.data import Chart, Panel, Periodogram
-from odescope.report.figures.style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    VERMILLION,
-    WIDTH,
-    axes,
-    decades,
-    draw,
-    legend,
-    numbers,
-    page,
-    plain,
-    style,
-)
+from odescope.report.figures.style import WIDTH, axes, decades, draw, legend, numbers, page, plain, style
+from odescope.report.palette import BLUE, GREY, ORANGE, VERMILLION
 
 LEFT, RIGHT, BETWEEN, CLOSE = 0.72, 0.12, 0.6, 1.95  # inches
 HEIGHT, GAP, HEAD, FOOT = 1.05, 0.2, 0.32, 0.42

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from odescope.model.scores import PathScore
-from odescope.report.figures.style import BLUE, VERMILLION, WIDTH, axes, legend, numbers, page, style
+from odescope.report.figures.style import WIDTH, axes, legend, numbers, page, style
+from odescope.report.palette import BLUE, VERMILLION
 
 LEFT, RIGHT = 0.72, 0.15  # inches
 LOW, HIGH = 0.5, 1.5  # of the least and the largest number shown: limits of the axis

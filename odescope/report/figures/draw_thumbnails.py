@@ -11,7 +11,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from odescope.report.data import Panel, Thumbnail, Thumbnails, side_by_side
-from odescope.report.figures.style import GREY, LINES, WIDTH, axes, draw, numbers, page, plain, style
+from odescope.report.figures.style import LINES, WIDTH, axes, draw, numbers, page, plain, style
+from odescope.report.palette import GREY
 
 LEFT, RIGHT, BETWEEN, GAP, HEAD, TITLE, FOOT = 0.72, 0.12, 0.16, 0.12, 0.3, 0.2, 0.42  # inches
 HEIGHTS = {1: 1.2, 2: 0.95, 3: 0.8}  # inches of a panel, by how many stand side by side

@@ -7,20 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from odescope.report.downsample import min_max
-from odescope.report.figures.style import (
-    BLUE,
-    GREEN,
-    LINES,
-    ORANGE,
-    SKY,
-    VERMILLION,
-    WIDTH,
-    axes,
-    legend,
-    page,
-    plain,
-    style,
-)
+from odescope.report.figures.style import LINES, WIDTH, axes, legend, page, plain, style
+from odescope.report.palette import BLUE, GREEN, ORANGE, SKY, VERMILLION
 from odescope.validation.free_runs import FreeRunOf
 
 COLOURS = (VERMILLION, BLUE, GREEN, ORANGE, SKY)

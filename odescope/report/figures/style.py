@@ -23,15 +23,14 @@ from matplotlib.figure import Figure
 from odescope.arrays import FloatArray
 from odescope.report.data import Line, Role
 from odescope.report.numerals import raised
+from odescope.report.palette import BLACK, BLUE, GREEN, RECORDED, VERMILLION
 
-BLACK, BLUE, VERMILLION, GREEN, ORANGE, SKY = "#000000", "#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9"
-GREY, PALE = "#6b7280", "#fdf3d0"
 WIDTH = 7.2  # inches
 RESOLUTION = 130  # dots per inch of the PNG
 LONGEST = 40  # characters of a label
 
 LINES: dict[Role, dict[str, Any]] = {
-    "recorded": {"color": "#b4b8bf", "linewidth": 1.6, "zorder": 1.8},
+    "recorded": {"color": RECORDED, "linewidth": 1.6, "zorder": 1.8},
     "gated": {
         "color": VERMILLION,
         "linestyle": "none",

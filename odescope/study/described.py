@@ -1,14 +1,31 @@
-"""What values a type hint admits, in words."""
+"""What may stand in a study, in words: the meaning of every option from its docstring, its values from its type."""
 
 from __future__ import annotations
 
+import inspect
+import re
 from types import NoneType, UnionType
 from typing import Annotated, Literal, Union, get_args, get_origin
 
 import msgspec
 
+ATTRIBUTE = re.compile(r"^    (?P<name>\w+)(?: \((?P<unit>[^)]*)\))?: (?P<text>.*(?:\n {8}.*)*)", re.MULTILINE)
 PLAIN = {str: "text", float: "number", int: "whole number", bool: "`true` or `false`", NoneType: "null"}
 SEVERAL = {"text": "texts", "number": "numbers", "a table with a `kind`": "tables with a `kind` each"}
+
+
+def described(kind: type) -> tuple[str, dict[str, tuple[str, str]]]:
+    """Return what the docstring of a class of options says: its text, and unit and meaning of every attribute.
+
+    Raises:
+        LookupError: a field is not among the attributes, or an attribute is no field.
+    """
+    text, _, attributes = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")
+    found = {m["name"]: (m["unit"] or "", " ".join(m["text"].split())) for m in ATTRIBUTE.finditer(attributes)}
+    fields = kind.__struct_fields__  # type: ignore[attr-defined]
+    if wrong := set(found) ^ set(fields):
+        raise LookupError(f"{kind.__name__}: attributes and fields differ in {', '.join(sorted(wrong))}")
+    return text.strip(), {name: found[name] for name in fields}
 
 
 def in_words(hint: object, null: bool = False) -> str:

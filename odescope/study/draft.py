@@ -1,0 +1,286 @@
+"""A study drafted from a look at a data file: columns, sampling, units, angles, what to leave out."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError
+from odescope.recordings.columns import Columns, recording_codes, times
+from odescope.recordings.coordinate import check_name
+from odescope.recordings.dates import DAY, FORMS, is_dates
+from odescope.recordings.formats import Format, opened
+from odescope.recordings.headings import Heading, TimeUnit, time_unit
+from odescope.recordings.layout import Layout
+from odescope.recordings.periods import at_one_period
+from odescope.recordings.readers import column_names, read_records
+from odescope.recordings.record import Records
+from odescope.signals.look import Role, Seen, look
+from odescope.study.toml import moved, parse_study
+
+TIMES = re.compile(
+    r"(t|time|timestamp|date|datetime|datum|zeit|uhrzeit|zeitstempel|temps|clock|stamp)(_.*)?", re.IGNORECASE
+)
+LABELS = re.compile(r"(run|segment|recording|experiment|trial|lap|series|batch|episode|id)(_.*)?", re.IGNORECASE)
+STEADY = 4.0  # times the median: no step of a clock that nobody calls one is longer
+LEAST_ROWS = 32  # of a recording, on average
+WIDTH = 46  # columns of text before a comment
+
+
+@dataclass(frozen=True)
+class Drafted:
+    """A study as text, and what the log looks like.
+
+    Attributes:
+        text: of the study.
+        sampled: how much there is, and how often it was sampled.
+        seen: what each column of numbers looks like, in the order of the file.
+        unused: the other columns but those of the time and the recording, and why each is left out.
+    """
+
+    text: str
+    sampled: str
+    seen: tuple[Seen, ...]
+    unused: Mapping[str, str]
+
+    def count(self, role: Role) -> int:
+        """Return how many columns may be coordinates, or inputs."""
+        return sum(s.role == role for s in self.seen)
+
+
+@dataclass(frozen=True)
+class ClockColumn:
+    """The column of the time, its unit and what that rests on, and that of the day beside a clock; None for none."""
+
+    label: str | None
+    unit: TimeUnit
+    why: str
+    date: str | None = None
+
+
+def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
+    """Return the study of data files.
+
+    Args:
+        file: that is looked at.
+        sources: that the study names.
+        folder: that the study will be in.
+
+    Raises:
+        InputError: the file cannot be read, or no column may be a coordinate.
+    """
+    labels = column_names(file)
+    with opened(file) as kind:
+        read = {label: read_column(kind.read, file, label) for label in dict.fromkeys(labels)}
+        columns = {label: column.values for label, column in read.items() if column is not None}
+        dated = [label for label, column in read.items() if column is not None and column.dated]
+        clock = clock_of(columns, dated)
+        recording = _recording(kind, file, dict.fromkeys(read) | columns, clock)
+    taken = (clock.label, recording, *dated)
+    others = [n for n in columns if n not in taken and np.isfinite(columns[n]).any()]
+    headings = headings_of(others)
+    if not headings:
+        raise InputError(f"{file.name} holds no numbers beside the time; its columns are {', '.join(labels)}")
+    records = read_records([file], _layout(clock, recording, headings))
+    seen = look(at_one_period(records, frozenset()), headings)
+    if not any(s.role == "coordinate" for s in seen):
+        told = "; ".join(f"{s.heading.label}: {s.why}" for s in seen)
+        raise InputError(f"no column of {file.name} looks like a coordinate ({told}): write a study, or use identify")
+    empty = [label for label in labels if label not in (*others, clock.label, clock.date, recording)]
+    unused = {label: _no_numbers(label, label in dated) for label in empty}
+    sampled = _sampled(clock, records)
+    text = "\n".join(_lines(sources, folder, clock, recording, sampled, seen, unused)) + "\n"
+    parse_study(text)
+    return Drafted(text, sampled, seen, unused)
+
+
+@dataclass(frozen=True, eq=False)
+class ReadColumn:
+    """The numbers (N,) in a column, and whether they are dates."""
+
+    values: FloatArray
+    dated: bool
+
+
+def read_column(read: Callable[[Path, Layout], Columns], file: Path, label: str) -> ReadColumn | None:
+    """Return a column of numbers or dates, None for one of something else.
+
+    Args:
+        read: what reads it, from the whole file or its head.
+        file: of data.
+        label: of the column.
+    """
+    layout = Layout(time=label, columns=(("column", label),))
+    try:
+        column = read(file, layout)[label]
+        return ReadColumn(times(column, layout, file.name), is_dates(column))
+    except InputError:
+        return None
+
+
+def _no_numbers(label: str, dated: bool) -> str:
+    """Return why a column without numbers is left out."""
+    if dated:
+        return "dates"
+    return "no numbers, or none" + (f"; {FORMS}" if TIMES.fullmatch(Heading.of(label).name) else "")
+
+
+def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColumn:
+    """Return the column of the time: by its name, else one of dates, else one that grows in even steps.
+
+    Args:
+        columns: the numbers in each (N,).
+        dated: those that hold dates.
+    """
+    moving = [label for label, values in columns.items() if np.any(np.diff(values) > 0.0)]
+    for label in moving:
+        heading = Heading.of(label)
+        if label not in dated and (TIMES.fullmatch(heading.name) or (time_unit(label) and heading.unit is None)):
+            unit = time_unit(label)
+            return ClockColumn(label, unit or "s", "" if unit in (None, "s") else f"its heading says {unit}")
+    days = [label for label in dated if not np.any(np.mod(columns[label], DAY))]
+    for label in sorted((m for m in moving if m in dated), key=days.__contains__):  # a column of days alone comes last
+        clock = len(days) == 1 and label not in days and columns[label].max() < DAY
+        return ClockColumn(label, "s", "dates or a clock, in seconds", days[0] if clock else None)
+    for label, values in columns.items():
+        steps = np.diff(values)
+        if len(steps) and np.all(steps > 0.0) and steps.max() < STEADY * np.median(steps) and values[0] == 0.0:
+            return ClockColumn(label, time_unit(label) or "s", "it grows in even steps")
+    return ClockColumn(None, "s", "")
+
+
+def _recording(kind: Format, file: Path, columns: Mapping[str, FloatArray | None], clock: ClockColumn) -> str | None:
+    """Return the column that changes wherever time goes back, or that is called so and stays for long."""
+    t = None if clock.label is None else columns[clock.label]
+    day = None if clock.date is None else columns[clock.date]
+    if clock.label is None or t is None:
+        return None
+    t = t if day is None else t + day
+    back = set(np.flatnonzero(np.diff(t) < 0.0).tolist())
+    for label in columns:
+        layout = Layout(time=clock.label, columns=(("t", clock.label),), recording=label)
+        called = LABELS.fullmatch(Heading.of(label).name) is not None
+        if label in (clock.label, clock.date) or not (called or back):
+            continue
+        try:
+            _, codes = recording_codes(kind.read(file, layout), layout, file.name)
+        except InputError:  # a row without a label: it is none of these
+            continue
+        changes = set(np.flatnonzero(np.diff(codes)).tolist())
+        # Where time goes back at every change, and nowhere else, a recording may be as short as it likes.
+        seldom = len(changes) * LEAST_ROWS < len(codes) or (called and back == changes)
+        if changes and seldom and back <= changes and (called or back == changes):
+            return label
+    return None
+
+
+def headings_of(labels: Sequence[str]) -> dict[str, Heading]:
+    """Return headings by names that are usable and differ."""
+    found: dict[str, Heading] = {}
+    for k, label in enumerate(labels, 1):
+        heading = Heading.of(label)
+        name = heading.name
+        try:
+            check_name(name, "column")
+        except InputError:
+            name = f"column_{k}"
+        found[name if name not in found else f"{name}_{k}"] = heading
+    return found
+
+
+def _layout(clock: ClockColumn, recording: str | None, headings: dict[str, Heading]) -> Layout:
+    return Layout(
+        time=clock.label,
+        sample_period=1.0 if clock.label is None else None,
+        columns=tuple((name, heading.label) for name, heading in headings.items()),
+        recording=recording,
+        time_unit=clock.unit,
+        date=clock.date,
+    )
+
+
+def _sampled(clock: ClockColumn, records: Records) -> str:
+    """Return how much was recorded, and how often it was sampled."""
+    told = f"{records.samples} samples in {_count(len(records), 'recording')}"
+    if clock.label is None:
+        return told
+    return f"{told}, one every {records.runs[0].sample_period:.4g} s, {sum(r.duration for r in records):.4g} s in all"
+
+
+def _lines(
+    sources: Sequence[Path],
+    folder: Path,
+    clock: ClockColumn,
+    recording: str | None,
+    sampled: str,
+    seen: Sequence[Seen],
+    unused: Mapping[str, str],
+) -> Iterator[str]:
+    """Yield the lines of a study."""
+    files = [_from(folder, source) for source in sources]
+    yield "# Drafted from a look at the data: read each line, and correct what was guessed."
+    yield "[data]"
+    yield f"# {sampled}"
+    yield f"files = {_quoted(files)}"
+    if clock.label is None:
+        yield _line("sample_period = 1.0", "CHANGE THIS: seconds; no column holds the time")
+    else:
+        yield _line(f"time = {_quoted(clock.label)}", clock.why or "in seconds")
+    if clock.date is not None:
+        yield _line(f"date = {_quoted(clock.date)}", "the day of that clock")
+    if clock.unit != "s":
+        yield _line(f"time_unit = {_quoted(clock.unit)}", "converted to seconds")
+    if recording is not None:
+        yield _line(f"recording = {_quoted(recording)}", "its changes tell recordings apart")
+    yield from ("", "[coordinates]" + " " * (WIDTH - 13) + "# each has an equation, for its derivative of its order")
+    yield from (_line(f"{s.name} = {_coordinate(s)}", s.why) for s in seen if s.role == "coordinate")
+    inputs = [s for s in seen if s.role == "input"]
+    if inputs:
+        yield from ("", "[inputs]" + " " * (WIDTH - 8) + "# each may stand in every equation")
+        yield from (_line(f"{s.name} = {_input(s)}", s.why) for s in inputs)
+    left_out = [(s.heading.label, s.why) for s in seen if s.role == "neither"]
+    left_out += unused.items()
+    if left_out:
+        yield from ("", "# Left out:")
+        yield from (f"#   {label}: {why}" for label, why in left_out)
+
+
+def _coordinate(s: Seen) -> str:
+    parts = [f"order = {s.order}", *_column(s), *(["angle = true"] if s.angle else [])]
+    unit = "deg" if s.degrees else s.heading.unit
+    return "{ " + ", ".join([*parts, *([f"unit = {_quoted(unit)}"] if unit else [])]) + " }"
+
+
+def _input(s: Seen) -> str:
+    parts = [*_column(s), *(['hold = "zero"'] if s.held else [])]
+    parts += [f"unit = {_quoted(s.heading.unit)}"] if s.heading.unit else []
+    return "{ " + ", ".join(parts) + " }" if parts else "{}"
+
+
+def _column(s: Seen) -> list[str]:
+    return [] if s.heading.label == s.name else [f"column = {_quoted(s.heading.label)}"]
+
+
+def _quoted(value: str | list[str]) -> str:
+    """Return text as TOML has it, whose basic strings are those of JSON."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _line(setting: str, comment: str) -> str:
+    return f"{setting:{WIDTH - 1}} # {comment}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + ("" if number == 1 else "s")
+
+
+def _from(folder: Path, source: Path) -> str:
+    """Return the path of a source as seen from the study's folder."""
+    bare = parse_study(f"[data]\nfiles = [{_quoted(source.as_posix())}]\n[coordinates.x]\n")
+    return moved(bare, Path(), folder).data.files[0]

@@ -1,0 +1,212 @@
+"""What every page of the workbench has: its head, its navigation, and small parts that several use."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import TypeVar
+from urllib.parse import urlencode
+
+from nicegui import run, ui
+from nicegui.elements.mixins.text_element import TextElement
+
+from odescope.errors import InputError
+from odescope.workbench.folder import Folder
+from odescope.workbench.jobs import Jobs
+
+Found = TypeVar("Found")
+VIEWS = (("data", "Data"), ("study", "Study"), ("run", "Run"), ("look", "Look"), ("try", "Try"), ("take", "Take away"))
+
+
+@dataclass(frozen=True)
+class Workbench:
+    """What all pages work on: the folder, and the runs in it."""
+
+    folder: Folder
+    jobs: Jobs
+
+
+def address(view: str, given: str = "", key: str = "name") -> str:
+    """Return the address of a page.
+
+    Args:
+        view: of VIEWS.
+        given: what is shown there.
+        key: what that is called in the address.
+    """
+    return f"/{view}" + (f"?{urlencode({key: given})}" if given else "")
+
+
+@contextmanager
+def frame(bench: Workbench, view: str, name: str = "") -> Iterator[None]:
+    """Put what is made inside into a page.
+
+    Args:
+        bench: whose page it is.
+        view: of VIEWS.
+        name: of what is shown, for the title.
+    """
+    shown = dict(VIEWS)[view]
+    ui.page_title(f"{shown}{f', {name}' if name else ''} – odescope")
+    ui.add_head_html(
+        f"<style>{files('odescope.workbench').joinpath('workbench.css').read_text(encoding='utf-8')}</style>"
+    )
+    ui.colors(primary="#00517d", negative="#b3261e", positive="#00694a")
+    with ui.element("header").classes("bar"):
+        text("span", "odescope", "wordmark")
+        with ui.element("nav").props('aria-label="Views"').classes("views"):
+            for target, label in VIEWS:
+                link(label, f"/{target}", "here" if target == view else "", current=target == view)
+        text("span", bench.folder.root.name, "place").props["title"] = str(bench.folder.root)
+    with ui.element("div").classes("page"):
+        yield
+
+
+def text(tag: str, content: str, classes: str = "") -> TextElement:
+    """Return an element that holds text as it is: nothing in it is markup.
+
+    Args:
+        tag: of the element.
+        content: the text.
+        classes: of its style.
+    """
+    return TextElement(tag=tag, text=content).classes(classes)
+
+
+def link(label: str, target: str, classes: str = "", *, current: bool = False, new_tab: bool = False) -> ui.element:
+    """Return a link within the workbench.
+
+    Args:
+        label: what it says.
+        target: an address.
+        classes: of its style.
+        current: whether it leads to where one is.
+        new_tab: whether it opens beside.
+    """
+    made = text("a", label, classes)
+    made.props["href"] = target
+    if current:
+        made.props["aria-current"] = "page"
+    if new_tab:
+        made.props["target"] = "_blank"
+    return made
+
+
+def panel(heading: str, about: str = "", classes: str = "") -> ui.element:
+    """Return a part of a page under a heading, to be filled.
+
+    Args:
+        heading: of the part.
+        about: a sentence below it.
+        classes: of its style.
+    """
+    made = ui.element("section").classes(f"panel {classes}")
+    made.props["aria-label"] = heading
+    with made:
+        text("h2", heading)
+        if about:
+            text("p", about, "about")
+    return made
+
+
+def button(label: str, pressed: Callable[[], object], *, main: bool = False, danger: bool = False) -> ui.button:
+    """Return a button.
+
+    Args:
+        label: what it says.
+        pressed: called when it is.
+        main: whether it is what one came for.
+        danger: whether it ends something.
+    """
+    made = ui.button(label, on_click=pressed).props("no-caps unelevated" if main else "no-caps outline")
+    return made.props("color=negative") if danger else made
+
+
+def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> None:
+    """Make a table of texts.
+
+    Args:
+        caption: above it.
+        heads: of the columns.
+        rows: of texts.
+        numbers: the columns that are set to the right.
+    """
+    around = ui.element("div").classes("scroll").props("tabindex=0 role=group")
+    around.props["aria-label"] = caption
+    with around, ui.element("table"):
+        text("caption", caption)
+        with ui.element("tr"):
+            for k, head in enumerate(heads):
+                text("th", head, "n" if k in numbers else "").props("scope=col")
+        for row in rows:
+            with ui.element("tr"):
+                for k, cell in enumerate(row):
+                    text("td", cell, "n" if k in numbers else "wrap")
+
+
+def markup(html: str, classes: str = "") -> ui.html:
+    """Return markup of odescope's own, sanitized in the browser all the same.
+
+    Args:
+        html: in which all that came from files is escaped.
+        classes: of its style.
+    """
+    return ui.html(html).classes(classes)
+
+
+def complaint(said: str) -> None:
+    """Say on the page what is wrong."""
+    text("p", said, "complaint").props("role=alert")
+
+
+def told(act: Callable[[], object]) -> Callable[[], None]:
+    """Return an act whose errors are told in the corner of the page."""
+
+    def done() -> None:
+        try:
+            act()
+        except InputError as error:
+            ui.notify(str(error), type="negative", multi_line=True, timeout=10_000, close_button="Close")
+
+    return done
+
+
+async def aside(act: Callable[..., Found], *given: object) -> Found:
+    """Return what a function returns that is called beside the server's thread, which goes on serving.
+
+    Args:
+        act: the function.
+        given: its arguments.
+
+    Raises:
+        asyncio.CancelledError: the server ends.
+    """
+    found = await run.io_bound(act, *given)
+    if found is None:
+        raise asyncio.CancelledError
+    return found
+
+
+def first_of(name: str, names: Sequence[str]) -> str:
+    """Return a name that was asked for, else the first there is; no text where there is none."""
+    return name or (names[0] if names else "")
+
+
+def chooser(view: str, label: str, names: Sequence[str], chosen: str) -> None:
+    """Make the list of what a page may show; what is chosen stands in the address, where a reload finds it.
+
+    Args:
+        view: of VIEWS.
+        label: of the list.
+        names: to choose from.
+        chosen: that is shown.
+    """
+    around = ui.element("nav").classes("chooser")
+    around.props["aria-label"] = label
+    with around:
+        text("h2", label)
+        for name in names:
+            link(name, address(view, name), "here" if name == chosen else "", current=name == chosen)

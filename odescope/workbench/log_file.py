@@ -1,0 +1,133 @@
+"""A data file for looking at: its columns of numbers as overviews, read once and never copied."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError
+from odescope.recordings.columns import numbers, times
+from odescope.recordings.formats import opened
+from odescope.recordings.layout import Layout
+from odescope.study.draft import clock_of, read_column
+from odescope.workbench.overview import Overview
+
+if TYPE_CHECKING:
+    from pyarrow import Array, ChunkedArray
+
+
+@dataclass(frozen=True, eq=False)
+class LogFile:
+    """What is looked at.
+
+    Attributes:
+        path: of the file.
+        labels: of all columns.
+        rows: how many there are.
+        axis: the label of the axis that the lines are over.
+        lines: the columns of numbers but the time, by their labels.
+    """
+
+    path: Path
+    labels: tuple[str, ...]
+    rows: int
+    axis: str
+    lines: Mapping[str, Overview]
+
+
+def open_log(path: Path) -> LogFile:
+    """Return a data file for looking at.
+
+    Where the time goes back, as it does from one recording in a file to the next, lines are over the rows.
+
+    Raises:
+        InputError: it cannot be read, or holds no numbers.
+    """
+    with opened(path) as kind:
+        labels = tuple(dict.fromkeys(kind.names(path)))
+        heads = {label: found for label in labels if (found := read_column(kind.read_head, path, label)) is not None}
+        clock = clock_of({n: c.values for n, c in heads.items()}, [n for n, c in heads.items() if c.dated])
+        drawn = [label for label, column in heads.items() if label != clock.label and not column.dated]
+        if not drawn:
+            raise InputError(f"{path.name} holds no numbers to draw; its columns are {', '.join(labels)}")
+        layout = Layout(
+            time=clock.label,
+            sample_period=1.0 if clock.label is None else None,
+            columns=tuple((f"column_{k}", label) for k, label in enumerate(drawn)),
+            time_unit=clock.unit,
+        )
+        columns = kind.read(path, layout)
+    rows = len(columns[drawn[0]])
+    values = {label: tuple(_pieces(columns[label], label, path.name)) for label in drawn}
+    lengths = [len(piece) for piece in values[drawn[0]]]
+    axis, t = "row", _rows(lengths)
+    if clock.label is not None:
+        dated = heads[clock.label].dated
+        own = _times(columns[clock.label], layout, path.name, lengths, dated)
+        if _ascending(own):
+            axis, t = (f"{clock.label}, from the first row (s)" if dated else _labelled(clock.label, clock.unit)), own
+    lines = {label: Overview.of(_like(t, own), own) for label, own in values.items()}
+    return LogFile(path, labels, rows, axis, lines)
+
+
+def _labelled(label: str, unit: str) -> str:
+    return label if "(" in label or "[" in label else f"{label} ({unit})"
+
+
+def _pieces(column: ChunkedArray, label: str, source: str) -> Iterator[FloatArray]:
+    """Yield the pieces of a column as they were read."""
+    import pyarrow as pa
+
+    for chunk in column.chunks:
+        yield _array(chunk) if _plain(chunk) else numbers(pa.chunked_array([chunk]), label, source)
+
+
+def _plain(chunk: Array) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_float64(chunk.type)) and not chunk.null_count
+
+
+def _array(chunk: Array) -> FloatArray:
+    return np.asarray(np.from_dlpack(chunk), dtype=np.float64)  # a view
+
+
+def _times(
+    column: ChunkedArray, layout: Layout, source: str, lengths: list[int], dated: bool
+) -> tuple[FloatArray, ...]:
+    """Return the time in the unit of its column, in pieces; of dates the seconds since the first."""
+    import pyarrow as pa
+
+    if not dated and pa.types.is_floating(column.type):
+        found = tuple(_pieces(column, str(layout.time), source))
+        if [len(piece) for piece in found] == lengths:
+            return found
+    whole = times(column, layout, source) if dated else numbers(column, str(layout.time), source)
+    if dated:
+        whole -= float(whole[0])
+    return tuple(np.split(whole, np.cumsum(lengths)[:-1]))
+
+
+def _rows(lengths: list[int]) -> tuple[FloatArray, ...]:
+    firsts = np.cumsum([0, *lengths])
+    return tuple(np.arange(first, stop, dtype=np.float64) for first, stop in pairwise(firsts))
+
+
+def _ascending(pieces: tuple[FloatArray, ...]) -> bool:
+    """Tell whether times are finite and never go back."""
+    ends = [value for piece in pieces if len(piece) for value in (piece[0], piece[-1])]
+    return all(np.all(piece[1:] >= piece[:-1]) for piece in pieces) and bool(np.all(np.diff(ends) >= 0.0))
+
+
+def _like(t: tuple[FloatArray, ...], y: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+    """Return times in pieces of the lengths that another column has."""
+    lengths = [len(piece) for piece in y]
+    if [len(piece) for piece in t] == lengths:
+        return t
+    return tuple(np.split(np.concatenate(t), np.cumsum(lengths)[:-1]))

@@ -1,0 +1,139 @@
+"""The page of runs: how far each got, its candidates as they appear, its equations, and a button that ends it."""
+
+from __future__ import annotations
+
+from nicegui import run, ui
+
+from odescope.events import Progress, standing
+from odescope.report.event_lines import CandidatesLine, FilesLine, NoteLine
+from odescope.report.result_names import NO_MODEL, REPORT_PAGE
+from odescope.workbench import charts
+from odescope.workbench.frame import Workbench, address, button, chooser, complaint, first_of, frame, link, panel, text
+from odescope.workbench.jobs import Job
+
+EVERY = 0.5  # seconds between two looks at the events
+MARKS = {"running": "●", "done": "✓", "no model": "–", "stopped": "■", "failed": "✗"}
+
+
+def run_page(bench: Workbench, name: str) -> None:
+    """Make the page of a run."""
+    jobs = bench.jobs.all()
+    chosen = first_of(name, [job.name for job in jobs])
+    with frame(bench, "run", chosen), ui.element("div").classes("split"):
+        chooser("run", "Runs", [job.name for job in jobs], chosen)
+        with ui.element("div").classes("content"):
+            job = bench.jobs.find(chosen) if chosen else None
+            if job is None:
+                text("h1", "No such run" if chosen else "Nothing has run yet")
+                text("p", "Open a study and press Identify.", "about")
+                link("Studies", "/study")
+                return
+            RunView(bench, job)
+
+
+class RunView:
+    """What is shown of one run, brought up to date while it runs."""
+
+    def __init__(self, bench: Workbench, job: Job) -> None:
+        """Draw a run, and follow it."""
+        self._bench, self._name, self._known = bench, job.name, -1
+        text("h1", job.record.study)
+        self._state = text("p", "", "about").props("role=status")
+        self._bar = ui.linear_progress(0.0, show_value=False, size="6px").props('aria-label="progress"')
+        self._stages = text("p", "", "about")
+        self._actions = ui.element("div").classes("actions")
+        self._found = ui.element("div")
+        self._show(job)
+        if job.running:
+            self._timer = ui.timer(EVERY, self._look)
+
+    def _look(self) -> None:
+        job = self._bench.jobs.find(self._name)
+        if job is None:
+            return
+        if not job.running:
+            self._timer.cancel()
+        self._show(job)
+
+    def _show(self, job: Job) -> None:
+        progress = job.progress
+        self._state.set_text(f"{MARKS[job.state]} {job.state}{_left(job)}")
+        self._stages.set_text(" → ".join(job.stages))
+        self._bar.set_visibility(job.running)
+        if progress is None or not progress.total:
+            self._bar.props("indeterminate")
+        else:
+            self._bar.props(remove="indeterminate")
+            self._bar.set_value(progress.done / progress.total)
+        news = len(job.lines) if job.running else -2
+        if news == self._known:
+            return
+        self._known = news
+        self._show_actions(job)
+        self._found.clear()
+        with self._found:
+            _equations(job)
+            _candidates([line for line in job.lines if isinstance(line, CandidatesLine)])
+            _notes([line.text for line in job.lines if isinstance(line, NoteLine)])
+
+    def _show_actions(self, job: Job) -> None:
+        self._actions.clear()
+        with self._actions:
+            if job.running:
+                button("Stop", self._stop, danger=True)
+                return
+            if job.state == "done":
+                button("Look at the result", lambda: ui.navigate.to(address("look", job.record.results)), main=True)
+                link("Open the report", f"/stored/{job.record.results}/{REPORT_PAGE}", new_tab=True)
+            elif any(isinstance(line, FilesLine) and NO_MODEL in line.names for line in job.lines):
+                link("Open what was found until then", f"/stored/{job.record.results}/{NO_MODEL}", new_tab=True)
+            link("Open the study", address("study", job.record.study))
+            button("Remove from this list", self._forget)
+            if job.state in ("failed", "no model"):
+                ended = "" if job.end is None else job.end.message
+                complaint(ended or self._bench.jobs.last_words(job) or "it ended without a word")
+
+    async def _stop(self) -> None:
+        await run.io_bound(self._bench.jobs.cancel, self._name)
+        self._look()
+
+    def _forget(self) -> None:
+        self._bench.jobs.forget(self._name)
+        ui.navigate.to("/run")
+
+
+def _left(job: Job) -> str:
+    """Return where a run stands, and how long it takes yet."""
+    if not job.running:
+        return ""
+    p = job.progress
+    if p is None:
+        return f": {job.stages[-1]}" if job.stages else ": starting"
+    return f": {standing(Progress(p.stage, p.part, p.done, p.total, p.seconds_left))}"
+
+
+def _equations(job: Job) -> None:
+    told = job.equations
+    if told is None:
+        return
+    with panel("Equations", "as regression proposes them; the likelihood decides next" if told.draft else ""):
+        for line in told.equations:
+            text("pre", line, "formula")
+
+
+def _candidates(found: list[CandidatesLine]) -> None:
+    if not found:
+        return
+    groups = []
+    for line in found:
+        groups.append((line.target, [(p.terms, p.rmse) for p in line.points if not p.chosen], False))
+        groups.append((f"{line.target}, chosen", [(p.terms, p.rmse) for p in line.points if p.chosen], True))
+    with panel("Candidates", "Each circle is a relation: its error on held-out data over its terms."):
+        charts.chart(charts.spots(groups, "terms", "held-out error"), "candidates: held-out error over terms", 320)
+
+
+def _notes(notes: list[str]) -> None:
+    if notes:
+        with panel("Notes"):
+            for note in notes:
+                text("p", note)

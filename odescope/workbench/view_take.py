@@ -1,0 +1,143 @@
+"""The page of what can be taken away: exports in every language, the study, the report, the figures."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+from nicegui import ui
+
+from odescope.errors import InputError, OdescopeError
+from odescope.export import languages, programs
+from odescope.export.model_file import read_model
+from odescope.export.program_files import NAME, ProgramFiles
+from odescope.files import write_files
+from odescope.report.result_names import FIGURES, MODEL, RESULT_FILES
+from odescope.workbench.frame import Workbench, aside, button, chooser, complaint, first_of, frame, link, panel, text
+
+EXPORTS = "exports"  # the folder beside the files of a result
+ENDINGS = {"latex": "tex", "mathml": "html", "python": "py", "text": "txt"}
+LONGEST_SHOWN = 40_000  # characters
+
+
+def exported(model: Path, to: str) -> ProgramFiles:
+    """Return a model file in a language, as the export command writes it.
+
+    Raises:
+        InputError: the file cannot be read, or the language cannot express it.
+    """
+    if to in programs.names():
+        return programs.program_writer(to)(read_model(model), NAME)
+    return ProgramFiles({f"model.{ENDINGS.get(to, to)}": languages.writer(to)(read_model(model)).rstrip("\n") + "\n"})
+
+
+def take_page(bench: Workbench, name: str) -> None:
+    """Make the page of what a result can be taken away as."""
+    results = bench.folder.results()
+    chosen = first_of(name, results)
+    with frame(bench, "take", chosen), ui.element("div").classes("split"):
+        chooser("take", "Results", results, chosen)
+        with ui.element("div").classes("content"):
+            if not chosen:
+                text("h1", "No results here yet")
+                link("Studies", "/study")
+                return
+            text("h1", chosen)
+            try:
+                place = bench.folder.inside(chosen)
+                bench.folder.check(place / MODEL)
+            except InputError as error:
+                complaint(str(error))
+                return
+            ExportView(bench, place)
+            _files(bench, place)
+
+
+class ExportView:
+    """A choice of languages, and the model in the one that is chosen."""
+
+    def __init__(self, bench: Workbench, place: Path) -> None:
+        """Offer the languages."""
+        self._bench, self._place = bench, place
+        known = sorted({*languages.names(), *programs.names()})
+        with panel("The model as code", "What runs the model elsewhere, or shows it to people.", "first"):
+            self._to = ui.select(known, value="python", label="language", on_change=self._show)
+            self._to.props("dense outlined options-dense").classes("narrow")
+            with ui.element("div").classes("actions"):
+                self._save = button("Write into the folder", self._write, main=True)
+                self._download = button("Download", self._send)
+            self._told = ui.element("div").props("role=status")
+            self._shown = ui.element("div")
+        self._found = ProgramFiles({})
+        ui.timer(0.01, self._show, once=True)
+
+    async def _show(self) -> None:
+        to = str(self._to.value)
+        self._told.clear()
+        self._shown.clear()
+        try:
+            found = await aside(exported, self._place / MODEL, to)
+        except OdescopeError as error:
+            self._enable(False)
+            with self._told:
+                complaint(str(error))
+            return
+        if to != self._to.value:
+            return
+        self._found = found
+        self._enable(True)
+        with self._told:
+            for note in found.notes:
+                text("p", note)
+        with self._shown:
+            for name, content in found.files.items():
+                if isinstance(content, str):
+                    text("h3", name)
+                    text("pre", content[:LONGEST_SHOWN], "formula code").props("tabindex=0")
+                else:
+                    text("p", f"{name}, {len(content):,} bytes")
+
+    def _enable(self, there: bool) -> None:
+        self._save.set_enabled(there)
+        self._download.set_enabled(there)
+
+    def _write(self) -> None:
+        target = self._place / EXPORTS / str(self._to.value)
+        self._told.clear()
+        with self._told:
+            try:
+                self._bench.folder.check(target)
+                (self._place / EXPORTS).mkdir(exist_ok=True)
+                write_files(target, self._found.files)
+            except (InputError, OSError) as error:
+                complaint(str(error))
+                return
+            text("p", f"wrote {self._bench.folder.name(target)}/: {', '.join(self._found.files)}", "good")
+
+    def _send(self) -> None:
+        (name, content), *more = self._found.files.items()
+        if more:
+            packed = io.BytesIO()
+            with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+                for file, own in self._found.files.items():
+                    archive.writestr(file, own)
+            ui.download(packed.getvalue(), f"{self._to.value}.zip")
+        else:
+            ui.download(content.encode() if isinstance(content, str) else content, name)
+
+
+def _files(bench: Workbench, place: Path) -> None:
+    """List the files of the result."""
+    name = bench.folder.name(place)
+    with panel("Its files", "As the command line writes them: they lie in the folder already."):
+        for file in RESULT_FILES:
+            if (place / file).is_file():
+                with ui.element("p"):
+                    link(file, f"/stored/{name}/{file}", new_tab=True)
+        figures = sorted(p.name for p in (place / FIGURES).glob("*.svg")) if (place / FIGURES).is_dir() else []
+        if figures:
+            text("h3", "Figures")
+            with ui.element("p").classes("actions"):
+                for file in figures:
+                    link(file, f"/stored/{name}/{FIGURES}/{file}", new_tab=True)

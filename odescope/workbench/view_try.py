@@ -1,0 +1,247 @@
+"""The page to try a model: under other inputs, from other starts, on other data, beside another model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+from nicegui.events import ValueChangeEventArguments
+
+from odescope.arrays import FloatArray
+from odescope.errors import InputError, OdescopeError
+from odescope.model.model import Model
+from odescope.model.recorded import UNSAID, read_for
+from odescope.model.simulation import Trajectory, simulate
+from odescope.report.page import number
+from odescope.validation.compare import compare
+from odescope.validation.validate import Validation
+from odescope.workbench import charts
+from odescope.workbench.excitation import Excitation, Shape, sample_times
+from odescope.workbench.frame import (
+    Workbench,
+    aside,
+    button,
+    chooser,
+    complaint,
+    first_of,
+    frame,
+    link,
+    panel,
+    table,
+    text,
+)
+from odescope.workbench.long_chart import LongChart, LongLine, LongPlot
+from odescope.workbench.overview import Overview
+from odescope.workbench.results import Result, data_of, measured_and_run, result_of
+
+SHAPES: tuple[Shape, ...] = ("constant", "step", "sine", "chirp")
+FILE = "from a log"
+BEYOND = 0.5  # of the range of the data: how far sliders go past it
+STEPS = 200  # of a slider
+
+
+def try_page(bench: Workbench, name: str) -> None:
+    """Make the page to try a result."""
+    results = bench.folder.results()
+    chosen = first_of(name, results)
+    with frame(bench, "try", chosen), ui.element("div").classes("split"):
+        chooser("try", "Results", results, chosen)
+        with ui.element("div").classes("content"):
+            if not chosen:
+                text("h1", "No results here yet")
+                link("Studies", "/study")
+                return
+            text("h1", chosen)
+            try:
+                result = result_of(bench.folder, chosen)
+            except InputError as error:
+                complaint(str(error))
+                return
+            with panel(
+                "Simulate", "Under inputs and from a start of your own; beyond the data it extrapolates.", "first"
+            ):
+                SimulationView(bench, result.model)
+            with panel("Compare and validate", "Free runs and one-step predictions on a log that you choose."):
+                CompareView(bench, result, results)
+
+
+def _slider(label: str, low: float, high: float, value: float) -> ui.slider:
+    """Make a slider between two numbers, with its value beside it."""
+    with ui.element("div").classes("scrub"):
+        text("span", label)
+        made = ui.slider(min=low, max=high, value=value, step=(high - low) / STEPS)
+        made.props["aria-label"] = label
+        shown = text("span", number(value, 3), "reading")
+    made.on_value_change(lambda e: shown.set_text(number(e.value, 3)))
+    return made
+
+
+def _range(model: Model, name: str) -> tuple[float, float]:
+    """Return from where to where a slider goes."""
+    low, high = model.domain.get(name, (-1.0, 1.0))
+    more = BEYOND * max(high - low, 1e-12)
+    return low - more, high + more
+
+
+class SimulationView:
+    """A simulation that is run anew when anything of it changes."""
+
+    def __init__(self, bench: Workbench, model: Model) -> None:
+        """Make the controls."""
+        self._bench, self._model, self._chart = bench, model, None
+        self._made = dict[str, Excitation]()
+        with ui.element("div").classes("controls"):
+            self._duration = ui.number("duration (s)", value=10.0, min=1e-6).props("dense outlined debounce=300")
+            self._log = ui.select([FILE, *bench.folder.logs()], value=FILE, label="inputs")
+            self._log.props("dense outlined options-dense").set_visibility(bool(model.inputs))
+            self._log.set_options({FILE: "made here", **{n: f"of {n}" for n in bench.folder.logs()}})
+        for one in model.inputs:
+            self._input(one.name)
+        self._start = {}
+        for state in model.states:
+            low, high = _range(model, state)
+            self._start[state] = _slider(f"{state} at the start", low, high, 0.5 * (low + high))
+        for control in (self._duration, self._log, *self._start.values()):
+            control.on_value_change(self._run)
+        self._said, self._drawn = ui.element("div").props("role=status"), ui.element("div")
+        ui.timer(0.01, self._run, once=True)
+
+    def _input(self, name: str) -> None:
+        low, high = self._model.domain.get(name, (-1.0, 1.0))
+        self._made[name] = Excitation("step", max(abs(low), abs(high)) or 1.0)
+        with ui.element("fieldset").classes("channel"):
+            text("legend", name)
+            shape = ui.select(list(SHAPES), value="step", label="shape").props("dense outlined options-dense")
+            controls: dict[str, ui.select | ui.number] = {"shape": shape}
+            for key, label in (
+                ("size", "size"),
+                ("begin", "begins at (s)"),
+                ("frequency", "frequency (Hz)"),
+                ("last_frequency", "last frequency (Hz)"),
+            ):
+                value = getattr(self._made[name], key)
+                controls[key] = ui.number(label, value=value).props("dense outlined debounce=300")
+
+        async def changed(event: ValueChangeEventArguments[Any], key: str) -> None:
+            if event.value is not None:
+                self._made[name] = replace(self._made[name], **{key: event.value})
+                await self._run()
+
+        for key, control in controls.items():
+            control.on_value_change(lambda e, key=key: changed(e, key))
+
+    async def _run(self) -> None:
+        self._said.clear()
+        try:
+            found = await aside(self._simulated)
+        except OdescopeError as error:
+            with self._said:
+                complaint(str(error))
+            return
+        self._show(*found)
+
+    def _simulated(self) -> tuple[FloatArray, dict[str, FloatArray], Trajectory]:
+        """Return times, inputs and the run; called beside the server's thread."""
+        names, start = [i.name for i in self._model.inputs], {n: float(s.value) for n, s in self._start.items()}
+        if self._log.value != FILE:
+            record = read_for(self._model, [self._bench.folder.inside(self._log.value)], UNSAID, names).runs[0]
+            t = record.t - record.t[0]
+            inputs = {name: record.column(name) for name in names}
+        else:
+            t = sample_times(float(self._duration.value or 0.0), list(self._made.values()))
+            inputs = {name: made.values(t) for name, made in self._made.items()}
+        return t, inputs, simulate(self._model, t, inputs or None, start)
+
+    def _show(self, t: FloatArray, inputs: dict[str, FloatArray], found: Trajectory) -> None:
+        plots = [
+            LongPlot(state, (LongLine("model", "model", Overview.of([found.t], [found.column(state)])),))
+            for state in self._model.states
+        ]
+        plots += [LongPlot(n, (LongLine("input", "recorded", Overview.of([t], [u])),)) for n, u in inputs.items()]
+        self._drawn.clear()
+        with self._drawn:
+            LongChart(plots, "time (s)", "the simulated states and the inputs over time")
+        with self._said:
+            if found.ended:
+                complaint(f"the run ended at {number(float(found.t[-1]))} s: {found.ended}")
+
+
+class CompareView:
+    """Models beside each other on the data of a log: how well they predict, and their free runs."""
+
+    def __init__(self, bench: Workbench, result: Result, results: tuple[str, ...]) -> None:
+        """Make the controls."""
+        self._bench, self._result = bench, result
+        others = [name for name in results if name != result.name]
+        with ui.element("div").classes("controls"):
+            shown = {"": "its own data", **{name: name for name in bench.folder.logs()}}
+            self._log = ui.select(shown, value="", label="on").props("dense outlined options-dense")
+            beside = {"": "none", **{name: name for name in others}}
+            self._other = ui.select(beside, value="", label="beside").props("dense outlined options-dense")
+        with ui.element("div").classes("actions"):
+            button("Compare" if others else "Validate", self._run, main=True)
+        self._shown = ui.element("div").props("role=status")
+
+    async def _run(self) -> None:
+        self._shown.clear()
+        with self._shown:
+            text("p", "running …", "about")
+        try:
+            found = await aside(self._compared)
+        except OdescopeError as error:
+            self._shown.clear()
+            with self._shown:
+                complaint(str(error))
+            return
+        self._shown.clear()
+        with self._shown:
+            _show_validation(*found)
+
+    def _compared(self) -> tuple[Validation, dict[str, Model]]:
+        folder, own = self._bench.folder, self._result
+        models = {own.name: own.model}
+        if self._other.value:
+            models[self._other.value] = result_of(folder, self._other.value).model
+        files, columns = ((folder.inside(self._log.value),), UNSAID) if self._log.value else data_of(folder, own)
+        return compare(models, files, columns), models
+
+
+def _show_validation(found: Validation, models: dict[str, Model]) -> None:
+    """Show the table of a validation, and the free runs over the first recording."""
+    rows = [
+        (
+            r.model,
+            r.prediction,
+            r.coordinate,
+            "–" if r.fit is None else f"{number(r.fit, 4)} %",
+            f"{number(r.rmse, 4)} {r.unit or ''}",
+            "" if r.valid_time is None else f"{number(r.valid_time, 4)} of {number(r.duration, 4)}",
+        )
+        for r in found.rows
+        if r.recording == "all"
+    ]
+    heads = ("model", "prediction", "coordinate", "fit", "RMSE", "valid time (s)")
+    table("How well they predict", heads, rows, (3, 4, 5))
+    for note in found.notes:
+        text("p", note)
+    first = {of.model: of for of in found.runs if of.number == 1}
+    plots = []
+    for c in next(iter(models.values())).coordinates:
+        lines = list[charts.Options]()
+        for k, (name, of) in enumerate(first.items()):
+            measured, predicted = measured_and_run(models[name], c.name, of.record, of.run)
+            t = of.record.t - of.record.t[0]
+            if not lines:
+                lines.append(charts.line("measured", *_thinned(t, measured), "recorded"))
+            lines.append(charts.coloured(name, *_thinned(t, predicted), k))
+        plots.append(charts.Plot(f"{c.name} ({c.unit})" if c.unit else c.name, tuple(lines)))
+    chart = charts.stacked(plots, "time from the start (s)")
+    charts.chart(chart, "free runs of the models beside what was measured", charts.height(len(plots)))
+
+
+def _thinned(t: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    there = np.isfinite(y)
+    line = Overview.of([t[there]], [y[there]])
+    return line.window(*line.span, 1200)

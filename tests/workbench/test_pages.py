@@ -1,0 +1,261 @@
+"""The workbench in a browser: from a log to an exported model, and everything that may come between."""
+
+import http.client
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import closing
+
+import psutil
+import pytest
+
+pytest.importorskip("nicegui")
+pytest.importorskip("playwright")
+
+from workbench_cases import AXE, CHROMIUM, PATIENCE, Visit, browser, chain, decay, served
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
+
+SLOW = '[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\norder = 2\n'  # no law of order 2: the search is long
+VIEWS = ("data", "study", "run", "look", "try", "take")
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser() as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def workbench(tmp_path_factory):
+    """A workbench on a folder that holds a result of the command line, and room for more."""
+    folder = tmp_path_factory.mktemp("logs")
+    (folder / "known").mkdir()
+    options = ["--time", "t", "--coordinate", "a", "--coordinate", "b"]
+    command = [sys.executable, "-m", "odescope", "identify", chain(folder / "known" / "ab.csv"), *options]
+    subprocess.run(command, check=True, capture_output=True)
+    (folder / "known" / "ab.toml").write_text('[data]\nfiles = ["ab.csv"]\ntime = "t"\n[coordinates]\na = {}\nb = {}\n')
+    with served(folder, tmp_path_factory.mktemp("log") / "log.txt") as one:
+        yield one
+
+
+def place(workbench, name):
+    """A folder in that of the workbench, with a log."""
+    made = workbench.folder / name
+    made.mkdir()
+    decay(made / "a.csv")
+    return made
+
+
+def test_from_a_log_to_an_exported_model_by_clicks_alone(chromium, workbench):
+    folder, visit = place(workbench, "clicks"), Visit(chromium, workbench)
+    page = visit.page
+    page.get_by_role("link", name="clicks/a.csv").click()
+    page.get_by_role("heading", name="clicks/a.csv", level=1).wait_for()
+    visit.says("an amount? order 2 for a position")
+    page.get_by_role("button", name="Make a study of it").click()
+    visit.says("valid and saved")
+    assert (folder / "a.toml").read_text().startswith("# Drafted from a look")
+    page.get_by_role("button", name="Identify").click()
+    page.get_by_text("running").first.wait_for()
+    page.reload()  # in the middle of the run
+    visit.says("c_dot = ")
+    page.get_by_role("button", name="Look at the result").click()
+    page.locator("math").first.wait_for()
+    visit.says("measured − free run")
+    page.get_by_role("link", name="Take it away").click()
+    page.get_by_text("def derivative").wait_for()
+    page.get_by_role("button", name="Write into the folder").click()
+    visit.says("wrote clicks/a/exports/python/")
+    written = (folder / "a" / "exports" / "python" / "model.py").read_text()
+    by_command = [sys.executable, "-m", "odescope", "export", str(folder / "a"), "--to", "python"]
+    assert written == subprocess.run(by_command, check=True, capture_output=True, text=True).stdout
+    assert visit.wrong == []
+
+
+def test_the_study_is_the_same_as_form_and_as_text_in_two_tabs(chromium, workbench):
+    folder = place(workbench, "tabs")
+    (folder / "a.toml").write_text('# mine\n[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\n')
+    visit = Visit(chromium, workbench)
+    visit.go("/study?name=tabs/a.toml", "tabs/a.toml")
+    visit.says("valid and saved")
+    other = visit.tab()
+    other.goto(visit.base + "/study?name=tabs/a.toml")
+    text = visit.page.get_by_role("textbox", name="the study as text")
+    visit.page.get_by_role("textbox", name="unit", exact=True).fill("mol/l")
+    visit.page.wait_for_function("""() => document.querySelector("textarea").value.includes('unit = "mol/l"')""")
+    expected = '# mine\n[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\nunit = "mol/l"\n'
+    other.wait_for_function("""() => document.querySelector("textarea").value.includes('unit = "mol/l"')""")
+    assert (folder / "a.toml").read_text() == expected
+    text.fill(expected.replace("mol/l", "g/l") + "ordre = 1\n")
+    visit.says("unknown key 'ordre' in [coordinates.c]; did you mean 'order'?")
+    assert visit.page.get_by_role("button", name="Identify").is_disabled()
+    assert (folder / "a.toml").read_text() == expected
+    text.fill(expected.replace("mol/l", "g/l"))
+    visit.says("valid and saved")
+    assert visit.page.get_by_role("textbox", name="unit", exact=True).input_value() == "g/l"
+    other.wait_for_function("""() => document.querySelector("textarea").value.includes('unit = "g/l"')""")
+    (folder / "a.toml").write_text(expected)  # by an editor
+    visit.page.wait_for_function("""() => document.querySelector("textarea").value.includes('unit = "mol/l"')""")
+    assert visit.wrong == []
+
+
+def test_a_run_outlives_its_server_and_is_stopped_by_keys_alone(chromium, tmp_path):
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    decay(folder / "a.csv")
+    (folder / "a.toml").write_text(SLOW)
+    with served(folder, tmp_path / "first.txt") as first:
+        visit = Visit(chromium, first)
+        visit.go("/study", "a.toml")
+        visit.says("valid and saved")
+        press_until(visit.page, "Identify")
+        visit.says("● running")
+        (record,) = folder.glob(".odescope/*/run.json")
+        run = psutil.Process(json.loads(record.read_text())["pid"])
+        first.process.kill()
+        first.process.wait()
+    assert run.is_running()
+    with served(folder, tmp_path / "second.txt") as second:
+        visit = Visit(chromium, second)
+        visit.go("/run", "a.toml")
+        visit.says("● running")
+        begun = time.monotonic()
+        press_until(visit.page, "Stop")
+        visit.says("■ stopped")
+        assert time.monotonic() - begun < 10.0  # pressing the keys included
+        assert not run.is_running() or run.status() == psutil.STATUS_ZOMBIE
+        until = time.monotonic() + 10.0
+        while (left := sorted(p.name for p in folder.iterdir())) != [".odescope", "a.csv", "a.toml"]:
+            assert time.monotonic() < until, left
+            time.sleep(0.1)
+        assert visit.wrong == []
+        second.process.send_signal(signal.SIGINT)
+        assert second.process.wait(20) in (0, 130)
+    assert (tmp_path / "second.txt").read_text().count("Traceback") == 0
+
+
+def press_until(page, label):
+    """Go from control to control by the tabulator to the button of a label, and press it by Enter."""
+    page.evaluate("document.activeElement.blur()")
+    for _ in range(80):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.innerText || ''").strip() == label:
+            page.keyboard.press("Enter")
+            return
+    raise AssertionError(f"no way by keys to {label}")
+
+
+def test_hostile_names_are_text(chromium, workbench):
+    folder = place(workbench, "hostile")
+    attack = "<img src=x onerror=alert(1)>{{7*7}}"
+    decay(folder / "<b onmouseover=alert(2)>x<'b>.csv", attack)
+    visit = Visit(chromium, workbench)
+    visit.page.get_by_role("link", name="hostile/<b onmouseover=alert(2)>x<'b>.csv").click()
+    visit.page.get_by_role("heading", name="hostile/<b onmouseover=alert(2)>x<'b>.csv", level=1).wait_for()
+    visit.page.get_by_role("cell", name=attack).wait_for()
+    visit.page.mouse.move(700, 300)  # where a tooltip names the line
+    visit.page.get_by_role("button", name="Make a study of it").click()
+    visit.says("valid and saved")
+    visit.page.get_by_text(attack, exact=True).wait_for()
+    assert visit.page.locator("img").count() == 0
+    assert "49" not in visit.page.inner_text(".form")
+    assert visit.wrong == []
+
+
+def request(workbench, path, **headers):
+    """Return the status and the headers of what is answered."""
+    with closing(http.client.HTTPConnection("127.0.0.1", workbench.port, timeout=20)) as connection:
+        connection.putrequest("GET", path, skip_host=True)
+        for name, value in headers.items():
+            connection.putheader(name, value)
+        connection.endheaders()
+        with connection.getresponse() as answer:
+            return answer.status, answer.headers
+
+
+def test_only_who_has_the_token_is_served_and_nothing_outside(chromium, workbench):
+    folder = workbench.folder
+    (folder.parent / "secret.csv").write_text("t,x\n0,1\n")
+    (folder / "r").mkdir()
+    (folder / "r" / "model.json").write_text("{}")
+    (folder / "r" / "link.csv").symlink_to(folder.parent / "secret.csv")
+    token = workbench.address.partition("token=")[2]
+    host, cookie = f"127.0.0.1:{workbench.port}", f"odescope-{workbench.port}={token}"
+    assert request(workbench, "/data", Host=host)[0] == 403
+    assert request(workbench, "/data", Host=host, Cookie=cookie)[0] == 200
+    assert request(workbench, "/data", Host="evil.example", Cookie=cookie)[0] == 403
+    assert request(workbench, "/data", Host=host, Cookie=cookie, Origin="http://evil.example")[0] == 403
+    status, found = request(workbench, "/stored/r/model.json", Host=host, Cookie=cookie)
+    assert status == 200
+    assert found["content-security-policy"].startswith("sandbox")
+    outside = ("../secret.csv", "r/../../secret.csv", "r/link.csv", "%2e%2e/secret.csv", "..%2fsecret.csv")
+    for path in (*outside, "known/ab.csv"):
+        assert request(workbench, f"/stored/{path}", Host=host, Cookie=cookie)[0] == 404, path
+    for origin, status in (("http://evil.example", b"403"), (f"http://{host}", b"101")):
+        ask = (
+            f"GET /_nicegui_ws/socket.io/?EIO=4&transport=websocket HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\n"
+            f"Cookie: {cookie}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        )
+        with socket.create_connection(("127.0.0.1", workbench.port), timeout=20) as raw:
+            raw.sendall(ask.encode())
+            assert raw.recv(64).split()[1] == status
+    visit = Visit(chromium, workbench)
+    for view in ("data", "study", "look"):
+        visit.go(f"/{view}?name=../secret.csv")
+        visit.page.get_by_role("alert").wait_for()
+        assert "no path within" in visit.page.get_by_role("alert").inner_text()
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_every_view_is_whole_and_said_to_a_screen_reader(chromium, workbench, width):
+    visit = Visit(chromium, workbench, width)
+    for view in VIEWS:
+        visit.go(
+            f"/{view}"
+            + {"data": "?name=known/ab.csv", "study": "?name=known/ab.toml", "run": ""}.get(view, "?name=known/ab")
+        )
+        visit.page.get_by_role("heading", level=1).wait_for()
+        if view in ("data", "look", "try"):
+            visit.page.locator(".chart canvas").first.wait_for()
+        visit.page.evaluate("document.querySelectorAll('[aria-expanded=false][role=button]').forEach(e => e.click())")
+        visit.page.wait_for_timeout(700)  # what opens does so gently
+        assert visit.page.evaluate("document.documentElement.scrollWidth") <= width, view
+        if AXE.is_file():
+            visit.page.evaluate(AXE.read_text(encoding="utf-8"))
+            found = visit.page.evaluate("axe.run()")["violations"]
+            grave = [v for v in found if v["impact"] in ("serious", "critical")]
+            assert not grave, [(view, v["id"], [n["html"] for n in v["nodes"]]) for v in grave]
+    assert visit.wrong == []
+
+
+def test_a_result_of_the_command_line_is_looked_at_tried_and_validated(chromium, workbench):
+    visit = Visit(chromium, workbench)
+    page = visit.page
+    visit.go("/look?name=known/ab", "known/ab")
+    visit.says("From many terms to few")
+    slider = page.get_by_role("slider", name="model on the path, from many terms to few")
+    slider = slider.locator("[tabindex]")
+    slider.focus()
+    slider.press("ArrowRight")
+    page.wait_for_function("""() => /\\d+ terms/.test(document.querySelectorAll(".reading")[0].innerText)""")
+    at = page.get_by_role("slider", name="time at which the lines are read")
+    at = at.locator("[tabindex]")
+    at.focus()
+    at.press("ArrowRight")
+    page.wait_for_function("""() => document.querySelectorAll(".reading")[1].innerText.startsWith("0.01495 s")""")
+    visit.go("/try?name=known/ab", "known/ab")
+    page.get_by_role("button", name=re.compile("Validate|Compare")).click()
+    visit.says("many starts")
+    page.get_by_label("duration (s)").fill("-1")
+    visit.says("the duration must be a positive number")
+    assert visit.wrong == []
+    with page.expect_popup() as report:
+        visit.go("/look?name=known/ab", "known/ab")
+        page.get_by_role("link", name="Open the report").click()
+    report.value.get_by_role("heading", name="How to reproduce").wait_for(timeout=PATIENCE)
