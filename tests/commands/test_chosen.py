@@ -52,7 +52,7 @@ def test_of_relations(free):
 
 
 def test_where_the_study_says_how_many_terms(free):
-    fewer = msgspec.structs.replace(OSCILLATOR, likelihood=LikelihoodSearch(terms=2))
+    fewer = msgspec.structs.replace(OSCILLATOR, likelihood=LikelihoodSearch(terms=3))
     overruled = identify(fewer, oscillator())
     assert len(overruled.model.relations[0].terms) < len(free.model.relations[0].terms)
     assert_the_model_is_chosen(overruled)
