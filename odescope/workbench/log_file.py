@@ -85,17 +85,16 @@ def _pieces(column: ChunkedArray, label: str, source: str) -> Iterator[FloatArra
     import pyarrow as pa
 
     for chunk in column.chunks:
-        yield _array(chunk) if _plain(chunk) else numbers(pa.chunked_array([chunk]), label, source)
+        if _plain(chunk):
+            yield np.asarray(np.from_dlpack(chunk), dtype=np.float64)
+        else:
+            yield numbers(pa.chunked_array([chunk]), label, source)
 
 
 def _plain(chunk: Array) -> bool:
     import pyarrow as pa
 
     return bool(pa.types.is_float64(chunk.type)) and not chunk.null_count
-
-
-def _array(chunk: Array) -> FloatArray:
-    return np.asarray(np.from_dlpack(chunk), dtype=np.float64)  # a view
 
 
 def _times(
