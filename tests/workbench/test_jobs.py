@@ -40,7 +40,7 @@ def sleeper(place, name="20260101-000000-a"):
     return process, name
 
 
-def ended(jobs, name, seconds=60.0):
+def ended(jobs, name, seconds=180.0):
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         if not (job := jobs.find(name)).running:
@@ -89,7 +89,7 @@ def test_a_run_that_is_stopped_leaves_nothing_half_written(place):
     (place / "a.toml").write_text(STUDY.replace("[coordinates.c]", "[coordinates.c]\norder = 2"))
     jobs = Jobs(Folder.of(place))
     job = jobs.start("a.toml")
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + 180.0
     while not jobs.find(job.name).stages and time.monotonic() < until:
         time.sleep(0.05)
     jobs.cancel(job.name)

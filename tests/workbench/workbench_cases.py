@@ -13,7 +13,7 @@ import numpy as np
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 AXE = Path(__file__).parent.parent.parent / "build" / "axe-core" / "axe.min.js"  # .ci/run puts it there
-PATIENCE = 60_000  # milliseconds, of a machine that does much else
+PATIENCE = 180_000  # milliseconds, of a machine that does much else
 
 
 def decay(path, name="c", order=1):
@@ -47,7 +47,7 @@ class Served:
             self.process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, cwd=log.parent, env=dict(os.environ)
             )
-        until = time.monotonic() + 60.0
+        until = time.monotonic() + 180.0
         while not (found := re.search(r"http://\S+", log.read_text())):
             assert self.process.poll() is None, log.read_text()
             assert time.monotonic() < until, "the workbench does not begin"
