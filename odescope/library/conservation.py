@@ -11,7 +11,7 @@ from fractions import Fraction
 from itertools import combinations, product
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri  # scipy.stats has it under a clearer name, and takes a second to import
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
@@ -137,7 +137,7 @@ def constant_sums(columns: Sequence[FloatArray], names: Sequence[str], noise: Fl
     scatter, freedom, slow = _scatters(columns)
     if not len(freedom):
         return ()
-    allowed = TOLERANCE**2 * chi2.ppf(1.0 - LEVEL / len(freedom), freedom)
+    allowed = TOLERANCE**2 * chdtri(freedom, LEVEL / len(freedom))
     excess = np.diagonal(scatter[slow]) / freedom[slow] - variance
     found = list[tuple[int, ...]]()
     for k in range(2, min(MOST_MEMBERS, len(names)) + 1):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 
 from odescope.arrays import FloatArray
 
@@ -96,8 +96,8 @@ def consistency(
     freedom = freedom[freedom > 0]
     total = max(int(freedom.sum()), 1)
     tails = np.array([0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL])
-    low, high = (chi2.ppf(tails, total) / total).tolist()
-    own = np.array([chi2.ppf(tails, k) for k in range(1, len(names) + 1)])
+    low, high = (chdtri(total, 1.0 - tails) / total).tolist()
+    own = np.array([chdtri(k, 1.0 - tails) for k in range(1, len(names) + 1)])
     bounds = own[freedom - 1] if len(freedom) else np.empty((0, 2))
     inside = float(np.mean((every >= bounds[:, 0]) & (every <= bounds[:, 1]))) if len(every) else float("nan")
     channels = [
@@ -129,7 +129,7 @@ def _whiteness(name: str, innovations: Sequence[FloatArray], expected: Sequence[
         first=float(correlations[0]),
         largest=float(correlations[largest]),
         lag=largest + 1,
-        band=float(norm.ppf(0.5 + 0.5 * LEVEL)) / max(count, 1) ** 0.5,
+        band=float(ndtri(0.5 + 0.5 * LEVEL)) / max(count, 1) ** 0.5,
         portmanteau=portmanteau,
-        limit=float(chi2.ppf(LEVEL, LAGS)),
+        limit=float(chdtri(LAGS, 1.0 - LEVEL)),
     )
