@@ -25,7 +25,7 @@ ACCEPTED = {
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "double_pendulum" else n for n in ACCEPTED]
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n != "actuated_pendulum" else n for n in ACCEPTED]
 )
 def test_dominant_coefficients(name: str) -> None:
     if not DATA.is_dir():

@@ -18,7 +18,7 @@ from odescope.likelihood.segments import SHORT
 from odescope.parallel.workers import Workers
 
 JOINED_SHARE = 0.6  # of the budget, at most, for the searches without process noise
-FEW = 300  # averages that more than one model may follow without a doubt
+FEW = 160  # averages that more than one model may follow without a doubt
 FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
 
 

@@ -268,8 +268,7 @@ def _averages(
         at_centre = [v[centre] for v in values]
         smooth |= {c.derivative(k): v for k, v in enumerate(at_centre)}
         rest = (samples - values[0])[: blocks * block].reshape(blocks, block)
-        worth = run.counted(c.name) * channel.weight(values[0])
-        average, weight = _weighed(rest, worth[: blocks * block].reshape(blocks, block))
+        average, weight = _weighed(rest, run.counted(c.name)[: blocks * block].reshape(blocks, block))
         columns.append(average + at_centre[0])
         weights.append(weight)
     states = np.column_stack([smooth[s] for s in signals.states])
@@ -281,7 +280,7 @@ def _weighed(rest: FloatArray, counts: FloatArray) -> tuple[FloatArray, FloatArr
     if np.all(counts == 1.0):
         return rest.mean(axis=1), np.ones(len(rest))
     total = counts.sum(axis=1)
-    return (counts * rest).sum(axis=1) / np.where(total > 0.0, total, 1.0), np.sqrt(total / counts.shape[1])
+    return (counts * rest).sum(axis=1) / np.maximum(total, 1.0), np.sqrt(total / counts.shape[1])
 
 
 @lru_cache(maxsize=64)

@@ -16,7 +16,6 @@ from odescope.signals.appearance import telling
 from odescope.signals.differentiators import Derivatives, Differentiator, derivatives_like
 from odescope.signals.filling import measured_derivatives
 from odescope.signals.noise import least_noise
-from odescope.signals.relative import RelativeNoise, relative_noise
 from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, differentiate, differentiate_smoothly
 
 OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
@@ -28,19 +27,13 @@ SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below
 class Channel:
     """What was found in one coordinate: noise (standard deviation, its unit), cutoff (hertz).
 
-    The noise is no less than `floor`, see `odescope.signals.noise.least_noise`; where it goes with the reading it is
-    the root mean square of what `relative` says.
+    The noise is no less than `floor`, see `odescope.signals.noise.least_noise`.
     """
 
     name: str
     noise: float
     cutoff: float
     floor: float = 0.0
-    relative: RelativeNoise | None = None
-
-    def weight(self, smooth: FloatArray) -> FloatArray:
-        """Return how many samples of the usual noise one is worth where the signal (N,) is so."""
-        return np.ones_like(smooth) if self.relative is None else 1.0 / self.relative.variance(smooth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,32 +100,22 @@ def estimate_signals(
         NoModelError: a coordinate holds nothing above its noise.
     """
     period = _common_period(records)
-    found, floors, relative = [], [], list[RelativeNoise | None]()
+    found, floors = [], []
     for c in coordinates:
         derivatives = measured_derivatives(records, c, differentiator)
         # What was filled in, or is the mean of several, is off the steps of the sensor.
         measured = [run.column(c.name)[run.counted(c.name) == 1.0] for run in records]
         floors.append(least_noise(measured, derivatives.noise))
-        relative.append(_relative(records, c, derivatives) if derivatives.noise > floors[-1] else None)
         found.append(replace(derivatives, noise=max(derivatives.noise, floors[-1])))
         _check_signal(records, c, found[-1], period)
     enough = max(1, records.samples // least) if least else records.samples
     stride = min(enough, max(1, int(1.0 / (period * OVERSAMPLING * max(d.cutoff for d in found))))) if decimate else 1
     names = (*state_names(coordinates), *(c.target for c in coordinates), *(i.name for i in inputs))
     channels = tuple(
-        Channel(c.name, d.noise, d.cutoff, floor, r)
-        for c, d, floor, r in zip(coordinates, found, floors, relative, strict=True)
+        Channel(c.name, d.noise, d.cutoff, floor) for c, d, floor in zip(coordinates, found, floors, strict=True)
     )
     signals = Signals(names, (), (), period * stride, channels, tuple(coordinates), tuple(inputs))
     return _gathered(signals, records.stretches, [d.values for d in found], margin)
-
-
-def _relative(records: Records, coordinate: Coordinate, found: Derivatives) -> RelativeNoise | None:
-    """Return how the noise of a coordinate goes with its reading, if it does, given the filtered records."""
-    there = [run.counted(coordinate.name) > 0.0 for run in records]
-    smooth = [v[0][m] for v, m in zip(found.values, there, strict=True)]
-    measured = [run.column(coordinate.name)[m] for run, m in zip(records, there, strict=True)]
-    return relative_noise([y - s for y, s in zip(measured, smooth, strict=True)], smooth)
 
 
 def signals_like(

@@ -76,7 +76,7 @@ def _supported(
     by_risk = isinstance(differentiator, Spectral) and isinstance(differentiator.cutoff, LeastRisk)
     if not by_risk or not bears_fits(counts):
         return found
-    hertz = min(found.cutoff, supported_cutoff(channel, counts, period))
+    hertz = min(found.cutoff, supported_cutoff(channel, counts, period, found.cutoff))
     values = derivatives_like(differentiator, hertz, channel, [False] * len(channel), period, len(found.values[0]) - 1)
     return Derivatives(tuple(values), found.noise, hertz)
 

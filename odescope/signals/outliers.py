@@ -18,7 +18,6 @@ from odescope.recordings.record import Record, Records, Stretch
 from odescope.signals.appearance import appearance
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.filling import filled
-from odescope.signals.relative import relative_noise
 
 FAR = 5.0  # standard deviations beyond which a sample says nothing of the signal
 STEPS = 0.25  # root mean squares of the motion from sample to sample: what is nearer may be a kink of the signal
@@ -128,33 +127,7 @@ def _far(records: Records, coordinate: Coordinate, differentiator: Differentiato
     bound, limit, rest = _residuals(records, coordinate, differentiator, ROUNDS, STEPS)
     if _left_signal([np.clip(r, -bound, bound) for r in rest]) > SIGNAL_LEFT:
         return saturated
-    size = _relative_size(records, coordinate, rest)
-    if size is not None:  # far is then what is so for a reading of its size
-        even = np.concatenate([(r / d)[m] for r, d, m in zip(rest, size, _measured(records, coordinate), strict=True)])
-        return [
-            f | (np.abs(r) > np.maximum(limit, FAR * robust_deviation(even) * d))
-            for f, r, d in zip(saturated, rest, size, strict=True)
-        ]
     return [f | (np.abs(r) > limit) for f, r in zip(saturated, rest, strict=True)]
-
-
-def _measured(records: Records, coordinate: Coordinate) -> list[BoolArray]:
-    return [run.counted(coordinate.name) > 0.0 for run in records]
-
-
-def _relative_size(records: Records, coordinate: Coordinate, rest: Sequence[FloatArray]) -> list[FloatArray] | None:
-    """Return the size of the noise (N,) of every record over its mean one, None where it does not go with the reading.
-
-    Args:
-        records: what was measured.
-        coordinate: of what.
-        rest: (N,) what a robust filter leaves of each.
-    """
-    smooth = [run.column(coordinate.name) - r for run, r in zip(records, rest, strict=True)]
-    there = _measured(records, coordinate)
-    left, signal = ([x[m] for x, m in zip(of, there, strict=True)] for of in (rest, smooth))
-    found = relative_noise(left, signal)
-    return None if found is None else [np.sqrt(found.variance(s)) for s in smooth]
 
 
 def _residuals(

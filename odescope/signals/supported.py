@@ -18,6 +18,7 @@ LOST = 0.8  # of the points of a grid: where more were measured, what is filled 
 MANY = 1000  # measured samples: of so many the power spectrum tells the cutoff, filled in or not
 BUSY = 0.6  # of the measured samples: more parameters leave nothing that tells the noise
 MUCH = 0.05  # of the variance of its motion
+FINE = 1.0 / 12.0  # of a cutoff, between those that are tried
 SAME = 1e-9  # of the largest singular value
 
 
@@ -27,7 +28,7 @@ def bears_fits(counts: Sequence[FloatArray]) -> bool:
     return measured < min(LOST * points, MANY)
 
 
-def supported_cutoff(channel: Sequence[FloatArray], counts: Sequence[FloatArray], period: float) -> float:
+def supported_cutoff(channel: Sequence[FloatArray], counts: Sequence[FloatArray], period: float, most: float) -> float:
     """Return the cutoff in hertz of the cosines and cubics by least squares that suit the measured samples best.
 
     Infinite where these leave much of the signal: it is too fast for so few samples, and noise has no part in it.
@@ -36,12 +37,15 @@ def supported_cutoff(channel: Sequence[FloatArray], counts: Sequence[FloatArray]
         channel: (N,) a record.
         counts: (N,) measured samples behind each value.
         period: of the grid, in seconds.
+        most: hertz that are of interest.
     """
     longest = max(range(len(channel)), key=lambda k: len(channel[k]))
     measured = sum(int(np.count_nonzero(n)) for n in counts)
     moves = sum(float(np.sum(n * (y - np.average(y, weights=n)) ** 2)) for y, n in zip(channel, counts, strict=True))
     best, found, left = np.inf, np.inf, np.inf
-    for hertz in bin_frequencies(len(channel[longest]), period)[1:].tolist():
+    frequencies = bin_frequencies(len(channel[longest]), period)
+    for bin_ in _spread(int(np.count_nonzero(frequencies <= most * (1.0 + SAME))) - 1):
+        hertz = float(frequencies[bin_])
         bins = [int(2.0 * hertz * (1.0 + SAME) * len(y) * period) for y in channel]
         free = measured - sum(k + 1 + TREND_DEGREE for k in bins)
         if free < (1.0 - BUSY) * measured:
@@ -51,6 +55,14 @@ def supported_cutoff(channel: Sequence[FloatArray], counts: Sequence[FloatArray]
         if criterion < best:
             best, found, left = criterion, hertz, missed / free
     return found if left < MUCH * moves / measured else np.inf
+
+
+def _spread(last: int) -> list[int]:
+    """Return bins from 1 to the last, each a twelfth above the one before where that is more than one."""
+    if last < 1:
+        return []
+    steps = int(np.log(last) / np.log1p(FINE)) + 2
+    return [int(k) for k in np.unique(np.rint(np.geomspace(1, last, steps)))]
 
 
 def _missed(values: FloatArray, counts: FloatArray, last: int) -> float:

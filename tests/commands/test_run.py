@@ -165,7 +165,8 @@ print(sorted(t.text for t in run.result.model.relations[0].terms))
 
 
 @pytest.mark.parametrize(
-    "method", [m for m in ("fork", "spawn", "forkserver") if sys.platform != "win32" or m == "spawn"]
+    "method",
+    ["spawn", *(pytest.param(m, marks=pytest.mark.slow) for m in ("fork", "forkserver") if sys.platform != "win32")],
 )
 def test_a_script_without_a_guard_runs_once(tmp_path, method):
     """Figures are drawn in processes of their own, which must not run the user's script again."""

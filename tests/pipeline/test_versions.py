@@ -61,6 +61,7 @@ def test_the_column_that_drove_the_record_is_taken(seed):
     assert "'command'" in said
 
 
+@pytest.mark.slow
 def test_a_column_without_a_model_is_no_end_and_only_where_all_fail_is_there_none():
     data = log(0)
     rng = np.random.default_rng(1)

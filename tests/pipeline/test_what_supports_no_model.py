@@ -68,7 +68,7 @@ def test_a_random_walk_has_no_law(order, seed):
     assert "none is left" in str(e.value) or "less than the 50% asked for" in str(e.value)
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_random_walk_has_no_law_for_the_likelihood_either(order):
     """With process noise a search describes any record, whatever its terms."""
     rng = np.random.default_rng(0)
@@ -220,6 +220,7 @@ def test_other_systems_over_seeds(systems, name):
         assert sum(outcome[target] == "" for outcome in found) >= 9, target
 
 
+@pytest.mark.slow
 def test_searches_begin_from_as_many_proposals_as_asked_for_and_the_best_end_is_taken(systems):
     """On the first of these logs the first proposal and the forward selection both end worse than a later proposal.
 
@@ -245,8 +246,8 @@ def test_searches_begin_from_as_many_proposals_as_asked_for_and_the_best_end_is_
     ("name", "noise", "seed", "penalised"),
     [
         ("michaelis-menten", 0.5, 7, 158.2),
-        ("predator-prey", 0.2, 11, 596.1),
-        ("predator-prey", 0.3, 1, 485.3),
+        pytest.param("predator-prey", 0.2, 11, 596.1, marks=pytest.mark.slow),
+        pytest.param("predator-prey", 0.3, 1, 485.3, marks=pytest.mark.slow),
         ("predator-prey", 0.2, 4, 457.9),
     ],
 )

@@ -37,12 +37,12 @@ def test_the_cutoff_is_that_of_the_fit_that_predicts_best(seed):
         return np.sqrt(np.mean((fit - truth) ** 2))
 
     best = min(error(k / (2 * COUNT * PERIOD)) for k in range(1, 40))
-    assert error(supported_cutoff([y], [there], PERIOD)) < 1.5 * best
+    assert error(supported_cutoff([y], [there], PERIOD, np.inf)) < 1.5 * best
 
 
 def test_a_signal_too_fast_for_its_samples_is_not_taken_for_noise():
     fast = np.sin(2.0 * np.pi * 5.1 * T) + np.sin(2.0 * np.pi * 4.3 * T + 1.0)
-    assert supported_cutoff([fast], [half(0)], PERIOD) == np.inf
+    assert supported_cutoff([fast], [half(0)], PERIOD, np.inf) == np.inf
 
 
 def test_fits_are_made_where_much_is_missing_of_few_samples():
