@@ -16,11 +16,11 @@ import pytest
 pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
 
-from workbench_cases import AXE, CHROMIUM, PATIENCE, Visit, browser, chain, decay, served
+from workbench_cases import AXE, CHROMIUM, PATIENCE, Visit, browser, chain, decay, served, shaken
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
 
-SLOW = '[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\norder = 2\n'  # no law of order 2: the search is long
+SLOW = '[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates]\np.order = 2\nq.order = 2\nr.order = 2\n'
 VIEWS = ("data", "study", "run", "look", "try", "take")
 
 
@@ -107,7 +107,7 @@ def test_the_study_is_the_same_as_form_and_as_text_in_two_tabs(chromium, workben
 def test_a_run_outlives_its_server_and_is_stopped_by_keys_alone(chromium, tmp_path):
     folder = tmp_path / "logs"
     folder.mkdir()
-    decay(folder / "a.csv")
+    shaken(folder / "a.csv")
     (folder / "a.toml").write_text(SLOW)
     with served(folder, tmp_path / "first.txt") as first:
         visit = Visit(chromium, first)

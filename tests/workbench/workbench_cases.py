@@ -13,7 +13,7 @@ import numpy as np
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 AXE = Path(__file__).parent.parent.parent / "build" / "axe-core" / "axe.min.js"  # .ci/run puts it there
-PATIENCE = 180_000  # milliseconds, of a machine that does much else
+PATIENCE = 90_000  # milliseconds, of a machine that does much else
 
 
 def decay(path, name="c", order=1):
@@ -22,6 +22,18 @@ def decay(path, name="c", order=1):
     c = 2.0 * np.exp(-0.5 * t) + 0.005 * np.random.default_rng(0).standard_normal(200)
     rows = "".join(f"{a!r},{b!r}\n" for a, b in zip(t.tolist(), c.tolist(), strict=True))
     path.write_text(f'"t","{name}"\n{rows}', encoding="utf-8")
+    return path
+
+
+def shaken(path):
+    """Write a log of three oscillators that are shaken at random, whose search takes minutes."""
+    rng, step = np.random.default_rng(0), 0.02
+    x, v, rows = np.zeros(3), np.zeros(3), ["t,p,q,r"]
+    for k in range(4000):
+        rows.append(",".join(map(repr, (k * step, *(x + 1e-3 * rng.standard_normal(3)).tolist()))))
+        v = v + step * (np.roll(x, -1) - 2.0 * x - np.sin(x) - 0.1 * v + 3.0 * rng.standard_normal(3))
+        x = x + step * v
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
     return path
 
 
