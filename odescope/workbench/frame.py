@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.resources import files
+from inspect import isawaitable
 from typing import TypeVar
 from urllib.parse import urlencode
 
@@ -18,6 +19,7 @@ from odescope.workbench.folder import Folder
 from odescope.workbench.jobs import Jobs
 
 Found = TypeVar("Found")
+IDENTIFY = "Open a study and press Identify."
 VIEWS = (("data", "Data"), ("study", "Study"), ("run", "Run"), ("look", "Look"), ("try", "Try"), ("take", "Take away"))
 
 
@@ -29,6 +31,23 @@ class Workbench:
     jobs: Jobs
 
 
+@dataclass(frozen=True)
+class Listed:
+    """What a page shows one of.
+
+    Attributes:
+        label: of the list.
+        names: in the list.
+        begin: how to come by the first, as long as there is none.
+        view: where that is done, of VIEWS; the page's own needs no link.
+    """
+
+    label: str
+    names: Sequence[str]
+    begin: str
+    view: str
+
+
 def address(view: str, given: str = "", key: str = "name") -> str:
     """Return the address of a page.
 
@@ -38,6 +57,41 @@ def address(view: str, given: str = "", key: str = "name") -> str:
         key: what that is called in the address.
     """
     return f"/{view}" + (f"?{urlencode({key: given})}" if given else "")
+
+
+async def show_one(
+    bench: Workbench, view: str, listed: Listed, name: str, fill: Callable[[Workbench, str], object]
+) -> None:
+    """Make a page that shows one thing beside the list of all; what cannot be shown is said in its place.
+
+    Args:
+        bench: whose page it is.
+        view: of VIEWS.
+        listed: what there is to choose from.
+        name: that was asked for; where that is no text, the first in the list is shown.
+        fill: puts what has a name on the page, below its heading, at once or awaited; InputError says why it cannot.
+    """
+    chosen = name or next(iter(listed.names), "")
+    with frame(bench, view, chosen), ui.element("div").classes("split"):
+        chooser(view, listed.label, listed.names, chosen)
+        with ui.element("div").classes("content"):
+            text("h1", chosen or f"No {listed.label.lower()} here yet")
+            if not chosen:
+                text("p", listed.begin, "about")
+                if listed.view != view:
+                    link(dict(VIEWS)[listed.view], address(listed.view))
+                return
+            try:
+                filling = fill(bench, chosen)
+                if isawaitable(filling):
+                    await filling
+            except InputError as error:
+                complaint(str(error))
+
+
+async def show_result(bench: Workbench, view: str, name: str, fill: Callable[[Workbench, str], object]) -> None:
+    """Make a page that shows one result; the arguments are those of `show_one`."""
+    await show_one(bench, view, Listed("Results", bench.folder.results(), IDENTIFY, "study"), name, fill)
 
 
 @contextmanager
@@ -188,11 +242,6 @@ async def aside(act: Callable[..., Found], *given: object) -> Found:
     if found is None:
         raise asyncio.CancelledError
     return found
-
-
-def first_of(name: str, names: Sequence[str]) -> str:
-    """Return a name that was asked for, else the first there is; no text where there is none."""
-    return name or (names[0] if names else "")
 
 
 def chooser(view: str, label: str, names: Sequence[str], chosen: str) -> None:

@@ -45,21 +45,21 @@ def add_pages(folder: Folder, jobs: Jobs) -> None:
         await data_page(bench, name)
 
     @ui.page("/study")
-    def study(name: str = "") -> None:
-        study_page(bench, name)
+    async def study(name: str = "") -> None:
+        await study_page(bench, name)
 
     @ui.page("/run")
-    def run(name: str = "") -> None:
-        run_page(bench, name)
+    async def run(name: str = "") -> None:
+        await run_page(bench, name)
 
     @ui.page("/look")
     async def look(name: str = "") -> None:
         await look_page(bench, name)
 
     @ui.page("/try")
-    def try_(name: str = "") -> None:
-        try_page(bench, name)
+    async def try_(name: str = "") -> None:
+        await try_page(bench, name)
 
     @ui.page("/take")
-    def take(name: str = "") -> None:
-        take_page(bench, name)
+    async def take(name: str = "") -> None:
+        await take_page(bench, name)

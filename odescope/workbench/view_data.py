@@ -13,15 +13,14 @@ from odescope.errors import InputError
 from odescope.files import write_file
 from odescope.study.draft import Drafted, draft
 from odescope.workbench.frame import (
+    Listed,
     Workbench,
     address,
     aside,
     button,
-    chooser,
     complaint,
-    first_of,
-    frame,
     panel,
+    show_one,
     table,
     text,
     told,
@@ -53,40 +52,29 @@ def log_of(path: Path) -> LogFile:
 
 async def data_page(bench: Workbench, name: str) -> None:
     """Make the page of a log."""
-    logs = bench.folder.logs()
-    chosen = first_of(name, logs)
-    with frame(bench, "data", chosen), ui.element("div").classes("split"):
-        chooser("data", "Logs", logs, chosen)
-        with ui.element("div").classes("content"):
-            if not chosen:
-                text("h1", "No logs here yet")
-                text("p", f"Put a CSV, Parquet or MATLAB file into {bench.folder.root}, and reload this page.", "about")
-                return
-            text("h1", chosen)
-            try:
-                path = bench.folder.inside(chosen)
-            except InputError as error:
-                complaint(str(error))
-                return
-            facts = text("p", "reading …", "about")
-            picture = ui.element("div")
-            seen = panel("What it looks like", "Each column, and what may be made of it in a study.")
-            with seen:
-                waiting = text("p", "looking at the columns …", "about")
-            await ui.context.client.connected(timeout=30)
-            try:
-                log = await aside(log_of, path)
-            except InputError as error:
-                facts.set_text("")
-                waiting.delete()
-                with picture:
-                    complaint(str(error))
-                return
-            facts.set_text(f"{log.rows:,} rows, {len(log.labels)} columns, {in_bytes(path.stat().st_size)}")
-            with picture:
-                _picture(log)
-            with seen:
-                await _seen(bench, path, waiting)
+    begin = f"Put a CSV, Parquet or MATLAB file into {bench.folder.root}, and reload this page."
+    listed = Listed("Logs", bench.folder.logs(), begin, "data")
+    await show_one(bench, "data", listed, name, _log)
+
+
+async def _log(bench: Workbench, name: str) -> None:
+    """Show a log: its picture first, which is there sooner than what it looks like.
+
+    Raises:
+        InputError: it lies outside of the folder, or cannot be read.
+    """
+    path = bench.folder.inside(name)
+    facts = text("p", "reading …", "about")
+    await ui.context.client.connected(timeout=30)
+    try:
+        log = await aside(log_of, path)
+    except InputError:
+        facts.delete()
+        raise
+    facts.set_text(f"{log.rows:,} rows, {len(log.labels)} columns, {in_bytes(path.stat().st_size)}")
+    _picture(log)
+    with panel("What it looks like", "Each column, and what may be made of it in a study."):
+        await _seen(bench, path)
 
 
 def _picture(log: LogFile) -> None:
@@ -98,8 +86,9 @@ def _picture(log: LogFile) -> None:
         text("p", f"{len(log.lines) - len(labels)} more columns found no room.", "about")
 
 
-async def _seen(bench: Workbench, path: Path, waiting: ui.element) -> None:
+async def _seen(bench: Workbench, path: Path) -> None:
     """Say what the columns look like, and offer the study."""
+    waiting = text("p", "looking at the columns …", "about")
     target = path.parent / f"{path.name.removesuffix('.gz').rpartition('.')[0]}.toml"
     try:
         drafted = await _drafted(path)

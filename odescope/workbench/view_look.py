@@ -22,13 +22,11 @@ from odescope.workbench.frame import (
     Workbench,
     address,
     aside,
-    chooser,
     complaint,
-    first_of,
-    frame,
     link,
     markup,
     panel,
+    show_result,
     text,
 )
 from odescope.workbench.long_chart import LongChart
@@ -41,29 +39,23 @@ STEPS = 1000  # of the slider over time
 
 async def look_page(bench: Workbench, name: str) -> None:
     """Make the page of a result."""
-    results = bench.folder.results()
-    chosen = first_of(name, results)
-    with frame(bench, "look", chosen), ui.element("div").classes("split"):
-        chooser("look", "Results", results, chosen)
-        with ui.element("div").classes("content"):
-            if not chosen:
-                text("h1", "No results here yet")
-                text("p", "Open a study and press Identify.", "about")
-                link("Studies", "/study")
-                return
-            text("h1", chosen)
-            try:
-                place = bench.folder.inside(chosen)
-                if not (place / MODEL).is_file() and (place / NO_MODEL).is_file():
-                    text("p", "The data supported no model.")
-                    link("Open what was found until then", f"/stored/{chosen}/{NO_MODEL}", new_tab=True)
-                    return
-                result = result_of(bench.folder, chosen)
-            except InputError as error:
-                complaint(str(error))
-                return
-            _links(result)
-            await _shown(bench, result)
+    await show_result(bench, "look", name, _result)
+
+
+async def _result(bench: Workbench, name: str) -> None:
+    """Show a result, or that there was no model.
+
+    Raises:
+        InputError: it lies outside of the folder, or cannot be read.
+    """
+    place = bench.folder.inside(name)
+    if not (place / MODEL).is_file() and (place / NO_MODEL).is_file():
+        text("p", "The data supported no model.")
+        link("Open what was found until then", f"/stored/{name}/{NO_MODEL}", new_tab=True)
+        return
+    result = result_of(bench.folder, name)
+    _links(result)
+    await _shown(bench, result)
 
 
 def _links(result: Result) -> None:

@@ -4,40 +4,48 @@ from __future__ import annotations
 
 from nicegui import run, ui
 
+from odescope.errors import InputError
 from odescope.events import Progress, standing
 from odescope.report.event_lines import CandidatesLine, FilesLine, NoteLine
 from odescope.report.result_names import NO_MODEL, REPORT_PAGE
 from odescope.workbench import charts
-from odescope.workbench.frame import Workbench, address, button, chooser, complaint, first_of, frame, link, panel, text
+from odescope.workbench.frame import (
+    IDENTIFY,
+    Listed,
+    Workbench,
+    address,
+    button,
+    complaint,
+    link,
+    panel,
+    show_one,
+    text,
+)
 from odescope.workbench.jobs import Job
 
 EVERY = 0.5  # seconds between two looks at the events
 MARKS = {"running": "●", "done": "✓", "no model": "–", "stopped": "■", "failed": "✗"}
 
 
-def run_page(bench: Workbench, name: str) -> None:
+async def run_page(bench: Workbench, name: str) -> None:
     """Make the page of a run."""
-    jobs = bench.jobs.all()
-    chosen = first_of(name, [job.name for job in jobs])
-    with frame(bench, "run", chosen), ui.element("div").classes("split"):
-        chooser("run", "Runs", [job.name for job in jobs], chosen)
-        with ui.element("div").classes("content"):
-            job = bench.jobs.find(chosen) if chosen else None
-            if job is None:
-                text("h1", "No such run" if chosen else "Nothing has run yet")
-                text("p", "Open a study and press Identify.", "about")
-                link("Studies", "/study")
-                return
-            RunView(bench, job)
+    names = [job.name for job in bench.jobs.all()]
+    await show_one(bench, "run", Listed("Runs", names, IDENTIFY, "study"), name, RunView)
 
 
 class RunView:
     """What is shown of one run, brought up to date while it runs."""
 
-    def __init__(self, bench: Workbench, job: Job) -> None:
-        """Draw a run, and follow it."""
-        self._bench, self._name, self._known = bench, job.name, -1
-        text("h1", job.record.study)
+    def __init__(self, bench: Workbench, name: str) -> None:
+        """Draw a run, and follow it.
+
+        Raises:
+            InputError: there is none of that name.
+        """
+        job = bench.jobs.find(name)
+        if job is None:
+            raise InputError(f"there is no run {name!r}")
+        self._bench, self._name, self._known = bench, name, -1
         self._state = text("p", "", "about").props("role=status")
         self._bar = ui.linear_progress(0.0, show_value=False, size="6px").props('aria-label="progress"')
         self._stages = text("p", "", "about")

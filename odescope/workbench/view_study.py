@@ -21,7 +21,7 @@ from odescope.study.options import Study
 from odescope.study.toml import parse_study
 from odescope.workbench.folder import Folder
 from odescope.workbench.form import FormField, fields_of, sections
-from odescope.workbench.frame import Workbench, address, aside, button, chooser, complaint, first_of, frame, panel, text
+from odescope.workbench.frame import Listed, Workbench, address, aside, button, complaint, panel, show_one, text
 from odescope.workbench.study_text import Setting, setting_at, with_setting, written
 
 PAUSE = 350  # milliseconds without a key before what was typed is read
@@ -70,22 +70,10 @@ def _libraries(study: Study) -> str:
     return f"candidate terms: {', '.join(told)}"
 
 
-def study_page(bench: Workbench, name: str) -> None:
+async def study_page(bench: Workbench, name: str) -> None:
     """Make the page of a study."""
-    studies = bench.folder.studies()
-    chosen = first_of(name, studies)
-    with frame(bench, "study", chosen), ui.element("div").classes("split"):
-        chooser("study", "Studies", studies, chosen)
-        with ui.element("div").classes("content"):
-            if not chosen:
-                text("h1", "No studies here yet")
-                text("p", "Choose a log under Data, and make a study of it.", "about")
-                return
-            try:
-                Editor(bench, chosen)
-            except (InputError, OSError, UnicodeDecodeError) as error:
-                text("h1", chosen)
-                complaint(f"it cannot be opened: {error}")
+    listed = Listed("Studies", bench.folder.studies(), "Choose a log under Data, and make a study of it.", "data")
+    await show_one(bench, "study", listed, name, Editor)
 
 
 class Editor:
@@ -95,13 +83,14 @@ class Editor:
         """Open a study.
 
         Raises:
-            InputError: it lies outside of the folder.
-            OSError: it cannot be read.
+            InputError: it lies outside of the folder, or cannot be read.
         """
         self._bench, self._name, self._path = bench, name, bench.folder.inside(name)
-        self._text = self._saved = self._path.read_text(encoding="utf-8")
+        try:
+            self._text = self._saved = self._path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"{name} cannot be opened: {error}") from error
         self._filling, self._fields = False, list[tuple[tuple[str, ...], ui.input | ui.select]]()
-        text("h1", name)
         text("p", "Every change that is valid is saved at once.", "about")
         with ui.element("div").classes("status"):
             self._said = ui.element("div").props("role=status")

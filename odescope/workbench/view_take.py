@@ -14,7 +14,7 @@ from odescope.export.model_file import read_model
 from odescope.export.program_files import NAME, ProgramFiles
 from odescope.files import write_files
 from odescope.report.result_names import FIGURES, MODEL, RESULT_FILES
-from odescope.workbench.frame import Workbench, aside, button, chooser, complaint, first_of, frame, link, panel, text
+from odescope.workbench.frame import Workbench, aside, button, complaint, link, panel, show_result, text
 
 EXPORTS = "exports"  # the folder beside the files of a result
 ENDINGS = {"latex": "tex", "mathml": "html", "python": "py", "text": "txt"}
@@ -32,26 +32,21 @@ def exported(model: Path, to: str) -> ProgramFiles:
     return ProgramFiles({f"model.{ENDINGS.get(to, to)}": languages.writer(to)(read_model(model)).rstrip("\n") + "\n"})
 
 
-def take_page(bench: Workbench, name: str) -> None:
+async def take_page(bench: Workbench, name: str) -> None:
     """Make the page of what a result can be taken away as."""
-    results = bench.folder.results()
-    chosen = first_of(name, results)
-    with frame(bench, "take", chosen), ui.element("div").classes("split"):
-        chooser("take", "Results", results, chosen)
-        with ui.element("div").classes("content"):
-            if not chosen:
-                text("h1", "No results here yet")
-                link("Studies", "/study")
-                return
-            text("h1", chosen)
-            try:
-                place = bench.folder.inside(chosen)
-                bench.folder.check(place / MODEL)
-            except InputError as error:
-                complaint(str(error))
-                return
-            ExportView(bench, place)
-            _files(bench, place)
+    await show_result(bench, "take", name, _result)
+
+
+def _result(bench: Workbench, name: str) -> None:
+    """Show a result as code, and its files.
+
+    Raises:
+        InputError: it lies outside of the folder.
+    """
+    place = bench.folder.inside(name)
+    bench.folder.check(place / MODEL)
+    ExportView(bench, place)
+    _files(bench, place)
 
 
 class ExportView:

@@ -10,7 +10,7 @@ from nicegui import ui
 from nicegui.events import ValueChangeEventArguments
 
 from odescope.arrays import FloatArray
-from odescope.errors import InputError, OdescopeError
+from odescope.errors import OdescopeError
 from odescope.model.model import Model
 from odescope.model.recorded import UNSAID, read_for
 from odescope.model.simulation import Trajectory, simulate
@@ -23,12 +23,9 @@ from odescope.workbench.frame import (
     Workbench,
     aside,
     button,
-    chooser,
     complaint,
-    first_of,
-    frame,
-    link,
     panel,
+    show_result,
     table,
     text,
 )
@@ -42,29 +39,22 @@ BEYOND = 0.5  # of the range of the data: how far sliders go past it
 STEPS = 200  # of a slider
 
 
-def try_page(bench: Workbench, name: str) -> None:
+async def try_page(bench: Workbench, name: str) -> None:
     """Make the page to try a result."""
-    results = bench.folder.results()
-    chosen = first_of(name, results)
-    with frame(bench, "try", chosen), ui.element("div").classes("split"):
-        chooser("try", "Results", results, chosen)
-        with ui.element("div").classes("content"):
-            if not chosen:
-                text("h1", "No results here yet")
-                link("Studies", "/study")
-                return
-            text("h1", chosen)
-            try:
-                result = result_of(bench.folder, chosen)
-            except InputError as error:
-                complaint(str(error))
-                return
-            with panel(
-                "Simulate", "Under inputs and from a start of your own; beyond the data it extrapolates.", "first"
-            ):
-                SimulationView(bench, result.model)
-            with panel("Compare and validate", "Free runs and one-step predictions on a log that you choose."):
-                CompareView(bench, result, results)
+    await show_result(bench, "try", name, _result)
+
+
+def _result(bench: Workbench, name: str) -> None:
+    """Offer to simulate a result, and to compare it.
+
+    Raises:
+        InputError: it lies outside of the folder, or cannot be read.
+    """
+    result = result_of(bench.folder, name)
+    with panel("Simulate", "Under inputs and from a start of your own; beyond the data it extrapolates.", "first"):
+        SimulationView(bench, result.model)
+    with panel("Compare and validate", "Free runs and one-step predictions on a log that you choose."):
+        CompareView(bench, result)
 
 
 def _slider(label: str, low: float, high: float, value: float) -> ui.slider:
@@ -171,10 +161,10 @@ class SimulationView:
 class CompareView:
     """Models beside each other on the data of a log: how well they predict, and their free runs."""
 
-    def __init__(self, bench: Workbench, result: Result, results: tuple[str, ...]) -> None:
+    def __init__(self, bench: Workbench, result: Result) -> None:
         """Make the controls."""
         self._bench, self._result = bench, result
-        others = [name for name in results if name != result.name]
+        others = [name for name in bench.folder.results() if name != result.name]
         with ui.element("div").classes("controls"):
             shown = {"": "its own data", **{name: name for name in bench.folder.logs()}}
             self._log = ui.select(shown, value="", label="on").props("dense outlined options-dense")

@@ -122,7 +122,7 @@ def test_a_run_outlives_its_server_and_is_stopped_by_keys_alone(chromium, tmp_pa
     assert run.is_running()
     with served(folder, tmp_path / "second.txt") as second:
         visit = Visit(chromium, second)
-        visit.go("/run", "a.toml")
+        visit.go("/run", record.parent.name)
         visit.says("● running")
         begun = time.monotonic()
         press_until(visit.page, "Stop")
