@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 from nicegui import ui
 
 from odescope.arrays import FloatArray
-from odescope.report.data import Line, Role
+from odescope.report.data import Point, Role
 from odescope.report.palette import BLACK, BLUE, GREEN, GREY, ORANGE, RECORDED, SKY, VERMILLION
 
 Options: TypeAlias = "dict[str, object]"
@@ -60,11 +60,6 @@ def coloured(name: str, x: FloatArray, y: FloatArray, number: int) -> Options:
     return _line(name, points(x, y), COLOURS[number % len(COLOURS)], 1.5, "solid" if number < len(COLOURS) else [6, 3])
 
 
-def of_report(one: Line) -> Options:
-    """Return a line of the report."""
-    return line(one.label, one.x, one.y, one.role)
-
-
 def points(x: FloatArray | Sequence[float | None], y: FloatArray | Sequence[float | None]) -> list[list[float | None]]:
     """Return pairs for a chart, with None where there is no number."""
     pairs = zip(_plain(x), _plain(y), strict=True)
@@ -97,14 +92,13 @@ def height(panels: int) -> int:
     return 34 + panels * (HEIGHT + GAP) + FOOT
 
 
-def stacked(plots: Sequence[Plot], axis: str, span: tuple[float, float] | None = None, zoom: bool = True) -> Options:
+def stacked(plots: Sequence[Plot], axis: str, span: tuple[float, float] | None = None) -> Options:
     """Return a chart of panels over one axis that is zoomed and panned for all of them.
 
     Args:
         plots: from the top down.
         axis: label of the abscissa.
         span: its ends; by default those of the lines.
-        zoom: whether it can be zoomed.
     """
     every = list(range(len(plots)))
     low, high = span or (None, None)
@@ -132,7 +126,7 @@ def stacked(plots: Sequence[Plot], axis: str, span: tuple[float, float] | None =
         "yAxis": [{**_axis(plot.label, 52), "gridIndex": k, "scale": True} for k, plot in enumerate(plots)],
         "axisPointer": {"link": [{"xAxisIndex": "all"}], "label": {"show": False}},
         "series": series,
-        "dataZoom": _zoom(every) if zoom else [],
+        "dataZoom": _zoom(every),
     }
 
 
@@ -168,16 +162,22 @@ def _axis(name: str, gap: int) -> Options:
     }
 
 
-def spots(
-    groups: Sequence[tuple[str, Sequence[tuple[float, float | None]], bool]], across: str, up: str, log: bool = True
-) -> Options:
-    """Return a chart of points.
+def candidates(found: Mapping[str, Sequence[Point]]) -> None:
+    """Make a chart of candidates by their targets."""
+    groups = []
+    for target, points_ in found.items():
+        groups.append((target, [(p.terms, p.rmse) for p in points_ if not p.chosen], False))
+        groups.append((f"{target}, chosen", [(p.terms, p.rmse) for p in points_ if p.chosen], True))
+    chart(spots(groups, "terms", "held-out error"), "candidates: held-out error over terms", 320)
+
+
+def spots(groups: Sequence[tuple[str, Sequence[tuple[float, float | None]], bool]], across: str, up: str) -> Options:
+    """Return a chart of points over whole numbers, the ordinate logarithmic.
 
     Args:
         groups: a name, its points, and whether they are the chosen ones.
-        across: label of the abscissa, of whole numbers.
+        across: label of the abscissa.
         up: label of the ordinate.
-        log: whether the ordinate is logarithmic.
     """
     series = []
     for k, (name, own, chosen) in enumerate(groups):
@@ -186,7 +186,7 @@ def spots(
             {
                 "type": "scatter",
                 "name": name,
-                "data": [[a, b] for a, b in own if b is not None and (b > 0.0 or not log)],
+                "data": [[a, b] for a, b in own if b is not None and b > 0.0],
                 "symbol": "diamond" if chosen else "circle",
                 "symbolSize": 14 if chosen else 8,
                 "itemStyle": {
@@ -202,7 +202,7 @@ def spots(
         "tooltip": {"trigger": "item", "confine": True},
         "grid": {"left": LEFT, "right": RIGHT, "top": 34, "bottom": 46},
         "xAxis": {**_axis(across, 26), "minInterval": 1, "scale": True},
-        "yAxis": {**_axis(up, 56), "type": "log" if log else "value", "scale": True},
+        "yAxis": {**_axis(up, 56), "type": "log", "scale": True},
         "series": series,
     }
 

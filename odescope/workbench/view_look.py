@@ -78,8 +78,8 @@ async def _shown(bench: Workbench, result: Result) -> None:
     for name, label in SECTIONS:
         if parts.get(name):
             with ui.expansion(label).classes("options").props("dense"):
-                if name == "candidates" and result.report is not None:
-                    _candidates(result.report)
+                if name == "candidates" and result.report is not None and result.report.searches:
+                    charts.candidates({s.target: s.points for s in result.report.searches})
                 markup(parts[name], "report")
     if result.report is not None:
         _spectra(result.report)
@@ -87,15 +87,6 @@ async def _shown(bench: Workbench, result: Result) -> None:
     await ui.context.client.connected(timeout=30)
     with runs:
         await _runs(bench, result)
-
-
-def _candidates(report: Report) -> None:
-    groups = []
-    for s in report.searches:
-        groups.append((s.target, [(p.terms, p.rmse) for p in s.points if not p.chosen], False))
-        groups.append((f"{s.target}, chosen", [(p.terms, p.rmse) for p in s.points if p.chosen], True))
-    if groups:
-        charts.chart(charts.spots(groups, "terms", "held-out error"), "candidates: held-out error over terms", 320)
 
 
 def _spectra(report: Report) -> None:

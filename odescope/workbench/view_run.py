@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 from nicegui import run, ui
 
 from odescope.errors import InputError
 from odescope.events import Progress, standing
+from odescope.report.data import Point
 from odescope.report.event_lines import CandidatesLine, FilesLine, NoteLine
 from odescope.report.result_names import NO_MODEL, REPORT_PAGE
 from odescope.workbench import charts
@@ -81,7 +84,7 @@ class RunView:
         self._found.clear()
         with self._found:
             _equations(job)
-            _candidates([line for line in job.lines if isinstance(line, CandidatesLine)])
+            _candidates({line.target: line.points for line in job.lines if isinstance(line, CandidatesLine)})
             _notes([line.text for line in job.lines if isinstance(line, NoteLine)])
 
     def _show_actions(self, job: Job) -> None:
@@ -129,15 +132,10 @@ def _equations(job: Job) -> None:
             text("pre", line, "formula")
 
 
-def _candidates(found: list[CandidatesLine]) -> None:
-    if not found:
-        return
-    groups = []
-    for line in found:
-        groups.append((line.target, [(p.terms, p.rmse) for p in line.points if not p.chosen], False))
-        groups.append((f"{line.target}, chosen", [(p.terms, p.rmse) for p in line.points if p.chosen], True))
-    with panel("Candidates", "Each circle is a relation: its error on held-out data over its terms."):
-        charts.chart(charts.spots(groups, "terms", "held-out error"), "candidates: held-out error over terms", 320)
+def _candidates(found: Mapping[str, Sequence[Point]]) -> None:
+    if found:
+        with panel("Candidates", "Each circle is a relation: its error on held-out data over its terms."):
+            charts.candidates(found)
 
 
 def _notes(notes: list[str]) -> None:
