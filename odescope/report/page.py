@@ -223,8 +223,10 @@ def joints(step: Step, likelihood: Likelihood) -> str:
 
 
 def in_bytes(count: int | None) -> str:
-    """Return an amount of memory."""
-    return "–" if count is None else f"{count / 1e6:.0f} MB"
+    """Return an amount of memory, or the size of a file."""
+    if count is None:
+        return "–"
+    return f"{count / 1e6:,.0f} MB" if count >= 1e7 else f"{count / 1e3:,.0f} kB"
 
 
 def in_time(seconds: float) -> str:

@@ -97,23 +97,28 @@ def panel(label: str, traces: Sequence[Trace], close: tuple[float, float] | None
 def near(
     times: Sequence[FloatArray], values: Sequence[FloatArray], recorded: Sequence[FloatArray]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return the pieces of lines that stay near the range of what was recorded: what runs away would flatten the rest.
+    """Return the pieces of lines that stay near the range of what was recorded.
 
     Args:
         times: (N,) of every record.
         values: (N,) or fewer from its start.
         recorded: (N,) of every record; the range is that of all.
     """
-    low, high = min(float(r.min()) for r in recorded), max(float(r.max()) for r in recorded)
-    span = BEYOND * max(high - low, 1e-300)
     xs, ys = list[FloatArray](), list[FloatArray]()
     for t, y in zip(times, values, strict=True):
-        inside: BoolArray = (y >= low - span) & (y <= high + span)
-        there = np.flatnonzero(inside)
+        there = np.flatnonzero(stays_near(y, recorded))
         pieces = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
         xs += [t[p] for p in pieces]
         ys += [y[p] for p in pieces]
     return xs, ys
+
+
+def stays_near(values: FloatArray, recorded: Sequence[FloatArray]) -> BoolArray:
+    """Tell of values (n,) which are near the range of what was recorded: what runs away would flatten the rest."""
+    low, high = min(float(r.min()) for r in recorded), max(float(r.max()) for r in recorded)
+    span = BEYOND * max(high - low, 1e-300)
+    found: BoolArray = (values >= low - span) & (values <= high + span)
+    return found
 
 
 def _empty(label: str, role: Role) -> Line:

@@ -12,7 +12,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
-from odescope.recordings.columns import numbers, times
+from odescope.recordings.columns import numbers, row_seconds
 from odescope.recordings.formats import opened
 from odescope.recordings.layout import Layout
 from odescope.study.draft import clock_of, read_column
@@ -61,6 +61,7 @@ def open_log(path: Path) -> LogFile:
             sample_period=1.0 if clock.label is None else None,
             columns=tuple((f"column_{k}", label) for k, label in enumerate(drawn)),
             time_unit=clock.unit,
+            date=clock.date,
         )
         columns = kind.read(path, layout)
     rows = len(columns[drawn[0]])
@@ -68,16 +69,14 @@ def open_log(path: Path) -> LogFile:
     lengths = [len(piece) for piece in values[drawn[0]]]
     axis, t = "row", _rows(lengths)
     if clock.label is not None:
+        own = row_seconds(columns, layout, path.name)
         dated = heads[clock.label].dated
-        own = _times(columns[clock.label], layout, path.name, lengths, dated)
-        if _ascending(own):
-            axis, t = (f"{clock.label}, from the first row (s)" if dated else _labelled(clock.label, clock.unit)), own
+        own -= own[0] if dated else 0.0
+        pieces = tuple(np.split(own, np.cumsum(lengths)[:-1]))
+        if _ascending(pieces):
+            axis, t = "time from the first row (s)" if dated else "time (s)", pieces
     lines = {label: Overview.of(_like(t, own), own) for label, own in values.items()}
     return LogFile(path, labels, rows, axis, lines)
-
-
-def _labelled(label: str, unit: str) -> str:
-    return label if "(" in label or "[" in label else f"{label} ({unit})"
 
 
 def _pieces(column: ChunkedArray, label: str, source: str) -> Iterator[FloatArray]:
@@ -95,22 +94,6 @@ def _plain(chunk: Array) -> bool:
     import pyarrow as pa
 
     return bool(pa.types.is_float64(chunk.type)) and not chunk.null_count
-
-
-def _times(
-    column: ChunkedArray, layout: Layout, source: str, lengths: list[int], dated: bool
-) -> tuple[FloatArray, ...]:
-    """Return the time in the unit of its column, in pieces; of dates the seconds since the first."""
-    import pyarrow as pa
-
-    if not dated and pa.types.is_floating(column.type):
-        found = tuple(_pieces(column, str(layout.time), source))
-        if [len(piece) for piece in found] == lengths:
-            return found
-    whole = times(column, layout, source) if dated else numbers(column, str(layout.time), source)
-    if dated:
-        whole -= float(whole[0])
-    return tuple(np.split(whole, np.cumsum(lengths)[:-1]))
 
 
 def _rows(lengths: list[int]) -> tuple[FloatArray, ...]:

@@ -17,6 +17,7 @@ from odescope.model.simulation import Trajectory
 from odescope.recordings.record import Record, Records
 from odescope.report.assemble import read_report
 from odescope.report.data import Report
+from odescope.report.recorded import stays_near
 from odescope.report.result_names import MODEL, PATH, PATH_MODEL, REPORT
 from odescope.study.toml import parse_study
 from odescope.validation.agreement import turned
@@ -98,7 +99,7 @@ def run_plots(model: Model, of: FreeRunOf) -> tuple[LongPlot, ...]:
     for c in model.coordinates:
         measured, predicted = measured_and_run(model, c.name, of.record, of.run)
         unit = f" ({c.unit})" if c.unit else ""
-        near = np.where(np.abs(predicted - measured.mean()) > 3.0 * np.ptp(measured), np.nan, predicted)
+        near = np.where(stays_near(predicted, [measured]), predicted, np.nan)
         found.append(
             LongPlot(
                 f"{c.name}{unit}",

@@ -11,6 +11,7 @@ from nicegui.run import SubprocessException
 
 from odescope.errors import InputError
 from odescope.files import write_file
+from odescope.report.page import in_bytes
 from odescope.study.draft import Drafted, draft
 from odescope.workbench.frame import (
     Listed,
@@ -127,11 +128,6 @@ async def _drafted(path: Path) -> Drafted:
     if found is None:
         raise asyncio.CancelledError
     return found
-
-
-def in_bytes(size: int) -> str:
-    """Return the size of a file for people."""
-    return f"{size / 1e6:,.1f} MB" if size >= 1e6 else f"{size / 1e3:,.1f} kB"
 
 
 def _rows(drafted: Drafted) -> list[tuple[str, str, str, str]]:

@@ -29,11 +29,11 @@ def table(path):
 def test_columns_of_numbers_are_lines_over_the_time(tmp_path, name):
     log = open_log(table(tmp_path / name))
     assert (log.labels, log.rows) == (("time (ms)", "x [m]", "n", "word"), 20_000)
-    assert log.axis == "time (ms)"
+    assert log.axis == "time (s)"
     assert list(log.lines) == ["x [m]", "n"]
     for label, values in (("x [m]", X), ("n", N)):
         line = log.lines[label]
-        np.testing.assert_array_equal(np.concatenate(line.ts), T)
+        np.testing.assert_array_equal(np.concatenate(line.ts), T / 1e3)
         np.testing.assert_array_equal(np.concatenate(line.ys), values)
 
 
@@ -49,7 +49,19 @@ def test_dates_are_seconds_from_the_first(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("date,x\n" + "".join(f"2026-11-22 13:05:{k:02d}.5,{k}\n" for k in range(60)))
     log = open_log(path)
-    assert log.axis == "date, from the first row (s)"
+    assert log.axis == "time from the first row (s)"
+    np.testing.assert_allclose(np.concatenate(log.lines["x"].ts), np.arange(60.0), atol=1e-6)
+
+
+def test_a_clock_goes_on_past_midnight_with_the_day_beside_it(tmp_path):
+    path = tmp_path / "a.csv"
+    rows = [
+        f"2026-11-{22 + k // 30},{(23 + k // 30) % 24:02d}:{59 * (k < 30):02d}:{30 * (k < 30) + k % 30:02d},{k}"
+        for k in range(60)
+    ]
+    path.write_text("date,time,x\n" + "\n".join(rows) + "\n")
+    log = open_log(path)
+    assert log.axis == "time from the first row (s)"
     np.testing.assert_allclose(np.concatenate(log.lines["x"].ts), np.arange(60.0), atol=1e-6)
 
 
