@@ -97,11 +97,15 @@ def numbers(column: ChunkedArray, label: str, source: str) -> FloatArray:
     if not any(is_kind(kind) for is_kind in numeric):
         raise InputError(f"column {label!r} in {source} holds {kind}, expected numbers; convert it first")
     try:
-        # Through DLPack, because to_numpy imports pandas where it is installed, half a second for nothing.
-        filled = column.cast(pa.float64()).fill_null(float("nan")).combine_chunks()
-        return np.array(np.from_dlpack(filled), dtype=np.float64)
+        chunks = column.cast(pa.float64()).chunks
     except pa.ArrowException as error:
         raise InputError(f"column {label!r} in {source} does not fit 64-bit floats: {first_line(error)}") from error
+    found, first = np.empty(len(column)), 0
+    for chunk in chunks:
+        # Through DLPack, because to_numpy imports pandas where it is installed, half a second for nothing.
+        found[first : first + len(chunk)] = np.from_dlpack(chunk.fill_null(np.nan) if chunk.null_count else chunk)
+        first += len(chunk)
+    return found
 
 
 def row_seconds(columns: Columns, layout: Layout, source: str) -> FloatArray:
@@ -141,7 +145,10 @@ def times(column: ChunkedArray, layout: Layout, source: str) -> FloatArray:
     if is_dates(column):
         return in_seconds_of_dates(column, str(layout.time), source)
     factor, over = in_seconds(layout.time_unit)
-    return numbers(column, str(layout.time), source) * factor / over
+    found = numbers(column, str(layout.time), source)
+    found *= factor
+    found /= over
+    return found
 
 
 def in_seconds_of_dates(column: ChunkedArray, label: str, source: str) -> FloatArray:

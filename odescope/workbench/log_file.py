@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,16 +65,17 @@ def open_log(path: Path) -> LogFile:
         columns = kind.read(path, layout)
     rows = len(columns[drawn[0]])
     values = {label: tuple(_pieces(columns[label], label, path.name)) for label in drawn}
-    lengths = [len(piece) for piece in values[drawn[0]]]
-    axis, t = "row", _rows(lengths)
+    axis, t = "row", np.arange(rows, dtype=np.float64)
     if clock.label is not None:
         own = row_seconds(columns, layout, path.name)
         dated = heads[clock.label].dated
         own -= own[0] if dated else 0.0
-        pieces = tuple(np.split(own, np.cumsum(lengths)[:-1]))
-        if _ascending(pieces):
-            axis, t = "time from the first row (s)" if dated else "time (s)", pieces
-    lines = {label: Overview.of(_like(t, own), own) for label, own in values.items()}
+        if np.all(own[1:] >= own[:-1]):
+            axis, t = "time from the first row (s)" if dated else "time (s)", own
+    lines = {
+        label: Overview.of(np.split(t, np.cumsum([len(piece) for piece in ys])[:-1]), ys)
+        for label, ys in values.items()
+    }
     return LogFile(path, labels, rows, axis, lines)
 
 
@@ -94,22 +94,3 @@ def _plain(chunk: Array) -> bool:
     import pyarrow as pa
 
     return bool(pa.types.is_float64(chunk.type)) and not chunk.null_count
-
-
-def _rows(lengths: list[int]) -> tuple[FloatArray, ...]:
-    firsts = np.cumsum([0, *lengths])
-    return tuple(np.arange(first, stop, dtype=np.float64) for first, stop in pairwise(firsts))
-
-
-def _ascending(pieces: tuple[FloatArray, ...]) -> bool:
-    """Tell whether times are finite and never go back."""
-    ends = [value for piece in pieces if len(piece) for value in (piece[0], piece[-1])]
-    return all(np.all(piece[1:] >= piece[:-1]) for piece in pieces) and bool(np.all(np.diff(ends) >= 0.0))
-
-
-def _like(t: tuple[FloatArray, ...], y: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
-    """Return times in pieces of the lengths that another column has."""
-    lengths = [len(piece) for piece in y]
-    if [len(piece) for piece in t] == lengths:
-        return t
-    return tuple(np.split(np.concatenate(t), np.cumsum(lengths)[:-1]))
