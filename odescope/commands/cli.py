@@ -26,12 +26,12 @@ from odescope.commands.options import (
     Time,
 )
 from odescope.errors import OdescopeError, Stopped
-from odescope.export import languages, programs
+from odescope.export.exported import export_names
 
 if TYPE_CHECKING:
     from odescope.commands.run import RunResult
 
-EXPORTS = sorted({*languages.names(), *programs.names()})
+EXPORTS = export_names()
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from odescope.commands.files import check_writable, refuse_overwriting
 from odescope.commands.terminal import say
-from odescope.errors import InputError, nearest
-from odescope.export import languages, programs
+from odescope.errors import InputError
+from odescope.export import languages
+from odescope.export.exported import exported
 from odescope.export.model_file import read_model
 from odescope.export.program_files import NAME
 from odescope.files import check_file, write_file, write_files
@@ -27,26 +28,12 @@ def export_model(model_path: Path, to: str, out: Path | None, name: str | None, 
     Raises:
         InputError: there is no such language, it cannot express the model, or the files cannot be written.
     """
-    known = sorted({*languages.names(), *programs.names()})
-    if to not in known:
-        hint = nearest(to, known)
-        close = f"{hint} " if hint.startswith("did you mean") else ""
-        raise InputError(f"cannot export to {to!r}; {close}the languages are {', '.join(known)}")
-    if to in programs.names():
-        _export_program(model_path, to, out, name, force)
-        return
-    if name is not None:
+    if name is not None and to in languages.names():
         raise InputError(f"--name is for programs: {to} has none")
-    write = languages.writer(to)
-    text = write(read_model(model_path)).rstrip("\n") + "\n"
-    _deliver(text, model_path, out)
-
-
-def _export_program(model_path: Path, to: str, out: Path | None, name: str | None, force: bool) -> None:
     if name is None:
         stem = out.stem if out is not None and out.suffix else NAME
         name = stem if stem.isidentifier() else NAME
-    program = programs.program_writer(to)(read_model(model_path), name)
+    program = exported(read_model(model_path), to, name)
     (first, content), *more = program.files.items()
     if not more and isinstance(content, str):
         _deliver(content, model_path, out)

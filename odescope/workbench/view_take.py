@@ -9,7 +9,7 @@ from pathlib import Path
 from nicegui import ui
 
 from odescope.errors import InputError, OdescopeError
-from odescope.export import languages, programs
+from odescope.export.exported import export_names, exported
 from odescope.export.model_file import read_model
 from odescope.export.program_files import NAME, ProgramFiles
 from odescope.files import write_files
@@ -17,19 +17,7 @@ from odescope.report.result_names import FIGURES, MODEL, RESULT_FILES
 from odescope.workbench.frame import Workbench, aside, button, complaint, link, panel, show_result, text
 
 EXPORTS = "exports"  # the folder beside the files of a result
-ENDINGS = {"latex": "tex", "mathml": "html", "python": "py", "text": "txt"}
 LONGEST_SHOWN = 40_000  # characters
-
-
-def exported(model: Path, to: str) -> ProgramFiles:
-    """Return a model file in a language, as the export command writes it.
-
-    Raises:
-        InputError: the file cannot be read, or the language cannot express it.
-    """
-    if to in programs.names():
-        return programs.program_writer(to)(read_model(model), NAME)
-    return ProgramFiles({f"model.{ENDINGS.get(to, to)}": languages.writer(to)(read_model(model)).rstrip("\n") + "\n"})
 
 
 async def take_page(bench: Workbench, name: str) -> None:
@@ -55,9 +43,8 @@ class ExportView:
     def __init__(self, bench: Workbench, place: Path) -> None:
         """Offer the languages."""
         self._bench, self._place = bench, place
-        known = sorted({*languages.names(), *programs.names()})
         with panel("The model as code", "What runs the model elsewhere, or shows it to people.", "first"):
-            self._to = ui.select(known, value="python", label="language", on_change=self._show)
+            self._to = ui.select(export_names(), value="python", label="language", on_change=self._show)
             self._to.props("dense outlined options-dense").classes("narrow")
             with ui.element("div").classes("actions"):
                 self._save = button("Write into the folder", self._write, main=True)
@@ -72,7 +59,7 @@ class ExportView:
         self._told.clear()
         self._shown.clear()
         try:
-            found = await aside(exported, self._place / MODEL, to)
+            found = await aside(self._exported, to)
         except OdescopeError as error:
             self._enable(False)
             with self._told:
@@ -92,6 +79,10 @@ class ExportView:
                     text("pre", content[:LONGEST_SHOWN], "formula code").props("tabindex=0")
                 else:
                     text("p", f"{name}, {len(content):,} bytes")
+
+    def _exported(self, to: str) -> ProgramFiles:
+        """Return the model in a language; called beside the server's thread."""
+        return exported(read_model(self._place / MODEL), to, NAME)
 
     def _enable(self, there: bool) -> None:
         self._save.set_enabled(there)
