@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -175,8 +175,3 @@ def find_label(wanted: str, labels: Sequence[str], source: str) -> str | None:
             f"{wanted!r} may be {' or '.join(map(repr, meant))} in {source}: name the column as it is spelled there"
         )
     return meant[0] if meant else None
-
-
-def names_of(labels: Iterable[str]) -> tuple[str, ...]:
-    """Return the plain names of labels."""
-    return tuple(Heading.of(label).name for label in labels)

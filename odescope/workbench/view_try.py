@@ -34,7 +34,7 @@ from odescope.workbench.overview import Overview
 from odescope.workbench.results import Result, data_of, measured_and_run, result_of
 
 SHAPES: tuple[Shape, ...] = ("constant", "step", "sine", "chirp")
-FILE = "from a log"
+MADE = ""  # no log
 BEYOND = 0.5  # of the range of the data: how far sliders go past it
 STEPS = 200  # of a slider
 
@@ -84,9 +84,9 @@ class SimulationView:
         self._made = dict[str, Excitation]()
         with ui.element("div").classes("controls"):
             self._duration = ui.number("duration (s)", value=10.0, min=1e-6).props("dense outlined debounce=300")
-            self._log = ui.select([FILE, *bench.folder.logs()], value=FILE, label="inputs")
-            self._log.props("dense outlined options-dense").set_visibility(bool(model.inputs))
-            self._log.set_options({FILE: "made here", **{n: f"of {n}" for n in bench.folder.logs()}})
+            shown = {MADE: "made here", **{name: f"of {name}" for name in bench.folder.logs()}}
+            self._log = ui.select(shown, value=MADE, label="inputs").props("dense outlined options-dense")
+            self._log.set_visibility(bool(model.inputs))
         for one in model.inputs:
             self._input(one.name)
         self._start = {}
@@ -135,7 +135,7 @@ class SimulationView:
     def _simulated(self) -> tuple[FloatArray, dict[str, FloatArray], Trajectory]:
         """Return times, inputs and the run; called beside the server's thread."""
         names, start = [i.name for i in self._model.inputs], {n: float(s.value) for n, s in self._start.items()}
-        if self._log.value != FILE:
+        if self._log.value != MADE:
             record = read_for(self._model, [self._bench.folder.inside(self._log.value)], UNSAID, names).runs[0]
             t = record.t - record.t[0]
             inputs = {name: record.column(name) for name in names}
