@@ -128,7 +128,7 @@ class EventFile:
             stream.write(b"".join(msgspec.json.encode(line) + b"\n" for line in lines))
 
 
-def read_events(path: Path, offset: int = 0) -> tuple[tuple[AnyLine, ...], int]:
+def read_events(path: Path, offset: int) -> tuple[tuple[AnyLine, ...], int]:
     """Return the whole lines of a file from a byte on, and the byte after them; a file that is not there has none.
 
     A line that is none of these is passed over: another version may have written it.

@@ -90,7 +90,14 @@ async def show_one(
 
 
 async def show_result(bench: Workbench, view: str, name: str, fill: Callable[[Workbench, str], object]) -> None:
-    """Make a page that shows one result; the arguments are those of `show_one`."""
+    """Make a page that shows one result.
+
+    Args:
+        bench: whose page it is.
+        view: of VIEWS.
+        name: that was asked for.
+        fill: as for `show_one`.
+    """
     await show_one(bench, view, Listed("Results", bench.folder.results(), IDENTIFY, "study"), name, fill)
 
 

@@ -87,6 +87,9 @@ class Jobs:
     def __init__(self, folder: Folder) -> None:
         self._folder = folder
         self._own: dict[str, subprocess.Popen[bytes]] = {}
+        self._read: dict[
+            str, tuple[tuple[AnyLine, ...], int]
+        ] = {}  # the lines that a run told, and the byte after them
 
     def start(self, study: str) -> Job:
         """Begin to identify a study of the folder, to the results that the command line would write.
@@ -135,7 +138,7 @@ class Jobs:
         except (OSError, msgspec.MsgspecError, InputError):
             return None
         running = self._process(name, record) is not None
-        return Job(name, record, running, read_events(place / EVENTS)[0])
+        return Job(name, record, running, self._lines(name))
 
     def last_words(self, job: Job) -> str:
         """Return what a run said last that ended without a message."""
@@ -167,7 +170,15 @@ class Jobs:
         job = self.find(name)
         if job is not None and not job.running:
             shutil.rmtree(self._folder.root / HIDDEN / name, ignore_errors=True)
+            self._read.pop(name, None)
             self._remove_empty(job)
+
+    def _lines(self, name: str) -> tuple[AnyLine, ...]:
+        """Return what a run told until now; pages ask twice a second, so only what is new is read."""
+        known, offset = self._read.get(name, ((), 0))
+        new, offset = read_events(self._folder.root / HIDDEN / name / EVENTS, offset)
+        self._read[name] = (known + new, offset)
+        return known + new
 
     def _tidy(self, job: Job) -> None:
         """Remove what a run that was ended has left, and say in its events that it is over."""

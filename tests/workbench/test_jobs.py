@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("nicegui")
 
 from odescope.errors import InputError
+from odescope.events import StageBegan
 from odescope.report.event_lines import EndLine, EventFile, read_events
 from odescope.workbench.folder import Folder
 from odescope.workbench.jobs import EVENTS, HIDDEN, RECORD, Jobs, RunRecord
@@ -127,11 +128,11 @@ def test_a_study_that_is_not_there_is_not_run(place, study):
 
 def test_lines_are_read_as_they_come(tmp_path):
     path = tmp_path / EVENTS
-    assert read_events(path) == ((), 0)
+    assert read_events(path, 0) == ((), 0)
     file = EventFile.begun(path)
     with path.open("ab") as stream:
         stream.write(b'{"event": "note", "at": 1.0, "text": "one"}\n{"event": "unheard of"}\nno json\n{"event": "no')
-    lines, offset = read_events(path)
+    lines, offset = read_events(path, 0)
     assert [line.text for line in lines] == ["one"]
     with path.open("ab") as stream:
         stream.write(b'te", "at": 2.0, "text": "two"}\n')
@@ -140,3 +141,20 @@ def test_lines_are_read_as_they_come(tmp_path):
     assert lines[0].text == "two"
     assert isinstance(lines[1], EndLine)
     assert (lines[1].code, lines[1].message) == (3, "nothing")
+
+
+def test_a_run_is_known_by_all_that_it_told_however_often_it_is_asked_for(place):
+    process, name = sleeper(place)
+    jobs, file = Jobs(Folder.of(place)), EventFile(place / HIDDEN / name / EVENTS)
+    told = []
+    for stage in ("records", "signals", "regression"):
+        file.tell(StageBegan(stage))
+        told.append(stage)
+        assert jobs.find(name).stages == jobs.find(name).stages == tuple(told)
+    process.kill()
+    process.wait(5)
+    jobs.forget(name)
+    process, _ = sleeper(place, name)
+    assert jobs.find(name).stages == ()
+    process.kill()
+    process.wait(5)
