@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
-from odescope.recordings.columns import Columns, recording_codes, times
+from odescope.recordings.chunks import Chunk
+from odescope.recordings.columns import numbers, recording_codes, row_seconds
 from odescope.recordings.coordinate import check_name
-from odescope.recordings.dates import DAY, FORMS, is_dates
+from odescope.recordings.dates import DAY, FORMS
 from odescope.recordings.formats import Format, opened
 from odescope.recordings.headings import Heading, TimeUnit, time_unit
 from odescope.recordings.layout import Layout
 from odescope.recordings.periods import at_one_period
-from odescope.recordings.readers import column_names, read_records
+from odescope.recordings.readers import column_names, read_chunk
 from odescope.recordings.record import Records
 from odescope.signals.look import Role, Seen, look
+from odescope.study.looked_at import column_of, looked_at
 from odescope.study.toml import moved, parse_study
 
 TIMES = re.compile(
@@ -76,52 +78,33 @@ def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
         InputError: the file cannot be read, or no column may be a coordinate.
     """
     labels = column_names(file)
+    chunks = looked_at(file, labels[0])
     with opened(file) as kind:
-        read = {label: read_column(kind.read, file, label) for label in dict.fromkeys(labels)}
+        read = {label: column_of(kind, chunks, label) for label in dict.fromkeys(labels)}
         columns = {label: column.values for label, column in read.items() if column is not None}
         dated = [label for label, column in read.items() if column is not None and column.dated]
-        clock = clock_of(columns, dated)
-        recording = _recording(kind, file, dict.fromkeys(read) | columns, clock)
+        clock = clock_of({label: values[: chunks[0].stop] for label, values in columns.items()}, dated)
+        recording = _recording(kind, file, tuple(read), clock)
     taken = (clock.label, recording, *dated)
     others = [n for n in columns if n not in taken and np.isfinite(columns[n]).any()]
     headings = headings_of(others)
     if not headings:
         raise InputError(f"{file.name} holds no numbers beside the time; its columns are {', '.join(labels)}")
-    records = read_records([file], _layout(clock, recording, headings))
+    layout = _layout(clock, recording, headings)
+    records = Records(tuple(stretch.record for chunk in chunks for stretch in read_chunk(chunk, layout)))
     seen = look(at_one_period(records, frozenset()), headings)
+    if not chunks[0].whole:
+        at_rest = {n for n in records.names if all(np.ptp(run.column(n)) == 0.0 for run in records)}
+        seen = tuple(_seldom(s, file, layout) if s.name in at_rest else s for s in seen)
     if not any(s.role == "coordinate" for s in seen):
         told = "; ".join(f"{s.heading.label}: {s.why}" for s in seen)
         raise InputError(f"no column of {file.name} looks like a coordinate ({told}): write a study, or use identify")
     empty = [label for label in labels if label not in (*others, clock.label, clock.date, recording)]
     unused = {label: _no_numbers(label, label in dated) for label in empty}
-    sampled = _sampled(clock, records)
+    sampled = _sampled(clock, records, chunks)
     text = "\n".join(_lines(sources, folder, clock, recording, sampled, seen, unused)) + "\n"
     parse_study(text)
     return Drafted(text, sampled, seen, unused)
-
-
-@dataclass(frozen=True, eq=False)
-class ReadColumn:
-    """The numbers (N,) in a column, and whether they are dates."""
-
-    values: FloatArray
-    dated: bool
-
-
-def read_column(read: Callable[[Path, Layout], Columns], file: Path, label: str) -> ReadColumn | None:
-    """Return a column of numbers or dates, None for one of something else.
-
-    Args:
-        read: what reads it, from the whole file or its head.
-        file: of data.
-        label: of the column.
-    """
-    layout = Layout(time=label, columns=(("column", label),))
-    try:
-        column = read(file, layout)[label]
-        return ReadColumn(times(column, layout, file.name), is_dates(column))
-    except InputError:
-        return None
 
 
 def _no_numbers(label: str, dated: bool) -> str:
@@ -155,15 +138,13 @@ def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColum
     return ClockColumn(None, "s", "")
 
 
-def _recording(kind: Format, file: Path, columns: Mapping[str, FloatArray | None], clock: ClockColumn) -> str | None:
+def _recording(kind: Format, file: Path, labels: Sequence[str], clock: ClockColumn) -> str | None:
     """Return the column that changes wherever time goes back, or that is called so and stays for long."""
-    t = None if clock.label is None else columns[clock.label]
-    day = None if clock.date is None else columns[clock.date]
-    if clock.label is None or t is None:
+    if clock.label is None:
         return None
-    t = t if day is None else t + day
-    back = set(np.flatnonzero(np.diff(t) < 0.0).tolist())
-    for label in columns:
+    layout = Layout(time=clock.label, columns=(("t", clock.label),), date=clock.date)
+    back = set(np.flatnonzero(np.diff(row_seconds(kind.read(file, layout), layout, file.name)) < 0.0).tolist())
+    for label in labels:
         layout = Layout(time=clock.label, columns=(("t", clock.label),), recording=label)
         called = LABELS.fullmatch(Heading.of(label).name) is not None
         if label in (clock.label, clock.date) or not (called or back):
@@ -205,8 +186,30 @@ def _layout(clock: ClockColumn, recording: str | None, headings: dict[str, Headi
     )
 
 
-def _sampled(clock: ClockColumn, records: Records) -> str:
+def _seldom(seen: Seen, file: Path, layout: Layout) -> Seen:
+    """Return an input for a column of a long log that rests in all parts that were looked at, if it changes elsewhere.
+
+    Args:
+        seen: what it looks like in these parts.
+        file: the whole.
+        layout: of the columns.
+    """
+    layout = replace(layout, columns=((seen.name, seen.heading.label),))
+    with opened(file) as kind:
+        columns = kind.read(file, layout)
+        _, codes = recording_codes(columns, layout, file.name)
+        steps = np.abs(np.diff(numbers(columns[seen.heading.label], seen.heading.label, file.name)))
+    changes = np.any(steps[np.diff(codes) == 0] > 0.0)
+    return replace(seen, role="input", why="it rests for long, as a command does", held=True) if changes else seen
+
+
+def _sampled(clock: ClockColumn, records: Records, chunks: Sequence[Chunk]) -> str:
     """Return how much was recorded, and how often it was sampled."""
+    if not chunks[0].whole:
+        told, period = f"{chunks[0].size} samples", records.runs[0].sample_period
+        if clock.label is not None:
+            told += f", one every {period:.4g} s, about {chunks[0].size * period:.4g} s in all"
+        return f"{told}; {records.samples} of them, in {len(chunks)} parts, were looked at"
     told = f"{records.samples} samples in {_count(len(records), 'recording')}"
     if clock.label is None:
         return told

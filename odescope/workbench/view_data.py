@@ -31,6 +31,7 @@ from odescope.workbench.long_chart import LongChart, LongLine, LongPlot
 
 MOST_PANELS = 40
 SMALL = 20_000_000  # bytes of a file that is looked at in no time
+DRAFTED: dict[tuple[Path, int, int], Drafted] = {}  # by the file, when it was changed and its size
 
 
 @lru_cache(maxsize=3)
@@ -113,7 +114,21 @@ async def _seen(bench: Workbench, path: Path) -> None:
 
 
 async def _drafted(path: Path) -> Drafted:
-    """Return the study of a log; a long look is taken in another process, since it would hold up the pages of this.
+    """Return the study of a log; one that was drafted from the file as it is now is at hand.
+
+    Raises:
+        InputError: there is nothing to identify in it.
+        asyncio.CancelledError: the server ends.
+    """
+    about = path.stat()
+    known = (path, about.st_mtime_ns, about.st_size)
+    if known not in DRAFTED:
+        DRAFTED[known] = await _draft(path)
+    return DRAFTED[known]
+
+
+async def _draft(path: Path) -> Drafted:
+    """Draft the study of a log; a long look is taken in another process, since it would hold up the pages of this.
 
     Raises:
         InputError: there is nothing to identify in it.
