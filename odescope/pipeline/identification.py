@@ -48,7 +48,7 @@ from odescope.selection.advice import advice
 from odescope.signals.estimate import Signals
 from odescope.signals.gated import Reasons
 from odescope.study.clock import with_time
-from odescope.study.columns import contradicted_headings, settled_columns
+from odescope.study.columns import doubted_headings, settled_columns
 from odescope.study.options import LeftOut, Study
 from odescope.study.pieces import tables
 from odescope.validation.free_runs import FreeRunOf, free_runs
@@ -176,7 +176,7 @@ class Identification:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Those of the notes that say what may be wrong with the model, the log or the study."""
-        said = [*warnings_of(self.model.scores, self._doubts), *contradicted_headings(self.study)]
+        said = [*warnings_of(self.model.scores, self._doubts), *doubted_headings(self.study)]
         if self.refinement is not None and not self.refinement.follows:  # laws hold of radians alone
             said += degrees_hints(self.records, self.study.measured())
         runs = () if self.model.scores is None else self.model.scores.free_runs

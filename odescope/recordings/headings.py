@@ -140,8 +140,26 @@ def time_unit(label: str) -> TimeUnit | None:
     heading = Heading.of(label)
     if heading.unit is not None:
         return next((unit for unit, words in _TIMES.items() if heading.unit.casefold() in words), None)
-    last = re.split(r"[\s_./-]+", label.strip().casefold())[-1]
+    last = _last_word(label)
     return next((unit for unit, words in _TIMES.items() if last in words and unit in _WITHOUT_BRACKETS), None)
+
+
+def doubtful_time_unit(label: str) -> str | None:
+    """Return what the heading of a column of time may name as its unit without its being taken for one; None for none.
+
+    That is what stands in brackets and is no unit of time that is known, or a last word such as hours.
+    """
+    if time_unit(label) is not None:
+        return None
+    found, last = _BRACKETED.match(label), _last_word(label)
+    if found is not None:
+        return found[2] or None
+    named = last != label.strip().casefold() and last not in ("d", "day")  # as in time_of_day
+    return last if named and any(last in words for words in _TIMES.values()) else None
+
+
+def _last_word(label: str) -> str:
+    return re.split(r"[\s_./-]+", label.strip().casefold())[-1]
 
 
 def in_seconds(unit: TimeUnit) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from odescope.arrays import Table
 from odescope.errors import InputError
 from odescope.recordings.checks import is_degrees
 from odescope.recordings.frames import table_names
-from odescope.recordings.headings import Heading, find_label, is_unit, time_unit
+from odescope.recordings.headings import UNITS_OF_TIME, Heading, doubtful_time_unit, find_label, is_unit, time_unit
 from odescope.recordings.readers import column_names, find_files
 from odescope.recordings.record import Records
 from odescope.study.options import Driven, Measured, Study
@@ -76,8 +76,8 @@ def with_labels(study: Study, labels: Sequence[str], source: str) -> Study:
     return msgspec.structs.replace(study, data=data, coordinates=coordinates, inputs=inputs)
 
 
-def contradicted_headings(study: Study) -> tuple[str, ...]:
-    """Return a sentence for each unit of a study, as settled, that is not the one in the heading of its column.
+def doubted_headings(study: Study) -> tuple[str, ...]:
+    """Return a sentence for each unit of a study, as settled, that is not the one that its heading seems to say.
 
     Single ones alone are compared: m/s and m s^-1 are spelled differently and the same.
     """
@@ -85,6 +85,11 @@ def contradicted_headings(study: Study) -> tuple[str, ...]:
     said = []
     if own.time is not None and (headed := time_unit(own.time)) not in (None, own.time_unit):
         said.append(f"the heading {own.time!r} says {headed}, and the study {own.time_unit or 's'}, which was believed")
+    if own.time is not None and own.time_unit is None and (word := doubtful_time_unit(own.time)) is not None:
+        said.append(
+            f"the heading {own.time!r} says {word}, which is taken for no unit of time: numbers there are read as"
+            f" seconds; say which they are by time_unit in [data], one of {', '.join(UNITS_OF_TIME)}"
+        )
     measured = [(c.column or name, c.unit) for name, c in study.coordinates.items()]
     driven = [(i.column or name, i.unit) for name, i in study.inputs.items() if not isinstance(i.column, tuple)]
     for label, unit in (*measured, *driven):

@@ -17,7 +17,7 @@ from odescope.recordings.columns import numbers, recording_codes, row_seconds
 from odescope.recordings.coordinate import check_name
 from odescope.recordings.dates import DAY, FORMS
 from odescope.recordings.formats import Format, opened
-from odescope.recordings.headings import Heading, TimeUnit, time_unit
+from odescope.recordings.headings import Heading, TimeUnit, doubtful_time_unit, time_unit
 from odescope.recordings.layout import Layout
 from odescope.recordings.periods import at_one_period
 from odescope.recordings.readers import column_names, read_chunk
@@ -125,8 +125,9 @@ def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColum
     for label in moving:
         heading = Heading.of(label)
         if label not in dated and (TIMES.fullmatch(heading.name) or (time_unit(label) and heading.unit is None)):
-            unit = time_unit(label)
-            return ClockColumn(label, unit or "s", "" if unit in (None, "s") else f"its heading says {unit}")
+            unit, doubt = time_unit(label), doubtful_time_unit(label)
+            why = f"in seconds? Its heading says {doubt}: say which in time_unit" if doubt else ""
+            return ClockColumn(label, unit or "s", why if unit in (None, "s") else f"its heading says {unit}")
     days = [label for label in dated if not np.any(np.mod(columns[label], DAY))]
     for label in sorted((m for m in moving if m in dated), key=days.__contains__):  # a column of days alone comes last
         clock = len(days) == 1 and label not in days and columns[label].max() < DAY

@@ -66,13 +66,12 @@ def open_log(path: Path) -> LogFile:
         columns = kind.read(path, layout)
     rows = len(columns[drawn[0]])
     values = {label: tuple(_pieces(columns[label], label, path.name)) for label in drawn}
-    axis, t = "row", np.arange(rows, dtype=np.float64)
-    if clock.label is not None:
-        own = row_seconds(columns, layout, path.name)
-        dated = heads[clock.label].dated
-        own -= own[0] if dated else 0.0
-        if np.all(own[1:] >= own[:-1]):
-            axis, t = "time from the first row (s)" if dated else "time (s)", own
+    axis, t = "time (s)", np.empty(0) if clock.label is None else row_seconds(columns, layout, path.name)
+    if clock.label is not None and heads[clock.label].dated:
+        axis = "time from the first row (s)"
+        t -= t[0]
+    if len(t) < rows or not np.all(t[1:] >= t[:-1]):
+        axis, t = "row", np.arange(rows, dtype=np.float64)
     lines = {
         label: Overview.of(np.split(t, np.cumsum([len(piece) for piece in ys])[:-1]), ys)
         for label, ys in values.items()

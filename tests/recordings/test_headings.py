@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 
 from odescope.errors import InputError
 from odescope.recordings.coordinate import check_name
-from odescope.recordings.headings import UNITS_OF_TIME, Heading, find_label, in_seconds, plain_name, time_unit
+from odescope.recordings.headings import (
+    UNITS_OF_TIME,
+    Heading,
+    doubtful_time_unit,
+    find_label,
+    in_seconds,
+    plain_name,
+    time_unit,
+)
 from odescope.recordings.layout import Layout
 from odescope.recordings.readers import read_records, records_from
 
@@ -71,6 +79,26 @@ def test_names_that_formulae_can_use():
 )
 def test_the_unit_of_time_in_a_label(label, unit):
     assert time_unit(label) == unit
+
+
+@pytest.mark.parametrize(
+    ("label", "word"),
+    [
+        ("t", None),
+        ("time (ms)", None),
+        ("t_ms", None),
+        ("minutes", None),
+        ("time_of_day", None),
+        ("time_hours", "hours"),
+        ("t_min", "min"),
+        ("Time, days", "days"),
+        ("time (samples)", "samples"),
+        ("time [kyr]", "kyr"),
+        ("t ()", None),
+    ],
+)
+def test_what_may_be_the_unit_of_time_and_is_not_taken_for_it(label, word):
+    assert doubtful_time_unit(label) == word
 
 
 def test_a_column_is_meant_by_its_label_or_by_its_plain_name():

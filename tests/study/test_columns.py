@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from odescope.errors import InputError
-from odescope.study.columns import contradicted_headings, settled_columns, with_labels
+from odescope.study.columns import doubted_headings, settled_columns, with_labels
 from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import parse_study, study_toml
 
@@ -45,9 +45,21 @@ def test_a_study_that_contradicts_a_heading_is_pointed_out(x, u, time, said):
         coordinates={"x": Measured(order=2, unit=x), "phi": Measured(column="Angle", angle=True, unit="°")},
         inputs={"u": Driven(unit=u)},
     )
-    found = contradicted_headings(with_labels(study, LABELS, "run.csv"))
+    found = doubted_headings(with_labels(study, LABELS, "run.csv"))
     assert len(found) == len(said)
     assert all(part in sentence for part, sentence in zip(said, found, strict=True))
+
+
+@pytest.mark.parametrize("label", ["time_hours", "time (ticks)"])
+def test_a_unit_of_time_that_nobody_knows_is_pointed_out_until_the_study_says_which(label):
+    labels = (label, "x")
+    study = Study(data=Data(time=label), coordinates={"x": Measured()})
+    (found,) = doubted_headings(with_labels(study, labels, "run.csv"))
+    assert found.startswith(f"the heading {label!r} says {label[5:].strip('()')}, which is taken for no unit of time")
+    assert "time_unit in [data], one of s, ms, us, ns, min, h, d" in found
+    for unit in ("s", "h"):
+        own = Study(data=Data(time=label, time_unit=unit), coordinates={"x": Measured()})
+        assert doubted_headings(with_labels(own, labels, "run.csv")) == ()
 
 
 def test_either_spelling_of_a_column_is_the_same():
