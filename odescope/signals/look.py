@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -16,13 +16,16 @@ from odescope.recordings.headings import Heading
 from odescope.recordings.record import Records
 from odescope.signals.differentiators import Spectral
 from odescope.signals.filling import measured_derivatives
+from odescope.signals.first_order import rate_explained
 from odescope.signals.rates import slope_and_share
 from odescope.signals.slow_sensors import is_slow
 
 Role = Literal["coordinate", "input", "neither"]
+Filtered: TypeAlias = Mapping[str, Sequence[FloatArray]]
 
 SAME = 1e-9  # of the variance: what two columns may differ by that hold the same
 A_RATE = 0.9  # of its variance: what a column explains of another's rate that holds that rate, noise and all
+AN_AMOUNT = 0.95  # of the variance of its rate: what amounts explain of that, held out
 INSIDE = slice(32, -32)  # samples of filtered signals, whose ends are the worst
 FOLLOWS = 0.5  # of the variance: steps of white values have twice that of the values, those of a motion little
 HELD = 0.5  # of the samples repeat the one before: a command that is held
@@ -39,6 +42,7 @@ POSITIONS = re.compile(
 )
 ANGLES = re.compile(r".*(theta|phi|psi|angle|winkel|yaw|pitch|roll|heading)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE)
 LENGTHS = frozenset({"m", "mm", "cm", "um", "µm", "μm", "nm", "km", "in", "ft", "meter", "metre", "meters", "metres"})
+BY_NAME = "a position, by its name; order 1 for an amount"
 SPEEDS = frozenset({"m/s", "mm/s", "km/h", "rad/s", "deg/s", "°/s", "rpm", "1/min"})
 
 
@@ -83,7 +87,8 @@ def look(records: Records, headings: Mapping[str, Heading]) -> tuple[Seen, ...]:
     geometric = {name for name in moving if turns[name] is not None or _is_geometric(headings[name])}
     commands = (held | named) - geometric
     smooth = [name for name in moving if name not in commands and turns[name] is None]
-    rates = _rates(records, smooth)
+    filtered = _filtered(records, smooth)
+    rates = _rates(filtered)
     found = []
     for name in columns:
         heading = headings[name]
@@ -96,6 +101,8 @@ def look(records: Records, headings: Mapping[str, Heading]) -> tuple[Seen, ...]:
             found.append(Seen(name, heading, "input", why, held=name in held))
         else:
             seen = _coordinate(name, heading, turns[name], set(rates.values()))
+            if seen.why == BY_NAME and _is_amount(name, filtered, rates):
+                seen = replace(seen, order=1, why="an amount: its rate follows from the values; order 2 for a position")
             slow = ", read more often than it is measured" if is_slow(moving[name]) and _follows(moving[name]) else ""
             unclear = seen.angle and degrees_hints(records, [Coordinate(name, 2, True, unit=heading.unit)])
             doubt = ', in degrees? Then add unit = "deg"' if unclear else ""
@@ -150,16 +157,30 @@ def _follows(own: Sequence[FloatArray]) -> bool:
     return bool(np.mean(np.concatenate([np.diff(part) for part in new]) ** 2) < FOLLOWS * spread)
 
 
-def _rates(records: Records, names: Sequence[str]) -> dict[str, str]:
-    """Return the columns that hold the rate of another, in whatever unit, and of which."""
+def _filtered(records: Records, names: Sequence[str]) -> Filtered:
+    """Return values and rates (2, n) of each record by the columns; none where a record is too short for any."""
     if not names or min(len(run) for run in records) < 4 * INSIDE.start:
         return {}
     found = {n: measured_derivatives(records, Coordinate(n), Spectral()).values for n in names}
-    joined = {n: [np.concatenate([v[k][INSIDE] for v in own]) for k in (0, 1)] for n, own in found.items()}
+    return {n: [np.stack([v[0][INSIDE], v[1][INSIDE]]) for v in own] for n, own in found.items()}
+
+
+def _is_amount(name: str, filtered: Filtered, rates: Mapping[str, str]) -> bool:
+    """Tell whether the rate of a column follows from its value, and from those of the others that are no rates."""
+    if name not in filtered:
+        return False
+    others = [own for n, own in filtered.items() if n not in rates]
+    values = [np.stack([own[k][0] for own in others]) for k in range(len(filtered[name]))]
+    return rate_explained([own[1] for own in filtered[name]], values) > AN_AMOUNT
+
+
+def _rates(filtered: Filtered) -> dict[str, str]:
+    """Return the columns that hold the rate of another, in whatever unit, and of which."""
+    joined = {n: np.concatenate(own, axis=1) for n, own in filtered.items()}
     given = dict[str, str]()
-    for name in names:
+    for name in joined:
         best = A_RATE
-        for other in names:
+        for other in joined:
             slope, share = slope_and_share(joined[other][1], joined[name][0])
             if other != name and slope > 0.0 and share > best and given.get(other) != name:
                 given[name], best = other, share
@@ -188,5 +209,5 @@ def _coordinate(name: str, heading: Heading, turn: float | None, with_rate: set[
         why = f"a speed, by its unit; where friction is dry, name sign({name}) in [library] basis"
         return Seen(name, heading, "coordinate", why)
     if unit is None and POSITIONS.fullmatch(heading.name):
-        return Seen(name, heading, "coordinate", "a position, by its name; order 1 for an amount", 2)
+        return Seen(name, heading, "coordinate", BY_NAME, 2)
     return Seen(name, heading, "coordinate", "an amount? order 2 for a position")

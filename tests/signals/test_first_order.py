@@ -1,0 +1,82 @@
+"""What the rate of a quantity follows from tells an amount from a position."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from odescope.recordings.headings import Heading
+from odescope.recordings.record import Record, Records
+from odescope.signals.first_order import FOLDS, STRETCHES, rate_explained
+from odescope.signals.look import look
+
+T = 0.02 * np.arange(1500)
+
+
+def test_of_a_rate_that_is_a_polynomial_all_is_explained_and_of_one_that_is_not_nothing():
+    rng = np.random.default_rng(0)
+    values = rng.standard_normal((2, 4000))
+    follows = 1.0 - values[0] + 0.3 * values[0] * values[1] ** 2
+    assert rate_explained([follows], [values]) == pytest.approx(1.0, abs=1e-9)
+    assert rate_explained([rng.standard_normal(4000)], [values]) < 0.01
+
+
+def test_it_is_that_of_a_straight_line_fitted_to_the_other_stretches():
+    """Records too short for more than a line, by the textbook's slope and intercept."""
+    rng = np.random.default_rng(1)
+    xs = [rng.standard_normal(14), 1.0 + rng.standard_normal(11)]
+    rates = [2.0 - 1.5 * x + 0.5 * rng.standard_normal(len(x)) for x in xs]
+    fold = np.concatenate([np.arange(len(x)) * STRETCHES // len(x) % FOLDS for x in xs])
+    x, y = np.concatenate(xs), np.concatenate(rates)
+    left = np.empty(len(y))
+    for k in range(FOLDS):
+        a, b = x[fold != k], y[fold != k]
+        slope = np.cov(a, b, bias=True)[0, 1] / a.var()
+        left[fold == k] = (y - b.mean() - slope * (x - a.mean()))[fold == k]
+    expected = 1.0 - np.sum(left**2) / np.sum((y - y.mean()) ** 2)
+    assert rate_explained(rates, [v[None] for v in xs]) == pytest.approx(expected, abs=1e-12)
+
+
+def orders(columns, noise=0.002):
+    """The orders that the columns of a log look like, with noise."""
+    rng = np.random.default_rng(2)
+    seen = {n: y + noise * np.std(y) * rng.standard_normal(len(y)) if n != "u" else y for n, y in columns.items()}
+    record = Record(T, np.column_stack(list(seen.values())), tuple(seen), (None,) * len(seen), "log")
+    return {s.name: s.order for s in look(Records((record,)), {n: Heading.of(n) for n in seen}) if s.name != "u"}
+
+
+def simulated(rates, start):
+    return solve_ivp(rates, (T[0], T[-1]), start, t_eval=T, rtol=1e-9, atol=1e-9, max_step=0.02).y
+
+
+@pytest.mark.parametrize("zeta", [0.02, 0.3, 1.0])
+def test_a_position_that_swings_back_is_one(zeta):
+    x = simulated(lambda _, s: [s[1], -2.0 * zeta * 2.0 * s[1] - 4.0 * s[0]], [1.0, 0.0])[0]
+    assert orders({"x": x}) == {"x": 2}
+
+
+def test_the_amounts_of_a_reactor_are_amounts_whatever_they_are_called():
+    x, z = simulated(lambda _, s: [0.2 - s[0] / (0.5 + s[0]), s[0] / (0.5 + s[0]) - 0.3 * s[1]], [3.0, 0.0])
+    assert orders({"x": x, "z": z}) == {"x": 1, "z": 1}
+
+
+def test_predator_and_prey_go_round_and_are_amounts():
+    x, z = simulated(lambda _, s: [s[0] * (1.0 - s[1]), s[1] * (s[0] - 1.0)], [2.0, 1.0])
+    assert orders({"x": x, "z": z}) == {"x": 1, "z": 1}
+
+
+def test_under_a_controller_a_position_remains_one():
+    """A force that is a function of position and speed tells the speed."""
+    wanted = np.sin(0.5 * T) + 0.5 * np.sin(1.3 * T)
+
+    def force(t, s):
+        return 25.0 * (np.interp(t, T, wanted) - s[0]) - 12.0 * s[1]
+
+    found = simulated(lambda t, s: [s[1], force(t, s) - 0.1 * s[1]], [0.0, 0.0])
+    u = np.array([force(t, s) for t, s in zip(T, found.T, strict=True)])
+    assert orders({"x": found[0], "u": u}) == {"x": 2}
+
+
+def test_what_is_too_short_is_what_its_name_says():
+    record = Record(T[:100], np.exp(-T[:100])[:, None], ("x",), (None,), "log")
+    (seen,) = look(Records((record,)), {"x": Heading.of("x")})
+    assert (seen.order, seen.why) == (2, "a position, by its name; order 1 for an amount")
