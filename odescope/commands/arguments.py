@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Literal, TypeVar, get_args
+
+import msgspec
 
 from odescope.errors import InputError, nearest
 from odescope.library.parse import parse_term
@@ -64,9 +67,23 @@ def resolve(sources: Sequence[Path], given: DataArguments) -> tuple[Study, Path]
             f"{studies[0].name} is a study: it is identified alone, and names its data itself, files = [...] in [data]"
         )
     if given != DataArguments():
-        raise InputError("with a study file, data options belong in the study; only --out may stand beside it")
+        raise InputError(
+            "with a study file, data options belong in the study; only --out, --seconds, --cluster and --events may"
+            " stand beside it"
+        )
     folder = studies[0].parent
     return with_whole_paths(read_study(studies[0]), folder), folder
+
+
+def with_seconds(study: Study, seconds: float) -> Study:
+    """Return a study whose searches the clock ends so many seconds after the run began.
+
+    Raises:
+        InputError: that is no time.
+    """
+    if not 0.0 < seconds < math.inf:
+        raise InputError(f"--seconds {seconds}: expected a positive number")
+    return msgspec.structs.replace(study, likelihood=msgspec.structs.replace(study.likelihood, seconds=seconds))
 
 
 def study_of(sources: Sequence[Path], given: DataArguments) -> Study:

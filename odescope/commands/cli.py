@@ -21,6 +21,7 @@ from odescope.commands.options import (
     ModelFile,
     Recording,
     SamplePeriod,
+    Seconds,
     Sources,
     StatesFile,
     Time,
@@ -119,10 +120,11 @@ def identify(
     basis: BasisOption = None,
     degree: DegreeOption = None,
     cluster: ClusterOption = None,
+    seconds: Seconds = None,
     events: EventsFile = None,
 ) -> None:
     """Identify the equations behind a recording: writes model.json, report.html and more to a folder."""
-    from odescope.commands.arguments import DataArguments, resolve, results_folder
+    from odescope.commands.arguments import DataArguments, resolve, results_folder, with_seconds
     from odescope.commands.event_file import told_to
     from odescope.commands.run import run_study
     from odescope.commands.terminal import shown
@@ -134,6 +136,7 @@ def identify(
     )
     with told_to(events) as tell_file:
         study, folder = resolve(sources, given)
+        study = study if seconds is None else with_seconds(study, seconds)
         place = results_folder(sources)
         with shown(tell_file) as tell:
             run = run_study(

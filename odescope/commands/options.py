@@ -49,6 +49,10 @@ ClusterOption = Annotated[
     str | None,
     typer.Option(metavar="local | tcp://HOST:PORT", help="Run on Dask workers, which read the files where they lie."),
 ]
+Seconds = Annotated[
+    float | None,
+    typer.Option(help="End the searches so long after the run began, with the best model so far."),
+]
 EventsFile = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Write what the run tells to a file as it goes, as lines of JSON."),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -108,6 +107,7 @@ def refine(
     late: Collection[str] = (),
     held: Collection[str] = (),
     declared: Sequence[Constant] = (),
+    deadline: float | None = None,
 ) -> Refinement | None:
     """Return the best end of the searches from several starts, or None where no start can be followed.
 
@@ -123,18 +123,17 @@ def refine(
         late: names of the inputs whose delays are open.
         held: names of the inputs whose holds are open.
         declared: constants within functions that the candidates name.
+        deadline: of the clock (`time.time`), after which the best so far is returned; None for none.
 
     Raises:
         Stopped: the run is to end.
     """
     everything, constants = with_settings(mechanisms, signals, late, declared)
     frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs], constants)
-    cut, whole = (
-        partial(_cut, records, signals, differentiator),
-        partial(Start.among, mechanisms=everything, constants=constants),
-    )
+    cut = partial(_cut, records, signals, differentiator)
+    whole = partial(Start.among, mechanisms=everything, constants=constants)
     begun, bare = [whole(s) for s in starts.first], None if starts.plain is None else whole(starts.plain)
-    budget = Budget(options.budget, monitor, None if options.seconds is None else time.time() + options.seconds)
+    budget = Budget(options.budget, monitor, deadline)
     segments = cut([i.hold for i in signals.inputs], SEGMENT)
     space = SearchSpace(Evaluator(segments, 1, budget), everything, frame)
     begun = promising(space.on(thinned(segments)), begun) if declared else begun

@@ -40,7 +40,8 @@ class LikelihoodSearch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         budget (about a second of two cores): where it is spent the best model so far is returned. It counts evaluations
             by their size, so that the same study gives the same model on every machine.
         terms: the number of terms or mechanisms to stop at on the path of models, instead of what its errors say.
-        seconds (s): a limit by the clock as well; a model that the clock has ended may differ from run to run.
+        seconds (s): how long after the run began the clock ends all searches as well, with the best model so far. What
+            comes before and after takes its own time; a model that the clock has ended may differ from run to run.
     """
 
     enabled: bool = True

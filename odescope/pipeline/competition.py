@@ -150,7 +150,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
                 contenders.append(asis)
                 continue
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
-        if posed.form == "relations" and work.study.suspects:
+        if posed.form == "relations" and work.study.suspects and not work.late:
             if refinement is not None:
                 refinement, suspicions = with_suspected(work, filtered, posed, refinement)
             refinement, angles = with_angles(work, filtered, regressed, refinement, bool(suspicions))

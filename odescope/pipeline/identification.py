@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -260,10 +261,12 @@ def identify(
             f"what is identified must be odescope.Study; {said(study)} came: odescope.read_study reads a study file"
         )
     study.measured()
+    seconds = study.likelihood.seconds
+    deadline = None if seconds is None else time.time() + seconds
 
     def run(version: Study, monitor: Monitor) -> tuple[Identification, Contender]:
         settled, own = settled_columns(version, data)
-        return _identified(Work(with_time(settled), monitor, workers), own, store)
+        return _identified(Work(with_time(settled), monitor, workers, deadline), own, store)
 
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
     with threadpool_limits(1, "blas"), open_workers(cluster) as workers:

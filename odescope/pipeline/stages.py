@@ -154,4 +154,5 @@ def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | No
             [name for name, i in work.study.inputs.items() if i.delay in ("auto", "estimate")],
             [name for name, i in work.study.inputs.items() if i.hold == "auto"],
             posed.constants,
+            work.deadline,
         )

@@ -20,14 +20,21 @@ from odescope.study.options import Study
 class Work:
     """What every stage is given: the study, whom to tell, who computes; and the book of what the stages took.
 
-    `seconds` is the time of each stage, `memory` the most that the process had held, in bytes, when it ended.
+    `deadline` is when searches end by the clock (`time.time`), None for never. `seconds` is the time of each stage,
+    `memory` the most that the process had held, in bytes, when it ended.
     """
 
     study: Study
     monitor: Monitor
     workers: Workers
+    deadline: float | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     memory: dict[str, int | None] = field(default_factory=dict)
+
+    @property
+    def late(self) -> bool:
+        """Whether the clock has struck: what may wait is then left undone."""
+        return self.deadline is not None and time.time() > self.deadline
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

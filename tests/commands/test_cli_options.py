@@ -18,6 +18,8 @@ from logs import (
     write,
 )
 
+from odescope.study.toml import read_study
+
 
 @pytest.mark.parametrize(
     ("options", "parts"),
@@ -90,6 +92,13 @@ def test_data_options_do_not_go_with_a_study(run):
     Path("s.toml").write_text(STUDY)
     for option in (("--time", "t"), ("--order", "2"), ("--coordinate", "x")):
         assert "only --out" in run.refused("identify", "s.toml", *option)
+
+
+def test_the_clock_of_a_run_goes_with_a_study_and_is_kept_in_it(run):
+    Path("s.toml").write_text(STUDY)
+    assert "--seconds -1.0: expected a positive number" in run.refused("identify", "s.toml", "--seconds", "-1")
+    assert run("identify", "s.toml", "--seconds", "1000").code == 0
+    assert read_study(Path("s", "study.toml")).likelihood.seconds == 1000.0
 
 
 @pytest.mark.parametrize(
