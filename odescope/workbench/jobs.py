@@ -171,6 +171,10 @@ class Jobs:
         if job is not None and not job.running:
             shutil.rmtree(self._folder.root / HIDDEN / name, ignore_errors=True)
             self._read.pop(name, None)
+            own = self._own.pop(name, None)
+            if own is not None:
+                with suppress(subprocess.TimeoutExpired):  # its last threads may take a moment more than itself
+                    own.wait(PATIENCE)
             self._remove_empty(job)
 
     def _lines(self, name: str) -> tuple[AnyLine, ...]:

@@ -29,9 +29,9 @@ def shaken(path):
     """Write a log of three oscillators that are shaken at random, whose search takes minutes."""
     rng, step = np.random.default_rng(0), 0.02
     x, v, rows = np.zeros(3), np.zeros(3), ["t,p,q,r"]
-    for k in range(4000):
+    for k in range(20_000):
         rows.append(",".join(map(repr, (k * step, *(x + 1e-3 * rng.standard_normal(3)).tolist()))))
-        v = v + step * (np.roll(x, -1) - 2.0 * x - np.sin(x) - 0.1 * v + 3.0 * rng.standard_normal(3))
+        v = v + step * (np.roll(x, -1) + np.roll(x, 1) - 3.0 * x - np.sin(x) - 0.1 * v + 3.0 * rng.standard_normal(3))
         x = x + step * v
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
     return path
