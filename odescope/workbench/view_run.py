@@ -48,7 +48,7 @@ class RunView:
         job = bench.jobs.find(name)
         if job is None:
             raise InputError(f"there is no run {name!r}")
-        self._bench, self._name, self._known = bench, name, -1
+        self._bench, self._name, self._known, self._offered = bench, name, -1, ""
         self._state = text("p", "", "about").props("role=status")
         self._bar = ui.linear_progress(0.0, show_value=False, size="6px").props('aria-label="progress"')
         self._stages = text("p", "", "about")
@@ -80,7 +80,9 @@ class RunView:
         if news == self._known:
             return
         self._known = news
-        self._show_actions(job)
+        if job.state != self._offered:  # a button that is drawn anew loses the focus, and what was pressed just then
+            self._offered = job.state
+            self._show_actions(job)
         self._found.clear()
         with self._found:
             _equations(job)
