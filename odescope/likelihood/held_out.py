@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +18,17 @@ STRETCHES = 10  # of a long record that it sees a part of
 WINDOWS = 4  # free runs a stretch that is held out
 
 
+def stretches(segments: Segments) -> list[tuple[int, int]]:
+    """Return begin and end, in averages, of every record, or of the fifths of each if these are few."""
+    if len(segments.runs) >= FIFTH:
+        return list(segments.runs)
+    fifths = ((end, (end - begin) // FIFTH) for begin, end in segments.runs)
+    return [(end - (k + 1) * length, end - k * length) for end, length in fifths for k in reversed(range(FIFTH))]
+
+
 def held_out(segments: Segments) -> list[tuple[int, int]]:
     """Return begin and end, in averages, of what searches do not see: every fifth record, or the end of each if few."""
-    if len(segments.runs) >= FIFTH:
-        return list(segments.runs[FIFTH - 1 :: FIFTH])
-    return [(end - (end - begin) // FIFTH, end) for begin, end in segments.runs]
+    return stretches(segments)[FIFTH - 1 :: FIFTH]
 
 
 def without_held_out(segments: Segments) -> Segments:
@@ -49,20 +56,25 @@ def _kept(segments: Segments, keep: BoolArray) -> Segments:
     return replace(segments, start=segments.start[keep], count=segments.count[keep], joined=joined[keep])
 
 
-def free_run_errors(space: SearchSpace, theta: FloatArray) -> FloatArray:
+def free_run_errors(
+    space: SearchSpace, theta: FloatArray, over: Sequence[tuple[int, int]] | None = None, pieces: int = 0
+) -> FloatArray:
     """Return the mean squared error of free runs over every stretch that is held out, each saturating at 1.
 
     Of few stretches every free run counts as one. They begin at smoothed states within the stretch, away from its edges
     where smoothing is poor, and last until its end; errors are in units of the channel's variance over all records.
+
+    Args:
+        space: the data and candidates.
+        theta: (mechanisms,) coefficients.
+        over: begin and end of stretches instead of those.
+        pieces: instead of to the end of its stretch, so many runs follow each other.
     """
-    segments = space.segments
-    measured = segments.measured
-    windows = [
-        (low + (2 * k + 1) * (high - low) // (2 * WINDOWS + 2), high)
-        for low, high in held_out(segments)
-        for k in range(WINDOWS)
-    ]
-    start, end = np.array(windows, dtype=np.int64).T
+    segments, over = space.segments, held_out(space.segments) if over is None else over
+    measured, count = segments.measured, pieces or WINDOWS
+    begins = [[low + (2 * k + 1) * (high - low) // (2 * count + 2) for k in range(count)] for low, high in over]
+    ends = [[*b[1:], high] if pieces else [high] * count for b, (_, high) in zip(begins, over, strict=True)]
+    start, end = np.array(begins, dtype=np.int64).ravel(), np.array(ends, dtype=np.int64).ravel()
     loose = replace(
         segments,
         start=start,
@@ -74,10 +86,10 @@ def free_run_errors(space: SearchSpace, theta: FloatArray) -> FloatArray:
     evaluator, program, none = space.on(loose).evaluator, space.program(present), np.zeros(0, dtype=np.int64)
     cost = evaluator.integrate(program, theta[present], none, segments.filtered[start]).cost
     weight = np.ones_like(measured) if segments.weight is None else segments.weight
-    total = np.array([np.sum(weight[low:high] ** 2) for low, high in windows])
+    total = np.array([np.sum(weight[low:high] ** 2) for low, high in zip(start, end, strict=True)])
     error = cost / np.maximum(total, 1e-300)
     bounded = np.divide(error, 1.0 + error, out=np.ones_like(error), where=np.isfinite(error))
-    errors: FloatArray = bounded.reshape(-1, WINDOWS).mean(axis=1)
+    errors: FloatArray = bounded.reshape(-1, count).mean(axis=1)
     return errors if len(errors) >= FEW else bounded
 
 

@@ -1,13 +1,13 @@
 """The path of models from many mechanisms to few, and where on it to stop.
 
 What a model of a real machine misses is coloured, and every criterion for white noise keeps far more terms than are
-physics. Free runs of what a fit has not seen do not: the choice is the shortest model whose error is within one spread
-of the least, or too small to matter. docs/method.md, The path of models.
+physics. Free runs of what a fit has not seen do not: the choice is the shortest model that runs no worse than the best,
+stretch by stretch, but for chance, or whose error is too small to matter. docs/method.md, The path of models.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,19 +16,19 @@ from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.fit import CONVERGED, ITERATIONS, Fit
-from odescope.likelihood.held_out import free_run_errors
+from odescope.likelihood.held_out import WINDOWS, free_run_errors, stretches
 from odescope.likelihood.search_space import SearchSpace
 
 FAITHFUL = 0.005  # standard deviations of what was measured: a free run as near to the record needs no more terms
 WORTH = 3.0  # times the least error: but what a term improves as much is physics, however near the runs are
-TELLING = 0.1  # standard deviations: where even the best free run is further from the record, runs tell little of terms
+TELLING = 0.1  # standard deviations: where even the best free runs are further from the record, shorter ones tell more
+SHORT = 8  # averages, of the shortest runs
 QUICK = 2  # steps of a fit without a mechanism, which are enough
 FORETOLD = 1.1  # if they raise the cost by no more than so many times its Wald statistic, as in a linear model
 FAR = 10  # steps of other fits where they are rough, and
 NEAR = 0.01  # of what the cost is above that of the longest: how near they come
 LOST = 0.5  # standard deviations of what was measured: further away a free run follows nothing,
 KEPT = 0.25  # and where a longer model was nearer than this, no shorter one than a lost one is worth its fit
-TENTH = 0.1  # of the least error: where free runs tell little, no more than that is given away for fewer terms
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class PathStep:
     @property
     def error(self) -> float:
         """Root mean square of the errors."""
-        return float(np.sqrt(np.mean(self.errors**2)))
+        return _rms(self.errors)
 
     @property
     def spread(self) -> float:
@@ -104,11 +104,21 @@ class ModelPath:
 
     @property
     def at_knee(self) -> ModelPath:
-        """The path with the shortest model chosen whose error is within its spread of the least, or small enough."""
-        best = min(self.steps, key=lambda s: s.error)
-        enough = max(best.error if best.error < TELLING else 0.0, min(FAITHFUL, WORTH * best.error))
-        within = [k for k, s in enumerate(self.steps) if s.error - s.spread <= enough or _as_well(s, best)]
-        return replace(self, chosen=max(within))
+        """The path with the shortest model chosen that runs freely no worse than the best, or near enough."""
+        over = stretches(self.space.segments)
+        pieces, unseen = self._telling(min(high - low for low, high in over))
+        return replace(self, chosen=knee(self.steps, unseen, lambda step: _errors(self.space, step.fit, over, pieces)))
+
+    def _telling(self, length: int) -> tuple[int, list[FloatArray]]:
+        """Return the errors of every model over what is held out, in free runs so short that the best one follows.
+
+        Before them stands in how many pieces a stretch is run, 0 if to its end; `length` is that of the shortest.
+        """
+        errors, pieces = [s.errors for s in self.steps], 0
+        while min(map(_rms, errors)) > TELLING and (shorter := 2 * pieces or WINDOWS) < length // SHORT:
+            pieces = shorter
+            errors = [_errors(self.space, s.fit, None, pieces) for s in self.steps]
+        return pieces, errors
 
     def chosen_at(self, terms: int) -> ModelPath:
         """Return the path with the model of so many mechanisms chosen.
@@ -131,14 +141,49 @@ def _lost(steps: Sequence[PathStep]) -> bool:
     return steps[-1].error > LOST and min(s.error for s in steps) < KEPT
 
 
-def _as_well(step: PathStep, best: PathStep) -> bool:
-    """Say whether a model is no worse than the best, but for the standard error of their difference over stretches."""
-    worse = step.errors - best.errors
+def knee(steps: Sequence[PathStep], unseen: Sequence[FloatArray], anywhere: Callable[[PathStep], FloatArray]) -> int:
+    """Return the number of the shortest model that runs freely no worse than the best, or near enough.
+
+    The best is that of the least error over what is held out. No worse is one for which neither the runs there nor
+    those over the whole record say otherwise: the former may be few, and the latter have been fitted to.
+
+    Args:
+        steps: the models.
+        unseen: errors (n,) of each in free runs over what is held out.
+        anywhere: returns those of one over the whole record (m,).
+    """
+    enough = min(FAITHFUL, WORTH * min(s.error for s in steps))
+    best = min(range(len(steps)), key=lambda k: _rms(unseen[k]))
+    of_the_best = anywhere(steps[best])
+    return max(
+        k
+        for k, s in enumerate(steps)
+        if s.error - s.spread <= enough or (_no_worse(unseen[k], unseen[best]) and _no_worse(anywhere(s), of_the_best))
+    )
+
+
+def _no_worse(errors: FloatArray, best: FloatArray) -> bool:
+    """Say whether errors (n,) are no larger than those of the best, but for the standard error of the mean difference.
+
+    What every model finds hard in a stretch is in both, and cancels.
+    """
+    worse = errors - best
     chance = float(worse.std(ddof=1)) / np.sqrt(len(worse)) if len(worse) > 1 else 0.0
-    return bool(worse.mean() <= chance and step.error <= (1.0 + TENTH) * best.error)
+    return bool(worse.mean() <= chance)
+
+
+def _rms(errors: FloatArray) -> float:
+    return float(np.sqrt(np.mean(errors**2)))
+
+
+def _errors(
+    space: SearchSpace, found: Fit, over: Sequence[tuple[int, int]] | None = None, pieces: int = 0
+) -> FloatArray:
+    """Return root mean square errors of free runs, see `free_run_errors`."""
+    errors: FloatArray = np.sqrt(free_run_errors(space, found.theta, over, pieces))
+    return errors
 
 
 def _step(seen: SearchSpace, found: Fit, dropped: Mechanism | None = None, statistic: float = 0.0) -> PathStep:
-    errors: FloatArray = np.sqrt(free_run_errors(seen, found.theta))
     terms = sum(bool(seen.mechanisms[k].parts) for k in found.present)
-    return PathStep(found, errors, dropped, statistic, terms)
+    return PathStep(found, _errors(seen, found), dropped, statistic, terms)

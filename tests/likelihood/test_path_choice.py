@@ -1,24 +1,100 @@
 """Where on the path of models to stop, given the errors of free runs."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from process_cases import LINEAR, Q, fitted, kicked, spring
+from small_systems import SPRING, drive
 
-from odescope.likelihood.path import ModelPath, PathStep
+from odescope.likelihood.held_out import free_run_errors, held_out, stretches
+from odescope.likelihood.path import ModelPath, PathStep, knee
+
+COMMON = np.array([0.02, 0.08, 0.04, 0.06])  # what is hard in each stretch, whatever the model
+CHANCE = np.array([-0.009, 0.012, -0.008, 0.010])
 
 
-def path(*errors):
-    """Return a path whose models have these errors in each of three stretches, one term fewer each."""
-    steps = [PathStep(None, np.array(e), None, 0.0, len(errors) - k) for k, e in enumerate(errors)]
-    return ModelPath(None, tuple(steps), 0)
+def steps(*errors):
+    """Return models with these errors in each of some stretches, one term fewer each."""
+    return [PathStep(None, np.array(e), None, 0.0, len(errors) - k) for k, e in enumerate(errors)]
+
+
+def chosen(unseen, anywhere=None):
+    """Return the number of the model that is chosen; over the whole record errors are the same by default."""
+    models = steps(*unseen)
+    whole = dict(zip(map(id, models), unseen if anywhere is None else anywhere, strict=True))
+    return knee(models, [s.errors for s in models], lambda step: np.array(whole[id(step)]))
 
 
 @pytest.mark.parametrize(
-    ("longer", "shorter", "terms"),
+    ("longer", "shorter", "number"),
     [
         (0.0030, 0.0045, 1),  # both near the record, and nearly as near
-        (4e-5, 0.0045, 2),  # both near the record, but a hundred times further without the term
-        (0.0030, 0.0080, 2),  # the shorter one is further off than half a percent
+        (4e-5, 0.0045, 0),  # both near the record, but a hundred times further without the term
+        (0.0030, 0.0080, 0),  # the shorter one is further off than half a percent
     ],
 )
-def test_a_term_that_brings_runs_much_nearer_stays_however_near_they_are_without(longer, shorter, terms):
-    assert path([longer] * 3, [shorter] * 3).at_knee.choice.terms == terms
+def test_a_term_that_brings_runs_much_nearer_stays_however_near_they_are_without(longer, shorter, number):
+    assert chosen([[longer] * 3, [shorter] * 3]) == number
+
+
+def test_what_all_models_find_hard_in_a_stretch_hides_no_difference():
+    worse = COMMON + np.array([0.012, 0.009, 0.011, 0.010])
+    assert worse.mean() - COMMON.mean() < 0.5 * COMMON.std(ddof=1)
+    assert chosen([COMMON, worse]) == 0
+
+
+def test_a_difference_that_is_chance_keeps_no_term():
+    differs = COMMON + CHANCE
+    assert np.mean(differs**2) > np.mean(COMMON**2)
+    assert chosen([COMMON, differs]) == 1
+
+
+def test_few_stretches_that_leave_it_open_are_decided_by_the_whole_record():
+    whole = np.full(5, 0.04)
+    worse = whole + np.array([0.01, 0.02, 0.015, 0.01, 0.012])
+    assert chosen([COMMON, COMMON + CHANCE], [whole, worse]) == 0
+    assert chosen([COMMON, COMMON + CHANCE], [worse, whole]) == 1
+
+
+def test_what_runs_worse_over_what_is_held_out_has_no_say_however_well_it_describes_what_was_fitted():
+    overfitted, physics, poor = COMMON + 0.03, COMMON, COMMON + 0.1
+    seen = np.full(5, 0.01)
+    assert chosen([overfitted, physics, poor], [seen, seen + 0.02, seen + 0.1]) == 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_a_random_force_leaves_long_runs_telling_nothing_shorter_ones_tell(seed):
+    it = spring(seed, 1500, q=10.0 * Q)
+    true, softer = fitted(it), LINEAR * np.where(np.arange(len(LINEAR)) == 1, 0.8, 1.0)
+    models = [
+        PathStep(replace(true, theta=theta), np.sqrt(free_run_errors(it, theta)), None, 0.0, terms)
+        for theta, terms in ((LINEAR, 4), (softer, 3))
+    ]
+    assert models[0].error > 0.2
+    assert knee(models, [s.errors for s in models], lambda step: step.errors) == 1
+    assert ModelPath(it, tuple(models), 0).at_knee.chosen == 0
+
+
+@pytest.mark.parametrize("lengths", [(103,), (100, 27), (30, 20, 25, 40, 35, 10, 12, 15, 18, 21)])
+def test_stretches_hold_what_is_held_out_and_cover_the_record(lengths):
+    segments = spring(0, sum(lengths)).segments
+    edges = np.append(0, np.cumsum(lengths)).tolist()
+    segments = replace(segments, runs=tuple(pairwise(edges)))
+    found = stretches(segments)
+    rows = np.concatenate([np.arange(low, high) for low, high in found])
+    assert len(set(rows)) == len(rows) > sum(lengths) - 5 * len(lengths)
+    assert held_out(segments) == found[4::5]
+
+
+def test_pieces_are_runs_by_hand_one_after_the_other():
+    count = 600
+    it = spring(0, count, q=np.zeros(2), believed=Q)
+    states, measured, nodes, errors = it.segments.filtered, it.segments.measured[:, 0], drive(count), []
+    wrong = LINEAR * np.where(np.arange(len(LINEAR)) == 1, 1.1, 1.0)
+    for begin, end in ((500, 540), (540, 600)):
+        run = kicked(SPRING, wrong, nodes[begin:end], np.zeros((end - begin, 2)), states[begin])[:, 0]
+        e = np.mean((run - measured[begin:end]) ** 2) / measured.var()
+        errors.append(e / (1 + e))
+    np.testing.assert_allclose(free_run_errors(it, wrong, [(480, 600)], 2), errors, rtol=1e-4)
