@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from odescope.likelihood.kernel import LANES, Averages, Settings, Sums, integrat
 from odescope.likelihood.program import Program
 from odescope.likelihood.segments import Segments
 
+STABLE = 1.5  # decay of dry friction times step: RK4 is stable to 2.8, and masses that are coupled give way sooner
+MOST_STEPS = 256  # of RK4 an average that dry friction may ask for
 LEAST = 1e-200  # information about a coefficient: what rounding leaves of none can be negative
 
 
@@ -61,6 +64,21 @@ def _pool(process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(os.cpu_count() or 1, f"odescope-{process}")
 
 
+class _Driven(NamedTuple):
+    """Inputs on the half steps (N, 2 steps + 1, i), and the delays and steps an average that they are laid out for."""
+
+    delays: tuple[float, ...] | None
+    steps: int
+    inputs: FloatArray
+
+
+def _on_half_steps(nodes: FloatArray, steps: int) -> FloatArray:
+    """Return inputs on the half steps (N, 2 steps + 1, i): parabolas through their values on nodes (N, 3, i)."""
+    s = np.linspace(-1.0, 1.0, 2 * steps + 1)
+    between = np.column_stack([0.5 * s * (s - 1.0), 1.0 - s**2, 0.5 * s * (s + 1.0)])
+    return np.ascontiguousarray(np.einsum("kn,mni->mki", between, nodes))
+
+
 class Evaluator:
     """Evaluates segments in two or more threads."""
 
@@ -69,25 +87,22 @@ class Evaluator:
         self.threads = os.cpu_count() or 1
         self.substeps = substeps
         self.budget = Budget() if budget is None else budget
-        self._driven: tuple[tuple[float, ...] | None, FloatArray] = (None, self._on_half_steps(segments.inputs))
+        self._driven = _Driven(None, substeps, _on_half_steps(segments.inputs, substeps))
         self._weight = np.ones_like(segments.measured) if segments.weight is None else segments.weight
 
-    def _on_half_steps(self, nodes: FloatArray) -> FloatArray:
-        """Return inputs on the half steps (N, 2 substeps + 1, i): parabolas through their values on nodes (N, 3, i)."""
-        s = np.linspace(-1.0, 1.0, 2 * self.substeps + 1)
-        between = np.column_stack([0.5 * s * (s - 1.0), 1.0 - s**2, 0.5 * s * (s + 1.0)])
-        return np.ascontiguousarray(np.einsum("kn,mni->mki", between, nodes))
+    def steps(self, program: Program, theta: FloatArray) -> int:
+        """Return the steps of RK4 an average: as many as dry friction needs, the more the narrower it is."""
+        wanted = program.decay(theta) * self.segments.step / STABLE
+        return max(self.substeps, int(np.ceil(min(wanted, MOST_STEPS))))
 
-    def _data(self, delays: tuple[float, ...] | None) -> Averages:
+    def _data(self, delays: tuple[float, ...] | None, steps: int) -> Averages:
         """Return the measurements, with inputs so late, and beside them what they gain with their delays."""
-        known, inputs = self._driven
-        if delays != known:
-            nodes = self.segments.inputs if delays is None else self.segments.late(delays)
-            inputs = self._on_half_steps(nodes)
-            self._driven = delays, inputs
-        data = self.segments
+        known, data = self._driven, self.segments
+        if (delays, steps) != (known.delays, known.steps):
+            nodes = data.inputs if delays is None else data.late(delays)
+            known = self._driven = _Driven(delays, steps, _on_half_steps(nodes, steps))
         return Averages(
-            1.0 / data.noise, data.step, self.substeps, data.start, data.count, data.measured, self._weight, inputs
+            1.0 / data.noise, data.step, steps, data.start, data.count, data.measured, self._weight, known.inputs
         )
 
     def integrate(self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray) -> Sums:
@@ -102,13 +117,14 @@ class Evaluator:
         Raises:
             Stopped: the run is to end.
         """
-        self.budget.spend(self.segments, program, len(free), self.substeps)
+        steps = self.steps(program, theta)
+        self.budget.spend(self.segments, program, len(free), steps)
         j, n, p = len(self.segments.start), x0.shape[1], len(free)
         number = np.full(len(program.mechanisms), -1, dtype=np.int64)
         number[free] = np.arange(p)
         places = program.places
         param, weight = number[places.mechanism], places.share * theta[places.mechanism]
-        data, offsets = self._data(program.delays(theta)), program.offsets
+        data, offsets = self._data(program.delays(theta), steps), program.offsets
         settings = Settings(
             program.constants(theta),
             np.where(offsets < 0, 0.0, theta[offsets]),

@@ -81,6 +81,18 @@ class Places(NamedTuple):
     measured: IntArray
 
 
+class _Friction(NamedTuple):
+    """A part with dry friction: its mechanism, the number of its width, its share.
+
+    inertia (mechanisms,) holds the shares of the mechanisms that multiply the target of its relation by a number.
+    """
+
+    mechanism: int
+    width: int
+    share: float
+    inertia: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class Program:
     """Mechanisms compiled for the kernel."""
@@ -150,6 +162,36 @@ class Program:
         """Return the values of the frame's constants, (constants,)."""
         moved = {m.place: theta[k] for k, m in enumerate(self.mechanisms) if m.kind == "constant"}
         return np.array([c.at(moved.get(name, 0.0)) for name, c in self.frame.constants.items()])
+
+    @cached_property
+    def _friction(self) -> list[_Friction]:
+        widths = {name: k for k, (name, c) in enumerate(self.frame.constants.items()) if c.optional}
+        bare = np.zeros((self.targets, len(self.mechanisms)))
+        for m, mechanism in enumerate(self.mechanisms):
+            for part in mechanism.parts:
+                if part.product == Product(self.frame.targets[part.relation]):
+                    bare[part.relation, m] += part.share
+        return [
+            _Friction(m, widths[name], part.share, bare[part.relation])
+            for m, mechanism in enumerate(self.mechanisms)
+            for part in mechanism.parts
+            for name in widths.keys() & set(part.product.term.names)
+        ]
+
+    def decay(self, theta: FloatArray) -> float:
+        """Return the rate, in 1/s, at which dry friction slows down what slides within the layer of tanh(v/w), at most.
+
+        Where a target stands with functions alone its rate is taken for none.
+
+        Args:
+            theta: (mechanisms,) coefficients; friction that is absent slows nothing down.
+        """
+        widths, fastest = self.constants(theta) if self._friction else np.zeros(0), 0.0
+        for friction in self._friction:
+            force, inertia = abs(friction.share * theta[friction.mechanism]), abs(float(friction.inertia @ theta))
+            if force > 0.0 and inertia > 0.0:
+                fastest = max(fastest, force / inertia / widths[friction.width])
+        return fastest
 
     @cached_property
     def limits(self) -> tuple[FloatArray, FloatArray]:

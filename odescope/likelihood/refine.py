@@ -174,7 +174,7 @@ def _best(
     space = space if holds_of(seen) == holds_of(space) else seen.on(cut(holds_of(seen), SEGMENT))
     best = min(outcomes, key=lambda o: o.rank, default=None)
     thin = len(seen.segments.start) < len(space.segments.start)
-    return space, in_whole(space, best) if best is not None and thin else best
+    return space, in_whole(space.with_constants(best.constants), best) if best is not None and thin else best
 
 
 def _cut(
@@ -198,8 +198,9 @@ def _judged(
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
     fine = space
     if joined(best):
-        space, best = with_finer_steps(space, best)
-        fine, best = with_narrow_friction(space, without_negligible(space, best))
+        fine, best = with_finer_steps(space.with_constants(best.constants), best)
+        space = space.finer(fine.evaluator.substeps)
+        fine, best = with_narrow_friction(fine, without_negligible(fine, best))
     process, adopted = None, False
     chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
     if not joined(best) or best.scale > WHITE + chance:
@@ -276,7 +277,7 @@ def _held(
         explained = best is not None and best.clear and best.scale > 1.0 / WHITE
         if best is None or (explained and set(holds_of(space)) == {"linear"}):
             break
-        choice = choose_holds(space, best.fit, names)
+        choice = choose_holds(space.with_constants(best.constants), best.fit, names)
         if choice.holds == holds_of(space):
             return space, outcomes, {name: gains.get(name, gain) for name, gain in choice.gains.items()}
         starts = [choice.fit.theta, *begun]

@@ -5,7 +5,7 @@ docs/method.md, Structure by likelihood.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
@@ -13,10 +13,12 @@ import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.library.constants import Constant
 from odescope.likelihood.add_and_drop import HOPELESS, Moves
 from odescope.likelihood.evaluator import Expansion
 from odescope.likelihood.evidence import project
 from odescope.likelihood.fit import Fit
+from odescope.likelihood.narrowing import narrowed
 from odescope.likelihood.search_space import Move, SearchSpace
 
 WIDTHS = (np.inf, 1.0, 0.1, 0.01, 0.001)  # of the defects, in smoothing errors of each state
@@ -57,7 +59,7 @@ class Outcome:
 
     `scale` is the residual variance over the noise variance; `penalties` (p,) what each parameter had to earn, `price`
     what they had to together; `spent` the units of budget that it took; not `finished` if the budget ended it, `late`
-    if that was the clock.
+    if that was the clock. `constants` are those of the space where it ended, with dry friction as narrow as it became.
     """
 
     fit: Fit
@@ -69,6 +71,7 @@ class Outcome:
     finished: bool
     late: bool
     spent: float
+    constants: Mapping[str, Constant] = field(default_factory=dict)
 
     @property
     def penalised(self) -> float:
@@ -139,24 +142,26 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
     here = space.begin(theta, segments.spread * np.inf)
     if here is None:
         return None
-    best = here, float(widths[0]), _scale(space, here, widths[0])
+    best, constants = (here, float(widths[0]), _scale(space, here, widths[0])), space.frame.constants
     for width in widths:
         refitted = space.again(here, here.x0, segments.spread * width)
         if refitted is None:
             break
+        if np.isfinite(width):
+            space, refitted = narrowed(space, refitted, segments.spread * width)
         here = _settle(space, refitted, width, trail)
         scale = _scale(space, here, width)
         if width != widths[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or _torn(space, here)):
             break
-        best = here, float(width), scale
+        best, constants = (here, float(width), scale), space.frame.constants
         if scale > NEAR_NOISE:
             break  # nothing that is absent explains the record: joining segments would only invent terms
-        if space.budget.over:
+        if space.budget.late:
             break
     budget = space.budget
     found = best[0]
     prices = space.penalty[found.free], space.price(found)
-    return Outcome(*best, *prices, tuple(trail), not budget.over, budget.late, budget.spent)
+    return Outcome(*best, *prices, tuple(trail), not budget.over, budget.late, budget.spent, constants)
 
 
 def in_whole(space: SearchSpace, outcome: Outcome) -> Outcome | None:

@@ -146,6 +146,10 @@ class SearchSpace:
         """Return the program of these mechanisms alone."""
         return Program.of([self.mechanisms[k] for k in present], self.frame)
 
+    def steps(self, found: Fit) -> int:
+        """Return the steps of RK4 an average that a fit takes."""
+        return self.evaluator.steps(self.program(found.present), found.theta[found.present])
+
     def move(self, width: float, action: str, k: int, statistic: float, after: Fit) -> Move:
         """Return the step of the trail that did something to mechanism k.
 

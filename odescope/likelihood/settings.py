@@ -24,8 +24,8 @@ from odescope.model.scores import DelayScore, OffsetScore
 from odescope.recordings.coordinate import Coordinate, Hold, Input
 from odescope.signals.estimate import Signals
 
-SHARP = 0.001  # width of dry friction, in root mean squares of the velocity, that is as good as a jump
-BLUNT = 3000.0  # times as wide it may be
+SHARP = 0.01  # width of dry friction that searches begin with, in root mean squares of the velocity: nearly a jump
+BLUNT = 3.0  # the same, at most
 PRECISE = 0.01  # standard errors: what a constant is rounded by, at most
 
 
@@ -117,8 +117,8 @@ def with_settings(
         while name in signals.names or name in constants:
             name += "_"
         widths[text] = Name(name)
-        sharp = _width(argument, signals)
-        constants[name] = Constant(name, sharp, BLUNT * sharp, sharp, optional=True)
+        usual = _root_mean_square(argument, signals)
+        constants[name] = Constant(name, SHARP * usual, BLUNT * usual, SHARP * usual, optional=True)
     smooth = [_smooth(m, widths) for m in mechanisms] if widths else list(mechanisms)
     known = frozenset[str]().union(*(m.names for m in smooth))
     angles = [c.name for c in signals.coordinates if c.angle and not c.cyclic and c.name in known]
@@ -129,10 +129,10 @@ def with_settings(
     return (*smooth, *(Mechanism(kind, f"{kind} {place}", place, (), 0.0) for kind, place in settings)), constants
 
 
-def _width(argument: Combination, signals: Signals) -> float:
-    """Return the width, two digits of it, that is next to nothing for this argument."""
+def _root_mean_square(argument: Combination, signals: Signals) -> float:
+    """Return two digits of the root mean square of an argument over the signals."""
     values = evaluate(write_tape(signals.names, [argument]), signals.joined())[0]
-    return float(f"{max(SHARP * float(np.sqrt(np.mean(values**2))), 1e-300):.2g}")
+    return float(f"{max(float(np.sqrt(np.mean(values**2))), 1e-300):.2g}")
 
 
 def _signs(term: Term) -> list[Combination]:

@@ -9,12 +9,13 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.fit import Fit
+from odescope.likelihood.narrowing import narrowed
 from odescope.likelihood.search import Outcome, settle_again
 from odescope.likelihood.search_space import SearchSpace
 
 FINEST = 8  # steps of RK4 a block average, at most, while a search is on
 FINEST_WITH_FRICTION = 32  # the same where dry friction is made narrower at the end
-NARROWINGS = 3  # halvings of the width of dry friction at most
+HALVINGS = 4  # of the width of dry friction at the end, at most
 STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that does not ask for shorter steps
 STEP_SHARE = 0.01  # of the cost, and
 STEP_MOVE = 0.5  # standard errors of any coefficient: changes of a refit that do not ask for shorter steps still
@@ -41,24 +42,13 @@ def with_finer_steps(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace,
 def with_narrow_friction(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace, Outcome]:
     """Return space and outcome with dry friction of the width at which the record is followed best, halved at a time.
 
-    A joint that sticks creeps under tanh(v/w), the more the wider w is, and a record of little noise shows that: of a
-    width that a search takes for a jump coefficients were off by up to five standard errors. Terms whose case is thin
-    then are tested again.
+    Terms whose case is thin then are tested again.
     """
-    names = space.fixed_constants(outcome.fit)
-    if not names:
+    if not space.fixed_constants(outcome.fit):
         return space, outcome
     defect_std = space.segments.spread * outcome.width
     finer, found = halve_steps(space, outcome.fit, defect_std, FINEST_WITH_FRICTION)
-    for _ in range(NARROWINGS):
-        narrower = finer.with_constants({name: finer.frame.constants[name].halved for name in names})
-        refitted = narrower.again(found, found.x0, defect_std)
-        if refitted is None:
-            break
-        narrower, refitted = halve_steps(narrower, refitted, defect_std, FINEST_WITH_FRICTION)
-        if refitted.cost > found.cost - STEP_ERROR:
-            break
-        finer, found = narrower, refitted
+    finer, found = narrowed(finer, found, defect_std, HALVINGS)
     end = replace(outcome, fit=found)
     return finer, end if end.clear else settle_again(finer, end, found)
 
@@ -76,8 +66,8 @@ def halve_steps(
         defect_std: (n,) that it was fitted with.
         finest: steps a block average, at most.
     """
-    while space.evaluator.substeps < finest:
-        finer = space.finer(2 * space.evaluator.substeps)
+    while space.steps(found) < finest:
+        finer = space.finer(2 * space.steps(found))
         again = finer.again(found, found.x0, defect_std, iterations=0)
         if again is not None and abs(again.cost - found.cost) < STEP_ERROR:
             break
