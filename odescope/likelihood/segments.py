@@ -54,7 +54,7 @@ class SampledInputs:
         and of rough or switching ones RK4's Simpson rule sees the right mean.
         """
         nodes = np.empty((len(self.at), 3, len(self.holds)))
-        longest = float(len(self.samples))  # later than that is all the same, and a fit that goes astray may ask for it
+        longest = 2.0 * len(self.samples)  # later than that is all the same, and a fit that goes astray may ask for it
         for j, (hold, samples) in enumerate(zip(self.holds, np.clip(late, -longest, longest).tolist(), strict=True)):
             finer = FINER if hold == "band-limited" else 1
             column = self._laid_out[j] if hold == "band-limited" else self.samples[:, j]

@@ -91,7 +91,7 @@ def stated(
         if reference is None:
             continue
         k, value, inside = *reference, list(group)
-        scaled[inside] = theta[inside] * (value / theta[k])
+        scaled[inside] = theta[inside] * value / theta[k]
         kinetic = sum(scaled[j] for j in inside if mechanisms[j].kind == "kinetic" and _square(mechanisms[j]))
         scaled[inside] *= -1.0 if kinetic < 0.0 else 1.0
         if covariance is not None:

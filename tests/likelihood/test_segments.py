@@ -134,6 +134,14 @@ def test_late_inputs_are_those_of_so_much_earlier_and_gain_what_their_slope_says
     np.testing.assert_allclose(late[:, :, 1], 1.8 * np.pi * np.sin(2 * np.pi * 0.9 * at), atol=0.02)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_delay_beyond_the_record_is_one_of_its_end(sign):
+    data = cut([record(PERIOD * np.arange(401))])
+    nodes = data.late([sign * 1e30])
+    beyond = data.driven.samples[0 if sign > 0.0 else -1, 0]
+    np.testing.assert_allclose(nodes, np.broadcast_to([beyond, 0.0], nodes.shape), rtol=0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize(("block", "late"), [(1, 0.0), (1, 0.37), (1, -2.6), (3, 0.0), (5, 1.45)])
 def test_nodes_of_a_band_limited_input_are_those_of_its_fourier_series(block, late):
     count, rng = 600, np.random.default_rng(block)
