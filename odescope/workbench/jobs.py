@@ -87,9 +87,8 @@ class Jobs:
     def __init__(self, folder: Folder) -> None:
         self._folder = folder
         self._own: dict[str, subprocess.Popen[bytes]] = {}
-        self._read: dict[
-            str, tuple[tuple[AnyLine, ...], int]
-        ] = {}  # the lines that a run told, and the byte after them
+        # The lines that a run told, and the byte after them.
+        self._read: dict[str, tuple[tuple[AnyLine, ...], int]] = {}
 
     def start(self, study: str) -> Job:
         """Begin to identify a study of the folder, to the results that the command line would write.
