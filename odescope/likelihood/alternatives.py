@@ -31,7 +31,7 @@ from odescope.likelihood.segments import SEGMENT
 from odescope.likelihood.settings import Start
 from odescope.likelihood.suspicion import Suspicion, explicit, imitates, rates, values_of_variables
 
-STEPS = 4  # substeps at most: what is found here is fitted again
+STEPS = 4  # of RK4 at most, but for dry friction: what is found here is fitted again
 RIVALS = {0: 3, 1: 3, 2: 2}  # functions of a suspicion that are fitted, by number of their constants
 EVIDENT = 10.0  # fall of cost and price that decides for functions: odds of 150 to 1
 PASSES = 3  # through all suspicions, at most: what is best for one may depend on the others

@@ -33,23 +33,24 @@ def narrowed(space: SearchSpace, found: Fit, defect_std: FloatArray, halvings: i
             if half is not None and half.cost < found.cost - GAIN:
                 space, found = narrower, half
                 continue
-            between = _between(narrower, name, found, defect_std)
+            between = _between(narrower, name, space.frame.constants[name].nominal, found, defect_std)
             if between is not None and between.cost + space.price(between) < found.cost + space.price(found):
                 space, found = narrower, between
             break
     return space, found
 
 
-def _between(narrower: SearchSpace, name: str, found: Fit, defect_std: FloatArray) -> Fit | None:
+def _between(narrower: SearchSpace, name: str, width: float, found: Fit, defect_std: FloatArray) -> Fit | None:
     """Return the fit with a width of its own, begun where it was before it was halved.
 
     Args:
         narrower: the space with half the width.
         name: of the width.
+        width: that it was.
         found: the fit before.
         defect_std: (n,) that it was fitted with.
     """
     (k,) = (k for k, m in enumerate(narrower.mechanisms) if m.kind == "constant" and m.place == name)
     theta = found.theta.copy()
-    theta[k] = np.log(2.0)
+    theta[k] = narrower.frame.constants[name].coefficient(width)
     return narrower.fit(theta, np.union1d(found.present, [k]), found.x0, defect_std, found.strength)
