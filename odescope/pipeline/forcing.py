@@ -45,7 +45,7 @@ def with_forcing(
     before = contender.refinement
     if before is None or before.exact or before.late or not study.suspects:
         return result, contender, ()
-    line = periodic(before.space, before.fit)
+    line = periodic(before.space)
     if line is None:
         return result, contender, ()
     waves = (f"sin({RATE}*{TIME})", f"cos({RATE}*{TIME})")
