@@ -1,4 +1,4 @@
-"""The targets of a model at the smoothed states, and whether it has any there."""
+"""The targets at the smoothed states: as these change, as a model has them, and whether it has any there."""
 
 from __future__ import annotations
 
@@ -11,6 +11,18 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.search_space import SearchSpace
 
 SINGULAR = 1e-3  # of its root mean square: a smaller determinant of what multiplies the targets is next to none
+
+
+def rates(space: SearchSpace) -> FloatArray:
+    """Return the targets, as differences of smoothed states say, (targets, N)."""
+    segments, frame = space.segments, space.frame
+    found: FloatArray = np.empty((len(frame.targets), len(segments.filtered)))
+    for low, high in segments.runs:
+        slopes = np.gradient(segments.filtered[low:high], segments.step, axis=0)
+        for state, after in enumerate(frame.following):
+            if after < 0:
+                found[-1 - after, low:high] = slopes[:, state]
+    return found
 
 
 def explicit(space: SearchSpace, found: Fit) -> FloatArray:

@@ -11,8 +11,8 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
 from odescope.library.expression import ONE
+from odescope.likelihood.explicit import rates
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.suspicion import rates
 
 SHARE = 0.4  # least share of what terms leave of a target that goes with a sine
 TERMS = 5  # of a relation, beside the sine
@@ -25,7 +25,7 @@ INDEPENDENT = 1e-7  # share of a column that those chosen before do not say
 
 
 @dataclass(frozen=True)
-class Line:
+class Forcing:
     """A rate in rad/s of what is lacking in a relation, known to within `width`, and its share of what terms leave."""
 
     relation: int
@@ -34,7 +34,7 @@ class Line:
     share: float
 
 
-def periodic(space: SearchSpace) -> Line | None:
+def periodic(space: SearchSpace) -> Forcing | None:
     """Return the rate at which a sine helps the terms of a relation most, None where none clearly does.
 
     At every rate that a record resolves sine and cosine are given, each recording with a phase of its own, and a
@@ -47,7 +47,7 @@ def periodic(space: SearchSpace) -> Line | None:
     rate = 2.0 * np.pi * number / (length * segments.step)
     width = 2.0 * np.pi / (longest * segments.step)
     number = number[(rate > LEAST * width) & (rate < 2.0 * np.pi / (DENSE * segments.step))]
-    lines = list[Line]()
+    found = list[Forcing]()
     for relation, columns in enumerate(_columns(space) if len(number) else ()):
         if len(columns) > 1:
             each = max(TOGETHER // len(columns) ** 2, 1)
@@ -58,9 +58,11 @@ def periodic(space: SearchSpace) -> Line | None:
             alone = _left(_products(columns, segments.runs)[None], TERMS + PRICE)[0]
             best = int(np.argmin(left))
             if alone > 0.0:
-                lines.append(Line(relation, float(rate[number[best]]), width, 1.0 - float(left[best]) / float(alone)))
-    best_of_all = max(lines, key=lambda line: line.share, default=None)
-    return best_of_all if best_of_all is not None and best_of_all.share > SHARE else None
+                found.append(
+                    Forcing(relation, float(rate[number[best]]), width, 1.0 - float(left[best]) / float(alone))
+                )
+    clearest = max(found, key=lambda forcing: forcing.share, default=None)
+    return clearest if clearest is not None and clearest.share > SHARE else None
 
 
 def _columns(space: SearchSpace) -> list[FloatArray]:

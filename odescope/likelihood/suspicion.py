@@ -15,7 +15,7 @@ from odescope.arrays import FloatArray
 from odescope.library.expression import ONE, Call, Name, Term
 from odescope.library.product import Product
 from odescope.likelihood.evidence import between, in_blocks
-from odescope.likelihood.explicit import explicit
+from odescope.likelihood.explicit import explicit, rates
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WHITE
@@ -98,18 +98,6 @@ def _residual(space: SearchSpace, found: Fit, names: Collection[str]) -> list[Su
         if shares and max(shares.values()) > GOES_WITH:
             suspected.append(Suspicion(r, max(shares, key=lambda n: shares[n]), "residual"))
     return suspected
-
-
-def rates(space: SearchSpace) -> FloatArray:
-    """Return the targets, as differences of smoothed states say, (targets, N)."""
-    segments, frame = space.segments, space.frame
-    found: FloatArray = np.empty((len(frame.targets), len(segments.filtered)))
-    for low, high in segments.runs:
-        slopes = np.gradient(segments.filtered[low:high], segments.step, axis=0)
-        for state, after in enumerate(frame.following):
-            if after < 0:
-                found[-1 - after, low:high] = slopes[:, state]
-    return found
 
 
 def _share(residual: FloatArray, variable: FloatArray) -> float:

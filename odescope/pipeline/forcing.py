@@ -14,7 +14,7 @@ import msgspec
 from odescope.errors import NoModelError
 from odescope.events import Event, Monitor, Progress
 from odescope.library.readable import readable
-from odescope.likelihood.periodic import Line, periodic
+from odescope.likelihood.periodic import Forcing, periodic
 from odescope.likelihood.refine import Refinement
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.competition import Contender
@@ -45,28 +45,28 @@ def with_forcing(
     before = contender.refinement
     if before is None or before.exact or before.late or not study.suspects:
         return result, contender, ()
-    line = periodic(before.space)
-    if line is None:
+    forcing = periodic(before.space)
+    if forcing is None:
         return result, contender, ()
     waves = (f"sin({RATE}*{TIME})", f"cos({RATE}*{TIME})")
     tried = waves if keeps_time(study) and RATE not in study.parameters else ()
     if tried:
         monitor.tell(Progress("suspicion", "search with a forcing of the rate at which the residual goes", 0, 1))
         try:
-            other, forced = run(_named(study, line, waves), replace(monitor, tell=_without(monitor, in_vain)))
+            other, forced = run(_named(study, forcing, waves), replace(monitor, tell=_without(monitor, in_vain)))
         except NoModelError:
-            return result, contender, (_score(before, line, tried, ()),)
+            return result, contender, (_score(before, forcing, tried, ()),)
         found = _forcing(forced.refinement)
         if forced.refinement is not None and found and replaces(forced.refinement, before):
-            return other, forced, (_score(before, line, tried, found),)
-    return result, contender, (_score(before, line, tried, ()),)
+            return other, forced, (_score(before, forcing, tried, found),)
+    return result, contender, (_score(before, forcing, tried, ()),)
 
 
-def _named(study: Study, line: Line, waves: tuple[str, ...]) -> Study:
+def _named(study: Study, forcing: Forcing, waves: tuple[str, ...]) -> Study:
     """Return the study with a forcing among the candidates of its relations."""
-    own, low = study.library, max(line.rate - line.width, 0.5 * line.rate)
+    own, low = study.library, max(forcing.rate - forcing.width, 0.5 * forcing.rate)
     library = msgspec.structs.replace(
-        own, extra=(*own.extra, *waves), parameters={**own.parameters, RATE: (low, line.rate + line.width)}
+        own, extra=(*own.extra, *waves), parameters={**own.parameters, RATE: (low, forcing.rate + forcing.width)}
     )
     return msgspec.structs.replace(study, library=library)
 
@@ -87,8 +87,8 @@ def _forcing(refinement: Refinement | None) -> tuple[str, ...]:
     return tuple(dict.fromkeys(readable(p.product.term) for m in present if RATE in m.names for p in m.parts))
 
 
-def _score(before: Refinement, line: Line, tried: tuple[str, ...], found: tuple[str, ...]) -> SuspicionScore:
+def _score(before: Refinement, forcing: Forcing, tried: tuple[str, ...], found: tuple[str, ...]) -> SuspicionScore:
     """Return what was made of a periodic residual; the range is that of the rate that it goes at."""
-    target = before.space.frame.targets[line.relation]
-    low, high = line.rate - line.width, line.rate + line.width
+    target = before.space.frame.targets[forcing.relation]
+    low, high = forcing.rate - forcing.width, forcing.rate + forcing.width
     return SuspicionScore(target, TIME, "periodic", 0, low, high, tried, found, None)

@@ -32,19 +32,11 @@ from odescope.model.simulation import Trajectory
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.adopted import Adopted, adopted
 from odescope.pipeline.competition import Contender, Winner, compete, regress
-from odescope.pipeline.evaluation import (
-    domain,
-    free_run_scores,
-    offset_scores,
-    provenance,
-    require_model,
-    scores,
-    time_score,
-)
+from odescope.pipeline.evaluation import domain, free_run_scores, provenance, require_model, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.forcing import with_forcing
+from odescope.pipeline.found_settings import delay_scores, hold_scores, offset_scores
 from odescope.pipeline.gate import gated_scores
-from odescope.pipeline.inputs import delay_scores, hold_scores
 from odescope.pipeline.joint_models import Search, to_relation
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
