@@ -165,9 +165,14 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
         yield f"{name} is {acts} between samples{gain}"
     for name, count in scores.outliers.items():
         if count and name in scores.gated:
-            yield f"{count} samples of {name} do not count: {listed([_gated(g) for g in scores.gated[name]])}"
+            yield gated_sentence(name, scores.gated[name])
         elif count:
             yield f"{count} samples of {name} are far from the filtered signal: they were clipped"
+
+
+def gated_sentence(name: str, found: Sequence[GatedScore]) -> str:
+    """Return how many samples of a coordinate do not count, and why."""
+    return f"{sum(g.samples for g in found)} samples of {name} do not count: {listed([_gated(g) for g in found])}"
 
 
 def _gated(found: GatedScore) -> str:

@@ -22,6 +22,7 @@ from odescope.likelihood.findings import doubts
 from odescope.likelihood.refine import Refinement
 from odescope.model.coefficients import CoefficientRow, rows_with_errors
 from odescope.model.display import equations_html
+from odescope.model.gate import gated_scores
 from odescope.model.given import GivenInputs, GivenState
 from odescope.model.model import SHOWN_DIGITS, Model
 from odescope.model.notes import notes_of, trust, uncertain, warnings_of
@@ -34,7 +35,6 @@ from odescope.pipeline.adopted import Adopted, adopted
 from odescope.pipeline.competition import Contender, Winner, compete, regress
 from odescope.pipeline.evaluation import domain, free_run_scores, provenance, require_model, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
-from odescope.pipeline.gate import gated_scores
 from odescope.pipeline.inputs import hold_scores
 from odescope.pipeline.joint_models import Search, to_relation
 from odescope.pipeline.path_models import path_models, path_scores
