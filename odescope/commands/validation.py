@@ -37,6 +37,9 @@ class ValidationFiles:
             InputError: there is no model or no data.
         """
         found = [model_in(p) if model_in(p).exists() else p for p in named]
+        for path in found:
+            if not path.exists() and not set(path.name) & set("*?["):
+                raise InputError(f"no such file or folder: {path}")
         models = tuple(p for p in found if p.suffix.lower() == MODEL_ENDING)
         rest = (*(p for p in found if p not in models), *data)
         if not models:

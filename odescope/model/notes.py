@@ -252,8 +252,8 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
         missed = "far more than" if judged.residual_variance is None else f"{judged.residual_variance**0.5:.2g} times"
         yield (
             f"no standard errors: even in short segments the best model misses the record by {missed} its noise, so"
-            " coefficients are the regression's; look for missing physics, such as dry friction, a delay, or an input"
-            " that was not recorded"
+            " coefficients are the regression's; look for what the library lacks, such as dry friction or a reaction,"
+            " for a delay, or for an input that was not recorded"
         )
         return
     if judged.process_noise is not None:

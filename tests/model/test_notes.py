@@ -121,6 +121,8 @@ def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
         suspicions=(
             SuspicionScore(target="x_dot", variable="x", reason="powers", terms=2, found=(), **tried),
             SuspicionScore(target="x_dot", variable="y", reason="fractions", terms=2, found=(), **tried),
+            SuspicionScore(target="x_dot", variable="z", reason="powers", terms=2, found=(), **tried | {"gain": 6e5}),
+            SuspicionScore(target="x_dot", variable="w", reason="powers", terms=2, found=(), **tried | {"gain": -7.0}),
         ),
     )
     doubts = msgspec.structs.replace(NONE, thin=(("x*y", "y_dot", 2.345),))
@@ -129,6 +131,8 @@ def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
     for part, warns in {
         "left out of the library": False,
         "holds several powers of x": False,
+        "powers of z: functions of it were tried, none was kept in the end": False,
+        "powers of w: functions of it were tried, the best is worse by 7 in cost and price": False,
         "holds y in a denominator": True,
         "vanishes between": True,
         "2 recordings are shorter": True,
