@@ -26,6 +26,7 @@ FAR = 0.5  # standard deviations of the record: free runs further off say that l
 OPEN = 0.1  # drift of a sum: no small leak, and no gain of a sensor that is a little off
 FLOWS = 'name what flows in or out as inputs, or add reactions with the world outside, such as "-> S" and "S ->"'
 HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
+BRIDGED = 0.01  # of the standard deviation of an input, that lines over its gaps are off by elsewhere
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
 REASONS = {
     "saturated": ("is saturated", "are saturated"),
@@ -139,6 +140,13 @@ def _lost(scores: ModelScores) -> Iterator[str]:
     """Yield where the model is not to be run, and what of the data it has not seen."""
     for target in _poles(scores):
         yield f"the denominator of {target} vanishes between the states of the data: expect poles when simulating"
+    for name, (longest, off) in {} if scores.time is None else scores.time.bridged.items():
+        if off > BRIDGED:
+            yield (
+                f"{name} lacks up to {longest} samples in a row, over which a straight line is off by {share(off)} of"
+                " its standard deviation elsewhere: what it did in such gaps biases coefficients, of which standard"
+                ' errors know nothing; [data] gaps = "split" does without them'
+            )
     if scores.left_out:
         yield f"{scores.left_out} recordings are shorter than a period of the cutoff and were left out"
 

@@ -382,7 +382,7 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         left_out=filtered.left_out,
         outliers=filtered.outliers,
         gated=gated_scores(filtered.undelayed, filtered.gated),
-        time=time_score(sample.records, study.measured()),
+        time=time_score(sample.records, study.measured(), model.inputs),
         delays=_delays(filtered, winner),
         offsets=_offsets(winner),
         holds=hold_scores(model, refinement),

@@ -22,6 +22,7 @@ from odescope.model.scores import (
     Streamed,
     SuspicionScore,
     TargetScore,
+    TimeScore,
 )
 
 SOUND = Denominator(data=(0.5, 1.0), box=(0.4, 1.1))
@@ -298,3 +299,11 @@ def test_reactions_that_lack_a_feed_are_uncertain_where_the_record_asks_for_nois
 
 def test_a_model_without_scores_is_not_called_uncertain():
     assert uncertain(None) == ""
+
+
+@pytest.mark.parametrize(("off", "warned"), [(0.04, True), (0.002, False)])
+def test_inputs_that_moved_in_their_gaps_are_warned_of(off, warned):
+    time = TimeScore(100, 0, 0, 0.0, 120, {"x": (20, 1)}, {"u": (20, off)})
+    told = [n for n in warnings_of(ModelScores(time=time), NONE) if "u lacks up to 20 samples in a row" in n]
+    assert bool(told) is warned
+    assert all('gaps = "split"' in n and "4.00 %" in n for n in told)
