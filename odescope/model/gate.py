@@ -17,6 +17,7 @@ from odescope.recordings.periods import sampled_alike
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral
 from odescope.signals.gated import REASONS, Reasons, gated_records
+from odescope.signals.outliers import MANY
 
 TOLD = 3  # ranges of time, of one reason
 EVEN = 1e-3  # of a period: what steps may differ by that a clock which counts from 1970 rounds
@@ -26,14 +27,15 @@ def counting_for(model: Model, records: Records) -> tuple[Records, tuple[str, ..
     """Return new recordings of a model without the samples that say nothing of it, and sentences on these.
 
     They are told by the filtered signal, as when a model is identified, so that the model has no say in it. A model
-    that was identified with all samples is run on all; of irregular recordings, and of angles that wrap, all count.
+    that was identified with all samples is run on all; of irregular recordings, of angles that wrap, and of logs of few
+    samples, in which a knee looks like an outlier, all count.
 
     Args:
         model: whose coordinates are looked at.
         records: with these coordinates, as they were recorded.
     """
     smooth = all(_even(run) and not _wraps(run, model.coordinates) for run in records)
-    if model.provenance.get("outliers", "gate") != "gate" or not smooth:
+    if model.provenance.get("outliers", "gate") != "gate" or not smooth or records.samples < MANY:
         return records, ()
     whole = Records(tuple(_bridged(run, model.coordinates) for run in records))
     together = [whole] if sampled_alike(whole) else [Records((run,)) for run in whole]

@@ -138,6 +138,11 @@ def test_a_model_that_was_identified_with_all_samples_is_judged_on_all():
     assert of(found, prediction="free run").rmse > 2.0 * NOISE
 
 
+def test_of_a_log_of_few_samples_all_count():
+    run = record(2, 200)
+    assert validate(TRUE, with_outliers(run, [100])).notes == ()
+
+
 def test_records_of_which_half_are_far_off_count_as_they_are():
     rng = np.random.default_rng(5)
     t = PERIOD * np.arange(400)
