@@ -13,7 +13,7 @@ from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Json, Model
 from odescope.model.notes import FLOWS
-from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore, TimeScore
+from odescope.model.scores import Denominator, FreeRun, ModelScores, OffsetScore, TargetScore, TimeScore
 from odescope.pipeline.adopted import Adopted
 from odescope.pipeline.joint_models import Search, samples_of
 from odescope.pipeline.reduce import Whole
@@ -39,6 +39,12 @@ def domain(signals: Signals, model: Model, whole: Whole | None) -> dict[str, tup
         index = [signals.row(name) for name in model.variables]
         low, high = np.minimum(low, whole.low[index]), np.maximum(high, whole.high[index])
     return dict(zip(model.variables, zip(low.tolist(), high.tolist(), strict=True), strict=True))
+
+
+def offset_scores(model: Model, refinement: Refinement | None) -> dict[str, OffsetScore]:
+    """Return the offsets of the model's coordinates, as the likelihood has them."""
+    found = {} if refinement is None else refinement.settings.offsets
+    return {c.name: found[c.name] for c in model.coordinates if c.offset}
 
 
 def scores(

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import msgspec
 
 from odescope.likelihood.refine import Refinement
 from odescope.model.model import Model
-from odescope.model.scores import HoldScore
+from odescope.model.scores import DelayScore, HoldScore
 from odescope.recordings.between_samples import looks_held
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Records
+from odescope.signals.delays import Delay
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
 
@@ -39,3 +41,17 @@ def hold_scores(model: Model, refinement: Refinement | None) -> dict[str, HoldSc
     gains, found = refinement.hold_gains, refinement.settings.holds
     there = [i for i in model.inputs if i.name in gains and i.hold == found.get(i.name)]
     return {i.name: HoldScore(i.hold, float(gains[i.name])) for i in there}
+
+
+def delay_scores(estimated: Mapping[str, Delay], model: Model, refinement: Refinement | None) -> dict[str, DelayScore]:
+    """Return the delays that were looked for, as the likelihood has them where it found more.
+
+    Args:
+        estimated: those of the regression, by input.
+        model: whose inputs have what was found.
+        refinement: what the likelihood led to.
+    """
+    delays = {name: DelayScore(d.seconds, d.std_error) for name, d in estimated.items()}
+    found = {} if refinement is None else refinement.settings.delays
+    acts = {i.name: i.delay for i in model.inputs}
+    return delays | {name: DelayScore(acts[name], d.std_error) for name, d in found.items() if acts[name]}
