@@ -104,20 +104,26 @@ def _without_spikes(recorded: Sequence[FloatArray]) -> list[FloatArray]:
     if sum(map(len, recorded)) < MANY:
         return list(recorded)
     between = [_between_neighbours(y) for y in recorded]
-    bound = FAR * robust_deviation(np.concatenate([y - m for y, m in zip(recorded, between, strict=True)]))
+    bound = FAR * robust_deviation(np.concatenate([y - m for y, (m, _) in zip(recorded, between, strict=True)]))
     if bound == 0.0:
         return list(recorded)
-    return [_clipped(y, m, bound) for y, m in zip(recorded, between, strict=True)]
+    return [
+        np.where(np.abs(y - m) > apart, _clipped(y, m, bound), y)
+        for y, (m, apart) in zip(recorded, between, strict=True)
+    ]
 
 
-def _between_neighbours(y: FloatArray) -> FloatArray:
-    """Return the middle of the means of neighbours (N,) of every sample; the ends are themselves."""
-    found, reach = y.copy(), max(NEIGHBOURS)
+def _between_neighbours(y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the middle of the means of neighbours (N,) of every sample, and how far these are apart.
+
+    A motion that bends moves them further apart than a sample is from their middle. The ends are themselves.
+    """
+    found, apart, reach = y.copy(), np.zeros(len(y)), max(NEIGHBOURS)
     if len(y) > 2 * reach:
         inside = slice(reach, len(y) - reach)
         means = [0.5 * (np.roll(y, k) + np.roll(y, -k))[inside] for k in NEIGHBOURS]
-        found[inside] = np.median(means, axis=0)
-    return found
+        found[inside], apart[inside] = np.median(means, axis=0), np.ptp(means, axis=0)
+    return found, apart
 
 
 def gate_outliers(records: Records, coordinates: Sequence[Coordinate], differentiator: Differentiator) -> Records:
