@@ -168,7 +168,7 @@ def test_libraries_of_forms_are_libraries() -> None:
     cart = "[coordinates.x]\norder = 2\ncyclic = true\n[coordinates.phi]\norder = 2\nangle = true\n[inputs.u]\n"
     masses = "[coordinates.x]\norder = 2\n[coordinates.y]\norder = 2\n"
     species = "".join(f"[coordinates.{name}]\n" for name in "SECP")
-    default, named, equal, composed, constants, timed = blocks("docs/forms.md", "toml")
+    default, named, equal, composed, constants, heated, timed = blocks("docs/forms.md", "toml")
     assert parse_study(cart + default).forms() == ("lagrangian",)
     mechanisms, left_out = parse_study(cart + named).mechanisms("lagrangian")
     assert len(mechanisms) == 10
@@ -180,6 +180,11 @@ def test_libraries_of_forms_are_libraries() -> None:
     assert parse_study(species + composed).forms() == ("reactions",)
     library = parse_study(species + constants).candidates("S_dot")
     assert "S*(K + S)**-1" in {t.text for t in library}
+    mechanisms, left_out = parse_study("".join(f"[coordinates.{name}]\n" for name in "ABC") + heated).mechanisms(
+        "reactions"
+    )
+    assert [m.name for m in mechanisms if m.kind == "reaction"] == ["A -> B", "B -> C"]
+    assert not left_out
     named_time = with_time(parse_study("[coordinates.x]\norder = 2\n" + timed))
     assert "sin(t*w)" in {t.text for t in named_time.candidates("x_ddot")}
 

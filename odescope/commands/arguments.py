@@ -15,7 +15,7 @@ from odescope.errors import InputError, nearest
 from odescope.library.parse import parse_term
 from odescope.recordings.coordinate import Hold
 from odescope.recordings.gaps import Gaps
-from odescope.recordings.headings import Heading
+from odescope.recordings.headings import Heading, find_label
 from odescope.recordings.readers import column_names, find_files
 from odescope.study.library_options import MOST_DEGREE, Candidates
 from odescope.study.options import Data, Driven, Measured, Study
@@ -169,7 +169,8 @@ def _each(
         name, read = label, None
         if not (name.isascii() and name.isidentifier()):
             # Only of a column that is there: anything else is a slip, and its plain name would hide that.
-            name, read = (Heading.of(label).name, label) if label in labels else (label, None)
+            read = find_label(label, labels, "the data")
+            name = label if read is None else Heading.of(read).name
         if not (name.isascii() and name.isidentifier()):
             near = nearest(label, labels)
             if near.startswith("did you mean"):

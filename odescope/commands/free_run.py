@@ -14,6 +14,7 @@ from odescope.arrays import FloatArray
 from odescope.commands.model_data import Sensors, TimeCells, label_of, named_numbers, units_told
 from odescope.errors import InputError
 from odescope.export.model_file import read_model
+from odescope.model.gate import counting_for
 from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
 from odescope.model.recorded import TimeColumns, lacking_columns, layout_for, model_columns, read_for
@@ -67,7 +68,7 @@ def free_runs(
     """
     model, columns = read_model(model_path), TimeColumns(time, sample_period, recording)
     given = named_numbers("--initial", initial, model.states, "state")
-    records, measured = _recordings(model, data_path, columns, given)
+    records, measured, told = _recordings(model, data_path, columns, given)
     out, notes, runs = io.StringIO(), [], list[Trajectory]()
     writer = csv.writer(out, lineterminator="\n")
     time_cells = TimeCells.of(model, data_path, columns)
@@ -87,13 +88,13 @@ def free_runs(
             where = f" of recording {label[0]}" if label else ""
             notes.append(f"the free run{where} ended early, at {len(result.t)} of {len(run)} samples: {result.ended}")
     fits = () if measured is None else _fits(model, records, runs, measured)
-    return FreeRuns(out.getvalue(), tuple(notes), (*fits, *units_told(model, time_cells)))
+    return FreeRuns(out.getvalue(), tuple(notes), (*fits, *told, *units_told(model, time_cells)))
 
 
 def _recordings(
     model: Model, data: Path, columns: TimeColumns, given: dict[str, float]
-) -> tuple[Records, Records | None]:
-    """Return the recordings to run on, and those with the coordinates where the file holds them."""
+) -> tuple[Records, Records | None, tuple[str, ...]]:
+    """Return the recordings to run on, those with the coordinates if the file holds them, and what does not count."""
     coordinates, inputs = [c.name for c in model.coordinates], [i.name for i in model.inputs]
     lacking = lacking_columns(coordinates, model, [data])
     if len(given) < len(model.states):
@@ -103,13 +104,15 @@ def _recordings(
                 f"no column {', '.join(map(repr, lacking))} in {data.name}, to which the state at the first sample"
                 f" would be fitted; name the column so, or give that state, {asked}"
             )
-        records = read_for(model, [data], columns, coordinates + inputs)
-        return records, records
+        counting, told = counting_for(model, read_for(model, [data], columns, coordinates + inputs))
+        return counting, counting, told
     # An autonomous model with every state given still needs the sample times.
     there = [n for n in coordinates if model_columns(model)[n] not in lacking]
     # Gaps in the coordinates are none of the run's business: inputs are read by themselves.
     records = read_for(model, [data], columns, inputs or there[:1] or coordinates)
-    return records, None if lacking else read_for(model, [data], columns, coordinates)
+    if lacking:
+        return records, None, ()
+    return records, *counting_for(model, read_for(model, [data], columns, coordinates))
 
 
 def _fits(model: Model, records: Records, runs: list[Trajectory], measured: Records) -> Iterator[str]:

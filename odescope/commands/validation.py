@@ -14,6 +14,7 @@ from odescope.errors import InputError
 from odescope.export.model_file import read_model
 from odescope.model.model import Model
 from odescope.model.recorded import TimeColumns
+from odescope.report.result_names import MODEL
 from odescope.validation.compare import compare
 from odescope.validation.validate import Validation, ValidationRow
 
@@ -37,10 +38,16 @@ class ValidationFiles:
             InputError: there is no model or no data.
         """
         found = [model_in(p) if model_in(p).exists() else p for p in named]
+        for path in found:
+            if not path.exists() and not set(path.name) & set("*?["):
+                raise InputError(f"no such file or folder: {path}")
         models = tuple(p for p in found if p.suffix.lower() == MODEL_ENDING)
         rest = (*(p for p in found if p not in models), *data)
         if not models:
-            raise InputError("name at least one model, a file that ends in .json, as identify writes it")
+            bare = [f"; {p} holds no {MODEL}" for p in named if p.is_dir()]
+            raise InputError(
+                f"name at least one model, a file that ends in .json, as identify writes it{''.join(bare)}"
+            )
         if not rest:
             raise InputError("name at least one data file after the models, or with --data")
         return ValidationFiles(models, rest)

@@ -62,6 +62,8 @@ class Mechanism:
         return frozenset(p.relation for p in self.parts)
 
     def __str__(self) -> str:
+        if self.kind == "reaction":  # fluxes are those of several
+            return self.name
         return f"{self.term} in {self.place}" if self.parts else self.term
 
 

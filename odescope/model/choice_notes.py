@@ -92,9 +92,9 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
     if found.found:
         gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
         return f"{what}: {listed(found.found)} instead{gain} {tried}"
-    lost = "none is better"
-    if found.gain:
-        lost = f"the best is {'worse' if found.gain < 0.0 else 'no more than better'} by {abs(found.gain):,.0f}"
+    lost = "none is better" if not found.gain else "none was kept in the end"
+    if found.gain is not None and found.gain < 0.0:
+        lost = f"the best is worse by {-found.gain:,.0f} in cost and price"
     return f"{what}: functions of it were tried, {lost} {tried}" + (
         f"; {_held_within(found)}" if _stands(found) else ""
     )

@@ -26,6 +26,7 @@ FAR = 0.5  # standard deviations of the record: free runs further off say that l
 OPEN = 0.1  # drift of a sum: no small leak, and no gain of a sensor that is a little off
 FLOWS = 'name what flows in or out as inputs, or add reactions with the world outside, such as "-> S" and "S ->"'
 HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
+BRIDGED = 0.01  # of the standard deviation of an input, that lines over its gaps are off by elsewhere
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
 REASONS = {
     "saturated": ("is saturated", "are saturated"),
@@ -140,6 +141,13 @@ def _lost(scores: ModelScores) -> Iterator[str]:
     """Yield where the model is not to be run, and what of the data it has not seen."""
     for target in _poles(scores):
         yield f"the denominator of {target} vanishes between the states of the data: expect poles when simulating"
+    for name, (longest, off) in {} if scores.time is None else scores.time.bridged.items():
+        if off > BRIDGED:
+            yield (
+                f"{name} lacks up to {longest} samples in a row, over which a straight line is off by {share(off)} of"
+                " its standard deviation elsewhere: what it did in such gaps biases coefficients, of which standard"
+                ' errors know nothing; [data] gaps = "split" does without them'
+            )
     if scores.left_out:
         yield f"{scores.left_out} recordings are shorter than a period of the cutoff and were left out"
 
@@ -166,9 +174,14 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
         yield f"{name} is {acts} between samples{gain}"
     for name, count in scores.outliers.items():
         if count and name in scores.gated:
-            yield f"{count} samples of {name} do not count: {listed([_gated(g) for g in scores.gated[name]])}"
+            yield gated_sentence(name, scores.gated[name])
         elif count:
             yield f"{count} samples of {name} are far from the filtered signal: they were clipped"
+
+
+def gated_sentence(name: str, found: Sequence[GatedScore]) -> str:
+    """Return how many samples of a coordinate do not count, and why."""
+    return f"{sum(g.samples for g in found)} samples of {name} do not count: {listed([_gated(g) for g in found])}"
 
 
 def _gated(found: GatedScore) -> str:
@@ -248,8 +261,8 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
         missed = "far more than" if judged.residual_variance is None else f"{judged.residual_variance**0.5:.2g} times"
         yield (
             f"no standard errors: even in short segments the best model misses the record by {missed} its noise, so"
-            " coefficients are the regression's; look for missing physics, such as dry friction, a delay, or an input"
-            " that was not recorded"
+            " coefficients are the regression's; look for what the library lacks, such as dry friction or a reaction,"
+            " for a delay, or for an input that was not recorded"
         )
         return
     if judged.process_noise is not None:

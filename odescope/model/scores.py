@@ -190,7 +190,9 @@ class TimeScore(msgspec.Struct, frozen=True):
 
     Of `rows` rows `disordered` were sorted and `doubled` merged with others; `jitter` is the largest of clocks whose
     stamps were smoothed, in sample periods. `missing` counts, by name, the samples of a coordinate that were not
-    measured, and the gaps they are in; `samples` how many each coordinate should have.
+    measured, and the gaps they are in; `samples` how many each coordinate should have. `bridged` has, by name, the
+    longest gap of an input in samples, and how far a straight line over as many is off elsewhere, in its standard
+    deviations.
     """
 
     rows: int
@@ -199,6 +201,7 @@ class TimeScore(msgspec.Struct, frozen=True):
     jitter: float
     samples: int
     missing: dict[str, tuple[int, int]]
+    bridged: dict[str, tuple[int, float]] = {}
 
 
 class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):

@@ -11,7 +11,8 @@ from scipy.special import chdtri, ndtri
 from odescope.arrays import FloatArray
 
 LEVEL = 0.95  # of the intervals
-LAGS = 20  # samples, up to which innovations are looked at
+LAGS = 20  # samples, up to which innovations are looked at,
+PART = 4  # of a log at most, of which there are too few pairs further apart
 
 
 @dataclass(frozen=True)
@@ -19,8 +20,9 @@ class Whiteness:
     """Innovations of one coordinate, each over the standard deviation that the observer expects.
 
     `rms` is their root mean square in the coordinate's unit; `variance` should be 1; `first` is the correlation of one
-    with the next, `largest` the largest up to 20 samples apart, at `lag`; of white ones 95 % of the correlations are
-    within `band`. `portmanteau` is Ljung and Box's sum of their squares, `limit` what 95 % of white ones stay below.
+    with the next, `largest` the largest up to 20 samples or a quarter of all apart, at `lag`; of white ones 95 % of the
+    correlations are within `band`. `portmanteau` is Ljung and Box's sum of their squares, `limit` what 95 % of white
+    ones stay below.
     """
 
     coordinate: str
@@ -112,13 +114,15 @@ def _whiteness(name: str, innovations: Sequence[FloatArray], expected: Sequence[
     there = np.concatenate([e[np.isfinite(e)] for e in scaled])
     count = len(there)
     variance = float(np.mean(there**2)) if count else float("nan")
-    correlations, portmanteau = np.zeros(LAGS), 0.0
-    for lag in range(1, LAGS + 1):
-        products = np.concatenate([e[lag:] * e[:-lag] for e in scaled if len(e) > lag] or [np.empty(0)])
-        products = products[np.isfinite(products)]
-        if len(products) and variance > 0.0:
-            correlations[lag - 1] = products.mean() / variance
-            portmanteau += (count + 2) / count * len(products) * correlations[lag - 1] ** 2
+    lags = max(min(LAGS, count // PART), 1)
+    correlations, portmanteau = np.zeros(lags), 0.0
+    for lag in range(1, lags + 1):
+        one, other = (np.concatenate([*parts, np.empty(0)]) for parts in _apart(scaled, lag))
+        both = np.isfinite(one) & np.isfinite(other)
+        size = float(np.linalg.norm(one[both]) * np.linalg.norm(other[both]))
+        if size > 0.0:
+            correlations[lag - 1] = one[both] @ other[both] / size
+            portmanteau += (count + 2) / count * np.count_nonzero(both) * correlations[lag - 1] ** 2
     largest = int(np.argmax(np.abs(correlations)))
     raw = np.concatenate([e[np.isfinite(e)] for e in innovations])
     return Whiteness(
@@ -131,5 +135,11 @@ def _whiteness(name: str, innovations: Sequence[FloatArray], expected: Sequence[
         lag=largest + 1,
         band=float(ndtri(0.5 + 0.5 * LEVEL)) / max(count, 1) ** 0.5,
         portmanteau=portmanteau,
-        limit=float(chdtri(LAGS, 1.0 - LEVEL)),
+        limit=float(chdtri(lags, 1.0 - LEVEL)),
     )
+
+
+def _apart(scaled: Sequence[FloatArray], lag: int) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return the innovations (N,) of every run less the last few, and those as many samples later."""
+    long = [e for e in scaled if len(e) > lag]
+    return [e[:-lag] for e in long], [e[lag:] for e in long]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from odescope.errors import check_kind
+from odescope.model.gate import counting_for
 from odescope.model.model import Model
 from odescope.model.recorded import records_for
 from odescope.observer.coefficient_errors import noise_of_coefficients
@@ -25,12 +26,16 @@ from odescope.recordings.record import Recorded
 
 @dataclass(frozen=True, eq=False)
 class StateEstimates:
-    """The states of all recordings, the noise that was assumed, and whether the innovations bear it out."""
+    """The states of all recordings, the noise that was assumed, and whether the innovations bear it out.
+
+    `notes` say which samples did not count.
+    """
 
     runs: tuple[StateEstimate, ...]
     noise: ObserverNoise
     consistency: Consistency
     smoothed: bool
+    notes: tuple[str, ...] = ()
 
     @property
     def lines(self) -> list[str]:
@@ -40,6 +45,7 @@ class StateEstimates:
             "measurement noise: " + ", ".join(f"{name} {value:.3g}" for name, value in self.noise.measurement.items()),
             f"process noise, times the root of a second: {process or 'none'}",
             *self.consistency.lines,
+            *self.notes,
             *(f"{run.source or 'the record'}: {run.ended}" for run in self.runs if run.ended),
         ]
 
@@ -59,7 +65,8 @@ def estimate_states(
 ) -> StateEstimates:
     """Return the states behind recordings, with standard deviations: extended Kalman filter, or smoother.
 
-    Samples may be irregular; one that was not measured (`Record.counts` is 0) updates nothing. States are the
+    Samples may be irregular; one that was not measured (`Record.counts` is 0) updates nothing, and of regular ones none
+    that is an outlier, read late or saturated, as when the model was identified: `notes` say which. States are the
     coordinates themselves, without what their sensors read more (the model's offsets).
 
     Args:
@@ -77,13 +84,14 @@ def estimate_states(
     check_kind(model, Model, "the observer's model")
     measurement = measurement_noise(model, noise)
     given = process_noise(model, process if isinstance(process, Mapping) else {})
-    recordings = [ReadyRecord.of(model, record) for record in records_for(model, data)]
+    counting, notes = counting_for(model, records_for(model, data))
+    recordings = [ReadyRecord.of(model, record) for record in counting]
     if not isinstance(process, Mapping):
         fitted = process == FIT or needs_process_noise(model)
         given = fit_process_noise(recordings, measurement) if fitted else given
         errors = noise_of_coefficients(recordings)
         given = {target: max(given[target], errors[target]) for target in model.targets}
-    return observed(recordings, ObserverNoise(measurement, given), smooth)
+    return replace(observed(recordings, ObserverNoise(measurement, given), smooth), notes=notes)
 
 
 def observed(recordings: Sequence[ReadyRecord], noise: ObserverNoise, smooth: bool = False) -> StateEstimates:

@@ -23,14 +23,15 @@ SQRT_2 = sqrt(2.0)
 PEAK = sqrt(2.0 / np.pi)  # of the slope of the mean sign of a normal deviate, times its standard deviation
 SHARPEST = 0.01  # of what friction does to an edge between two samples: narrower signs are too stiff to follow
 NARROWEST = 1e-12  # of the size of an edge: a width is not nothing
+SPREAD_ERROR = 1e-4  # of the covariance at the sample before: what the added spread may be off by in a step
 
 
 class Room(NamedTuple):
     """Scratch of a prediction.
 
     Shapes, for n states, T targets, K signs: work (slots, 1); a (T, T); y (T, 1); rho (T, n + K); by_sign (n, K);
-    widths (K,) over which signs are averaged; f (n, n); z, trial (n + 2 n n,) state, transition, added spread; k (7, n
-    + 2 n n) the slopes of a step.
+    widths (K,) over which signs are averaged; spread (n,) standard deviations at the sample before; f (n, n); z, trial
+    (n + 2 n n,) state, transition, added spread; k (7, n + 2 n n) the slopes of a step.
     """
 
     work: FloatArray
@@ -39,6 +40,7 @@ class Room(NamedTuple):
     rho: FloatArray
     by_sign: FloatArray
     widths: FloatArray
+    spread: FloatArray
     f: FloatArray
     z: FloatArray
     trial: FloatArray
@@ -59,6 +61,7 @@ def make_room(model, inputs):
         np.empty((targets, n + signs)),
         np.empty((n, signs)),
         np.empty(signs),
+        np.empty(n),
         np.empty((n, n)),
         np.empty(size),
         np.empty(size),
@@ -140,9 +143,9 @@ def _slope(model, z, q, room, out):
 
 @kernel()
 def set_widths(model, x, p, span, room):
-    """Set over which widths the signs are averaged until the next sample.
+    """Set over which widths the signs are averaged until the next sample, and the spread that its steps begin with.
 
-    That is the standard deviation of what the sign is of, but no less than a hundredth of what friction can do to it
+    A width is the standard deviation of what the sign is of, but no less than a hundredth of what friction can do to it
     until then. With a finite width what sticks creeps, by up to about that width; a narrower one takes more steps.
 
     Args:
@@ -150,9 +153,11 @@ def set_widths(model, x, p, span, room):
         x: (n,) the state.
         p: (n, n) the covariance of its error.
         span: seconds to the next sample.
-        room: its widths are written to; the inputs are in its work.
+        room: its widths and spread are written to; the inputs are in its work.
     """
     n, signs = x.shape[0], model.edges.shape[0]
+    for i in range(n):
+        room.spread[i] = sqrt(max(p[i, i], 0.0))
     for s in range(signs):
         variance, size = 0.0, abs(model.edges[s, n])
         for i in range(n):
@@ -186,11 +191,41 @@ def set_inputs(drive, node, fraction, first, room):
 
 
 @kernel()
+def _error(k, step, scale, rtol, spread):
+    """Return the root mean square error of a step in its units.
+
+    The error of a state counts by its size, that of the transition by what it does to states of such sizes, that of the
+    added spread beside the one before. Where friction sticks the added spread falls twice as fast as the transition
+    does, and a step that is stable for the one is not for the other.
+
+    Args:
+        k: (7, n + 2 n n) the slopes of the step.
+        step: its length.
+        scale: (n,) sizes of the states.
+        rtol: tolerance of state and transition.
+        spread: (n,) standard deviations at the sample before.
+    """
+    n, size, error = scale.shape[0], k.shape[1], 0.0
+    for i in range(size):
+        estimate = 0.0
+        for r in range(7):
+            estimate += ERROR[r] * k[r, i]
+        row, column = (i - n) // n % n, (i - n) % n
+        if i < n:
+            unit = rtol * scale[i]
+        elif i < n + n * n:
+            unit = rtol * scale[row] / scale[column]
+        else:
+            unit = SPREAD_ERROR * (spread[row] * spread[column] + rtol * scale[row] * scale[column])
+        error += (step * estimate / unit) ** 2
+    return sqrt(error / size)
+
+
+@kernel()
 def across(model, drive, node, q, scale, rtol, h, room):
     """Carry room.z over the interval after a node; return the length of the next step, 0 where it cannot be followed.
 
-    The step is that at which state and transition are right: the error of a state counts by its size, that of the
-    transition by what it does to states of such sizes.
+    The step is that at which state, transition and added spread are right (`_error`).
 
     Args:
         model: `LinearisedModel`.
@@ -202,7 +237,7 @@ def across(model, drive, node, q, scale, rtol, h, room):
         h: length of the first step, in seconds; 0 where none is known.
         room: z is written to.
     """
-    n, z, trial, k = q.shape[0], room.z, room.trial, room.k
+    n, z, trial, k, spread = q.shape[0], room.z, room.trial, room.k, room.spread
     span, done, fresh, steps = drive.t[node + 1] - drive.t[node], 0.0, True, 0
     if h <= 0.0 or h > drive.period[node]:
         h = drive.period[node]
@@ -219,14 +254,7 @@ def across(model, drive, node, q, scale, rtol, h, room):
                     total += STAGES[s, r] * k[r, i]
                 trial[i] = z[i] + step * total
             _slope(model, trial, q, room, k[s])
-        error = 0.0
-        for i in range(n + n * n):
-            estimate = 0.0
-            for r in range(7):
-                estimate += ERROR[r] * k[r, i]
-            unit = scale[i] if i < n else scale[(i - n) // n] / scale[(i - n) % n]
-            error += (step * estimate / (rtol * unit)) ** 2
-        error = sqrt(error / (n + n * n))
+        error = _error(k, step, scale, rtol, spread)
         steps += 1
         if error <= 1.0:
             done = span if step == span - done else done + step

@@ -17,7 +17,8 @@ from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore
 from odescope.pipeline.adopted import Adopted
 from odescope.pipeline.joint_models import Search, samples_of
 from odescope.pipeline.reduce import Whole
-from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.bridges import bridged
+from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.record import Records
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
@@ -140,12 +141,13 @@ def require_model(model: Model, follows: bool, exact: bool) -> None:
         )
 
 
-def time_score(records: Records, coordinates: Sequence[Coordinate]) -> TimeScore | None:
+def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> TimeScore | None:
     """Return what was wrong with the time of recordings; None where nothing was.
 
     Args:
         records: as they were read.
         coordinates: what was measured.
+        inputs: what drove it.
     """
     repairs = [run.repairs for run in records]
     lacking = {c.name: [run.counted(c.name) == 0.0 for run in records] for c in coordinates}
@@ -160,6 +162,7 @@ def time_score(records: Records, coordinates: Sequence[Coordinate]) -> TimeScore
         jitter=max(r.jitter for r in repairs),
         samples=records.samples,
         missing={name: told for name, told in missing.items() if told[0]},
+        bridged={i.name: gap for i in inputs if i.hold != "zero" and (gap := bridged(records, i.name))[0]},
     )
     return found if found.disordered or found.doubled or found.jitter or found.missing else None
 
@@ -182,6 +185,7 @@ def provenance(study: Study, signals: Signals, whole: Whole | None) -> dict[str,
         **({"time_unit": study.data.time_unit} if study.data.time_unit else {}),
         "columns": columns,
         **({"degrees": degrees} if degrees else {}),
+        **({"outliers": study.signals.outliers} if study.signals.outliers != "gate" else {}),
         "channels": channels,
         "recordings": len(signals.columns) if whole is None else whole.recordings,
         "seed": study.random.seed,

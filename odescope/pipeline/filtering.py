@@ -31,11 +31,9 @@ from odescope.selection.ranking import rank
 from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
 from odescope.signals.estimate import Signals, estimate_signals
 from odescope.signals.filling import filled
-from odescope.signals.gated import Reasons, reasons_of
-from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, gate_outliers, settle_clipping
-from odescope.signals.placeholders import without_placeholders
+from odescope.signals.gated import Reasons, gated_records
+from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, settle_clipping
 from odescope.signals.rates import refuse_rates
-from odescope.signals.slow_sensors import without_repeats
 from odescope.study.library_options import Form
 from odescope.study.options import Mechanisms, Study
 from odescope.study.pieces import versions
@@ -144,15 +142,11 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     gated: Reasons = {}
     gating, differentiator = study.signals.outliers == "gate", study.signals.differentiator
     with work.stage("signals"):
-        measured = sample.records
         if gating:
-            measured = without_repeats(without_placeholders(measured, study.measured()), study.measured())
-        records = filled(measured, study.measured(), differentiator)
-    if gating:
-        with work.stage("signals"):
-            records = gate_outliers(records, study.measured(), differentiator)
-            gated = reasons_of(sample.records, records, study.measured())
+            records, gated = gated_records(sample.records, study.measured(), differentiator)
             outliers = {name: sum(int(np.count_nonzero(found)) for found in of) for name, of in gated.items()}
+        else:
+            records = filled(sample.records, study.measured(), differentiator)
     if study.signals.outliers == "clip":
         with work.stage("signals"):
             records, outliers, clipping = _clipped(study, records)

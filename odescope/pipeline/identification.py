@@ -22,6 +22,7 @@ from odescope.likelihood.findings import doubts
 from odescope.likelihood.refine import Refinement
 from odescope.model.coefficients import CoefficientRow, rows_with_errors
 from odescope.model.display import equations_html
+from odescope.model.gate import gated_scores
 from odescope.model.given import GivenInputs, GivenState
 from odescope.model.model import SHOWN_DIGITS, Model
 from odescope.model.notes import notes_of, trust, uncertain, warnings_of
@@ -36,7 +37,6 @@ from odescope.pipeline.evaluation import domain, free_run_scores, provenance, re
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.forcing import with_forcing
 from odescope.pipeline.found_settings import delay_scores, hold_scores, offset_scores
-from odescope.pipeline.gate import gated_scores
 from odescope.pipeline.joint_models import Search, to_relation
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
@@ -379,7 +379,7 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         left_out=filtered.left_out,
         outliers=filtered.outliers,
         gated=gated_scores(filtered.undelayed, filtered.gated),
-        time=time_score(sample.records, study.measured()),
+        time=time_score(sample.records, study.measured(), model.inputs),
         delays=delay_scores(filtered.delays, model, refinement),
         offsets=offset_scores(model, refinement),
         holds=hold_scores(model, refinement),

@@ -30,6 +30,8 @@ from odescope.recordings.text_files import (
     settle_decimal,
 )
 
+SHEETS = (".xlsx", ".xls", ".xlsm", ".ods", ".numbers")
+
 
 @dataclass(frozen=True)
 class Format:
@@ -116,7 +118,8 @@ def opened(path: Path) -> Iterator[Format]:
         raise InputError(f"no such file: {path}")
     if found is None:
         known = ", ".join(ending for kind in FORMATS for ending in kind.endings)
-        raise InputError(f"{path.name} is of no known kind; expected one of {known}")
+        sheet = "; save the sheet as CSV" if path.name.lower().endswith(SHEETS) else ""
+        raise InputError(f"{path.name} is of no known kind; expected one of {known}{sheet}")
     if not path.stat().st_size:
         raise InputError(f"{path.name} is empty")
     try:

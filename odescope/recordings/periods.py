@@ -21,6 +21,12 @@ def common_period(records: Records) -> float:
     return float(periods[order[np.searchsorted(steps, 0.5 * steps[-1])]])
 
 
+def sampled_alike(records: Records) -> bool:
+    """Tell whether the periods of records are one but for what rounds."""
+    periods = [run.sample_period for run in records]
+    return max(periods) - min(periods) <= PERIODS_DIFFER * min(periods)
+
+
 def at_one_period(records: Records, held: frozenset[str]) -> Records:
     """Return uniform records on grids of one period, those that are sampled alike as they are.
 
@@ -30,10 +36,9 @@ def at_one_period(records: Records, held: frozenset[str]) -> Records:
         records: each on a uniform grid of its own.
         held: names of the columns that keep a value until the next one.
     """
-    period = common_period(records)
-    periods = [run.sample_period for run in records]
-    if max(periods) - min(periods) <= PERIODS_DIFFER * min(periods):
+    if sampled_alike(records):
         return records
+    period = common_period(records)
     return Records(tuple(_at_period(run, period, held) for run in records if run.duration >= period))
 
 

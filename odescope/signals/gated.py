@@ -10,13 +10,35 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Records
-from odescope.signals.outliers import PLATEAU
-from odescope.signals.placeholders import placeholder
+from odescope.signals.differentiators import Differentiator
+from odescope.signals.filling import filled
+from odescope.signals.outliers import PLATEAU, gate_outliers
+from odescope.signals.placeholders import placeholder, without_placeholders
+from odescope.signals.slow_sensors import without_repeats
 
 Reason = Literal["saturated", "repeated", "late", "outlier", "placeholder"]
 REASONS: tuple[Reason, ...] = get_args(Reason)
 
 Reasons = Mapping[str, tuple[IntArray, ...]]  # by coordinate, one (N,) a record: 0 counts, k is REASONS[k - 1]
+
+
+def gated_records(
+    records: Records, coordinates: Sequence[Coordinate], differentiator: Differentiator
+) -> tuple[Records, Reasons]:
+    """Return records in which samples that say nothing of the signal do not count, and why each of them does not.
+
+    Args:
+        records: uniformly sampled, at one period.
+        coordinates: what was measured.
+        differentiator: filters them.
+
+    Raises:
+        NoModelError: so many samples are far off that none is usual.
+    """
+    measured = without_repeats(without_placeholders(records, coordinates), coordinates)
+    measured = filled(measured, coordinates, differentiator)
+    found = gate_outliers(measured, coordinates, differentiator)
+    return found, reasons_of(records, found, coordinates)
 
 
 def reasons_of(before: Records, after: Records, coordinates: Sequence[Coordinate]) -> Reasons:

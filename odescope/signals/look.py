@@ -42,6 +42,9 @@ POSITIONS = re.compile(
 )
 ANGLES = re.compile(r".*(theta|phi|psi|angle|winkel|yaw|pitch|roll|heading)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE)
 LENGTHS = frozenset({"m", "mm", "cm", "um", "µm", "μm", "nm", "km", "in", "ft", "meter", "metre", "meters", "metres"})
+FORCES = re.compile(r"[kmM]?N\s?[*·.]?\s?(m|cm|mm)?|lbf")
+SWINGS = 1.5  # times its range: a smooth column that goes so far in all has turned back
+AN_UNKNOWN = "an amount? order 2 for a position; what drives goes to [inputs]"
 BY_NAME = "a position, by its name; order 1 for an amount"
 SPEEDS = frozenset({"m/s", "mm/s", "km/h", "rad/s", "deg/s", "°/s", "rpm", "1/min"})
 
@@ -85,7 +88,10 @@ def look(records: Records, headings: Mapping[str, Heading]) -> tuple[Seen, ...]:
     held = {name for name, own in moving.items() if _held(own)}
     named = {name for name in moving if COMMANDS.fullmatch(headings[name].name)}
     geometric = {name for name in moving if turns[name] is not None or _is_geometric(headings[name])}
-    commands = (held | named) - geometric
+    driving = {name for name in moving if _drives(headings[name])}
+    commands = (held | named | driving) - geometric
+    if not set(moving) - commands:  # something is to be explained: what nothing but its heading makes a command
+        commands = held
     smooth = [name for name in moving if name not in commands and turns[name] is None]
     filtered = _filtered(records, smooth)
     rates = _rates(filtered)
@@ -97,12 +103,15 @@ def look(records: Records, headings: Mapping[str, Heading]) -> tuple[Seen, ...]:
         elif name in rates:
             found.append(Seen(name, heading, "neither", f"the rate of {rates[name]}, which is found from it"))
         elif name in commands:
-            why = "held between its samples, as a command is" if name in held else "a command, by its name"
+            by_heading = "a command, by its name" if name in named else "a force or torque, by its unit"
+            why = "held between its samples, as a command is" if name in held else by_heading
             found.append(Seen(name, heading, "input", why, held=name in held))
         else:
             seen = _coordinate(name, heading, turns[name], set(rates.values()))
             if seen.why == BY_NAME and _is_amount(name, filtered, rates):
                 seen = replace(seen, order=1, why="an amount: its rate follows from the values; order 2 for a position")
+            if seen.why == AN_UNKNOWN and len(moving) == 1 and _swings(name, filtered):
+                seen = replace(seen, order=2, why="it swings by itself, as nothing of order 1 does")
             slow = ", read more often than it is measured" if is_slow(moving[name]) and _follows(moving[name]) else ""
             unclear = seen.angle and degrees_hints(records, [Coordinate(name, 2, True, unit=heading.unit)])
             doubt = ', in degrees? Then add unit = "deg"' if unclear else ""
@@ -174,6 +183,13 @@ def _is_amount(name: str, filtered: Filtered, rates: Mapping[str, str]) -> bool:
     return rate_explained([own[1] for own in filtered[name]], values) > AN_AMOUNT
 
 
+def _swings(name: str, filtered: Filtered) -> bool:
+    """Tell whether a column goes up and down by more than its range."""
+    own = [values[0] for values in filtered.get(name, ())]
+    way = sum(float(np.abs(np.diff(y)).sum()) for y in own)
+    return way > SWINGS * sum(float(np.ptp(y)) for y in own)
+
+
 def _rates(filtered: Filtered) -> dict[str, str]:
     """Return the columns that hold the rate of another, in whatever unit, and of which."""
     joined = {n: np.concatenate(own, axis=1) for n, own in filtered.items()}
@@ -185,6 +201,11 @@ def _rates(filtered: Filtered) -> dict[str, str]:
             if other != name and slope > 0.0 and share > best and given.get(other) != name:
                 given[name], best = other, share
     return given
+
+
+def _drives(heading: Heading) -> bool:
+    """Tell whether a heading is that of a force or torque, by its unit."""
+    return FORCES.fullmatch(heading.unit or "") is not None
 
 
 def _is_geometric(heading: Heading) -> bool:
@@ -210,4 +231,4 @@ def _coordinate(name: str, heading: Heading, turn: float | None, with_rate: set[
         return Seen(name, heading, "coordinate", why)
     if unit is None and POSITIONS.fullmatch(heading.name):
         return Seen(name, heading, "coordinate", BY_NAME, 2)
-    return Seen(name, heading, "coordinate", "an amount? order 2 for a position")
+    return Seen(name, heading, "coordinate", AN_UNKNOWN)

@@ -29,6 +29,8 @@ COUNTS = 1.5  # of a sensor: what runs into the end of its range comes by more a
 PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
 ROUNDS = 8
+MANY = 300  # samples of a log, which is then fast beside its motion
+NEIGHBOURS = (1, 2, 3, 4, 5)  # samples away, on either side
 
 
 @dataclass(frozen=True)
@@ -53,15 +55,26 @@ def settle_clipping(records: Records, coordinates: Sequence[Coordinate], differe
         coordinates: what was measured.
         differentiator: filters them.
     """
-    rounds = {c.name: _robustly_filtered(records, c, differentiator, ROUNDS)[0] for c in coordinates}
+    rounds = {
+        c.name: _robustly_filtered(records, c, differentiator, ROUNDS, [run.column(c.name) for run in records])[0]
+        for c in coordinates
+    }
     return Clipping(rounds, records.runs[0].sample_period)
 
 
 def _robustly_filtered(
-    records: Records, coordinate: Coordinate, differentiator: Differentiator, rounds: int
+    records: Records, coordinate: Coordinate, differentiator: Differentiator, rounds: int, clipped: list[FloatArray]
 ) -> tuple[tuple[tuple[float, float], ...], list[FloatArray]]:
-    """Return cutoff and bound of every round of clipping, at most so many, and the filtered signal of the last."""
-    recorded = clipped = [run.column(coordinate.name) for run in records]
+    """Return cutoff and bound of every round of clipping, at most so many, and the filtered signal of the last.
+
+    Args:
+        records: uniformly sampled, at one period.
+        coordinate: what was measured.
+        differentiator: filters it.
+        rounds: at most.
+        clipped: (N,) the samples of every record that the first round filters.
+    """
+    recorded = [run.column(coordinate.name) for run in records]
     measured = [run.counted(coordinate.name) > 0.0 for run in records]
     taken, smooth = list[tuple[float, float]](), recorded
     for _ in range(rounds):
@@ -78,6 +91,39 @@ def _robustly_filtered(
         if moved < 0.01 * bound:
             break
     return tuple(taken), smooth
+
+
+def _without_spikes(recorded: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return samples (N,) clipped about their neighbours, of which the first cutoff is found.
+
+    Spikes in one of several records stand above the noise of all at every frequency: taken for signal they would have
+    the first cutoff so high that no round of clipping comes back from there. What is usual is told by the middle one
+    of the means of the neighbours at one to five samples on either side, as two spikes in a row leave that alone.
+    In a log of few samples the motion turns within as many: there a knee would be clipped.
+    """
+    if sum(map(len, recorded)) < MANY:
+        return list(recorded)
+    between = [_between_neighbours(y) for y in recorded]
+    bound = FAR * robust_deviation(np.concatenate([y - m for y, (m, _) in zip(recorded, between, strict=True)]))
+    if bound == 0.0:
+        return list(recorded)
+    return [
+        np.where(np.abs(y - m) > apart, _clipped(y, m, bound), y)
+        for y, (m, apart) in zip(recorded, between, strict=True)
+    ]
+
+
+def _between_neighbours(y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the middle of the means of neighbours (N,) of every sample, and how far these are apart.
+
+    A motion that bends moves them further apart than a sample is from their middle. The ends are themselves.
+    """
+    found, apart, reach = y.copy(), np.zeros(len(y)), max(NEIGHBOURS)
+    if len(y) > 2 * reach:
+        inside = slice(reach, len(y) - reach)
+        means = [0.5 * (np.roll(y, k) + np.roll(y, -k))[inside] for k in NEIGHBOURS]
+        found[inside], apart[inside] = np.median(means, axis=0), np.ptp(means, axis=0)
+    return found, apart
 
 
 def gate_outliers(records: Records, coordinates: Sequence[Coordinate], differentiator: Differentiator) -> Records:
@@ -134,11 +180,12 @@ def _residuals(
     records: Records, coordinate: Coordinate, differentiator: Differentiator, rounds: int, steps: float
 ) -> tuple[float, float, list[FloatArray]]:
     """Return the bound of the last round of clipping, the residual from which on a sample is far, and residuals."""
-    taken, smooth = _robustly_filtered(records, coordinate, differentiator, rounds)
+    recorded = [run.column(coordinate.name) for run in records]
+    taken, smooth = _robustly_filtered(records, coordinate, differentiator, rounds, _without_spikes(recorded))
     bound = taken[-1][1] if taken else 0.0
     motion = np.concatenate([np.diff(s) for s in smooth])
     limit = max(FAR * bound / BEND, steps * float(np.sqrt(np.mean(motion**2)))) if taken else np.inf
-    rest = [run.column(coordinate.name) - s for run, s in zip(records, smooth, strict=True)]
+    rest = [y - s for y, s in zip(recorded, smooth, strict=True)]
     return bound, limit, rest
 
 

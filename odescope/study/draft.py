@@ -15,13 +15,14 @@ from odescope.errors import InputError
 from odescope.recordings.chunks import Chunk
 from odescope.recordings.columns import numbers, recording_codes, row_seconds
 from odescope.recordings.coordinate import check_name
-from odescope.recordings.dates import DAY, FORMS
+from odescope.recordings.dates import DAY
 from odescope.recordings.formats import Format, opened
 from odescope.recordings.headings import Heading, TimeUnit, doubtful_time_unit, time_unit
 from odescope.recordings.layout import Layout
 from odescope.recordings.periods import at_one_period
 from odescope.recordings.readers import column_names, read_chunk
 from odescope.recordings.record import Records
+from odescope.recordings.text_files import NUMBER
 from odescope.signals.look import Role, Seen, look
 from odescope.study.looked_at import column_of, looked_at
 from odescope.study.toml import moved, parse_study
@@ -32,6 +33,7 @@ TIMES = re.compile(
 LABELS = re.compile(r"(run|segment|recording|experiment|trial|lap|series|batch|episode|id)(_.*)?", re.IGNORECASE)
 STEADY = 4.0  # times the median: no step of a clock that nobody calls one is longer
 LEAST_ROWS = 32  # of a recording, on average
+BACK = 0.25  # of the steps go back of what is no clock, however it is called: T may be a temperature
 WIDTH = 46  # columns of text before a comment
 
 
@@ -78,18 +80,24 @@ def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
         InputError: the file cannot be read, or no column may be a coordinate.
     """
     labels = column_names(file)
+    if all(NUMBER.fullmatch(label) for label in labels):
+        raise InputError(
+            f"the first line of {file.name} holds numbers, where column names are expected: add such a line"
+        )
     chunks = looked_at(file, labels[0])
     with opened(file) as kind:
         read = {label: column_of(kind, chunks, label) for label in dict.fromkeys(labels)}
-        columns = {label: column.values for label, column in read.items() if column is not None}
-        dated = [label for label, column in read.items() if column is not None and column.dated]
+        columns = {label: column.values for label, column in read.items() if not column.refusal}
+        dated = [label for label, column in read.items() if column.dated]
+        refusals = {label: column.refusal for label, column in read.items() if column.refusal}
         clock = clock_of({label: values[: chunks[0].stop] for label, values in columns.items()}, dated)
         recording = _recording(kind, file, tuple(read), clock)
     taken = (clock.label, recording, *dated)
     others = [n for n in columns if n not in taken and np.isfinite(columns[n]).any()]
     headings = headings_of(others)
     if not headings:
-        raise InputError(f"{file.name} holds no numbers beside the time; its columns are {', '.join(labels)}")
+        said = f"{file.name} holds no numbers beside the time; its columns are {', '.join(labels)}"
+        raise InputError("; ".join([said, *_told(refusals)]))
     layout = _layout(clock, recording, headings)
     records = Records(tuple(stretch.record for chunk in chunks for stretch in read_chunk(chunk, layout)))
     seen = look(at_one_period(records, frozenset()), headings)
@@ -97,25 +105,29 @@ def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
         at_rest = {n for n in records.names if all(np.ptp(run.column(n)) == 0.0 for run in records)}
         seen = tuple(_seldom(s, file, layout) if s.name in at_rest else s for s in seen)
     if not any(s.role == "coordinate" for s in seen):
-        told = "; ".join(f"{s.heading.label}: {s.why}" for s in seen)
+        told = "; ".join([*(f"{s.heading.label}: {s.why}" for s in seen), *_told(refusals)])
         raise InputError(f"no column of {file.name} looks like a coordinate ({told}): write a study, or use identify")
     empty = [label for label in labels if label not in (*others, clock.label, clock.date, recording)]
-    unused = {label: _no_numbers(label, label in dated) for label in empty}
+    unused = {label: refusals.get(label, "dates" if label in dated else "no numbers, or none") for label in empty}
     sampled = _sampled(clock, records, chunks)
+    if len(sources) > 1 or sources[0] != file:
+        sampled = f"{file.name}: {sampled}"
     text = "\n".join(_lines(sources, folder, clock, recording, sampled, seen, unused)) + "\n"
     parse_study(text)
     return Drafted(text, sampled, seen, unused)
 
 
-def _no_numbers(label: str, dated: bool) -> str:
-    """Return why a column without numbers is left out."""
-    if dated:
-        return "dates"
-    return "no numbers, or none" + (f"; {FORMS}" if TIMES.fullmatch(Heading.of(label).name) else "")
+def _told(refusals: Mapping[str, str]) -> list[str]:
+    """Return what columns hold that hold no numbers; of a file that cannot be read all say one thing."""
+    reasons = list(refusals.values())
+    one_by_one = [f"{label}: {why}" for label, why in refusals.items()]
+    return reasons[:1] if len(reasons) > 1 and len(set(reasons)) == 1 else one_by_one
 
 
 def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColumn:
     """Return the column of the time: by its name, else one of dates, else one that grows in even steps.
+
+    A column that is called so and is in a unit of something else, or often goes back, is none.
 
     Args:
         columns: the numbers in each (N,).
@@ -124,6 +136,8 @@ def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColum
     moving = [label for label, values in columns.items() if np.any(np.diff(values) > 0.0)]
     for label in moving:
         heading = Heading.of(label)
+        if (heading.unit is not None and time_unit(label) is None) or _goes_back(columns[label]):
+            continue
         if label not in dated and (TIMES.fullmatch(heading.name) or (time_unit(label) and heading.unit is None)):
             unit, doubt = time_unit(label), doubtful_time_unit(label)
             why = f"in seconds? Its heading says {doubt}: say which in time_unit" if doubt else ""
@@ -137,6 +151,12 @@ def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColum
         if len(steps) and np.all(steps > 0.0) and steps.max() < STEADY * np.median(steps) and values[0] == 0.0:
             return ClockColumn(label, time_unit(label) or "s", "it grows in even steps")
     return ClockColumn(None, "s", "")
+
+
+def _goes_back(values: FloatArray) -> bool:
+    """Tell whether numbers (N,) go back too often for a clock, which does so where a recording begins."""
+    back, on = np.count_nonzero(np.diff(values) < 0.0), np.count_nonzero(np.diff(values) > 0.0)
+    return bool(back > BACK * (back + on))
 
 
 def _recording(kind: Format, file: Path, labels: Sequence[str], clock: ClockColumn) -> str | None:

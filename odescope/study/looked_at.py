@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -24,10 +25,11 @@ PARTS, PART_ROWS = 8, 50_000  # of a longer log
 
 @dataclass(frozen=True, eq=False)
 class ReadColumn:
-    """The numbers (N,) in a column, and whether they are dates."""
+    """The numbers (N,) in a column, and whether they are dates; `refusal` says what one of something else holds."""
 
     values: FloatArray
     dated: bool
+    refusal: str = ""
 
 
 def looked_at(file: Path, label: str) -> tuple[Chunk, ...]:
@@ -47,8 +49,8 @@ def looked_at(file: Path, label: str) -> tuple[Chunk, ...]:
     return tuple(parts[k] for k in np.linspace(0, len(parts) - 1, PARTS).round().astype(int).tolist())
 
 
-def column_of(kind: Format, chunks: Sequence[Chunk], label: str) -> ReadColumn | None:
-    """Return a column of numbers or dates in some parts of a file; None for one of something else.
+def column_of(kind: Format, chunks: Sequence[Chunk], label: str) -> ReadColumn:
+    """Return a column of numbers or dates in some parts of a file.
 
     Args:
         kind: of the file.
@@ -59,8 +61,8 @@ def column_of(kind: Format, chunks: Sequence[Chunk], label: str) -> ReadColumn |
     for chunk in chunks:
         read = kind.read if chunk.whole or kind.read_chunk is None else partial(_of_chunk, kind.read_chunk, chunk)
         own = read_column(read, chunk.path, label)
-        if own is None:
-            return None
+        if own.refusal:
+            return own
         found.append(own)
     return ReadColumn(np.concatenate([own.values for own in found]), any(own.dated for own in found))
 
@@ -69,8 +71,8 @@ def _of_chunk(read_chunk: Callable[[Chunk, Layout], Columns], chunk: Chunk, _: P
     return read_chunk(chunk, layout)
 
 
-def read_column(read: Callable[[Path, Layout], Columns], file: Path, label: str) -> ReadColumn | None:
-    """Return a column of numbers or dates, None for one of something else.
+def read_column(read: Callable[[Path, Layout], Columns], file: Path, label: str) -> ReadColumn:
+    """Return a column of numbers or dates.
 
     Args:
         read: what reads it, from the whole file or its head.
@@ -81,5 +83,7 @@ def read_column(read: Callable[[Path, Layout], Columns], file: Path, label: str)
     try:
         column = read(file, layout)[label]
         return ReadColumn(times(column, layout, file.name), is_dates(column))
-    except InputError:
-        return None
+    except InputError as error:
+        # How many such cells there are depends on how much of the file was read.
+        said = re.sub(r" and \d+ more", " and others", str(error).removeprefix(f"column {label!r} in {file.name} "))
+        return ReadColumn(np.empty(0), False, said)

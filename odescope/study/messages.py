@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from types import NoneType
 from typing import Any, get_args, get_type_hints
 
 import msgspec
@@ -99,5 +100,5 @@ def _choices(path: str) -> list[str]:
         kinds = [str(kind.__struct_config__.tag) for kind in get_args(_KINDS[parts[-2]])]
         return kinds + [name for place in PLACES if place.key == parts[-2] for name in place.installed()]
     hint = get_type_hints(_SECTIONS[parts[0]])[parts[-1]]
-    options = [value for part in get_args(hint) for value in (get_args(part) or (part,))]
+    options = [value for part in get_args(hint) for value in (get_args(part) or (part,)) if value is not NoneType]
     return ["true, false" if value is bool else str(value) for value in options]

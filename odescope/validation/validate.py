@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, check_kind
+from odescope.model.gate import counting_for
 from odescope.model.model import Model
 from odescope.model.recorded import records_for
 from odescope.model.simulation import Trajectory
@@ -71,7 +72,8 @@ def validate(
 ) -> Validation:
     """Return how well models predict recordings.
 
-    Every run starts from a state that is fitted to its own first stretch (`initial_state`).
+    Every run starts from a state that is fitted to its own first stretch (`initial_state`). Outliers, late reads and
+    saturated samples do not count, as when a model is identified, and the notes say which these are.
 
     Args:
         models: one, or several by name.
@@ -89,7 +91,12 @@ def validate(
     for model in named.values():
         check_kind(model, Model, "what is validated")
     records = records_for(next(iter(named.values())), data)
-    return together([_validated(name, model, records, noise) for name, model in named.items()])
+    parts = list[Validation]()
+    for name, model in named.items():
+        counting, notes = counting_for(model, records)
+        found = _validated(name, model, counting, noise)
+        parts.append(replace(found, notes=(*notes, *found.notes)))
+    return together(parts)
 
 
 def together(parts: Sequence[Validation]) -> Validation:
@@ -97,7 +104,7 @@ def together(parts: Sequence[Validation]) -> Validation:
     return Validation(
         rows=tuple(row for part in parts for row in part.rows),
         runs=tuple(run for part in parts for run in part.runs),
-        notes=tuple(note for part in parts for note in part.notes),
+        notes=tuple(dict.fromkeys(note for part in parts for note in part.notes)),
     )
 
 

@@ -51,7 +51,7 @@ def open_log(path: Path) -> LogFile:
     """
     with opened(path) as kind:
         labels = tuple(dict.fromkeys(kind.names(path)))
-        heads = {label: found for label in labels if (found := read_column(kind.read_head, path, label)) is not None}
+        heads = {label: found for label in labels if not (found := read_column(kind.read_head, path, label)).refusal}
         clock = clock_of({n: c.values for n, c in heads.items()}, [n for n, c in heads.items() if c.dated])
         drawn = [label for label, column in heads.items() if label != clock.label and not column.dated]
         if not drawn:

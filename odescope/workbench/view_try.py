@@ -15,7 +15,9 @@ from odescope.model.model import Model
 from odescope.model.recorded import UNSAID, read_for
 from odescope.model.simulation import Trajectory, simulate
 from odescope.report.page import number
+from odescope.report.units import quantity_units, shown
 from odescope.validation.compare import compare
+from odescope.validation.domain import outside_domain
 from odescope.validation.validate import Validation
 from odescope.workbench import charts
 from odescope.workbench.excitation import Excitation, Shape, sample_times
@@ -145,15 +147,22 @@ class SimulationView:
         return t, inputs, simulate(self._model, t, inputs or None, start)
 
     def _show(self, t: FloatArray, inputs: dict[str, FloatArray], found: Trajectory) -> None:
+        units = quantity_units(self._model)
+        labels = {name: f"{name} ({shown(unit)})" if shown(unit) else name for name, unit in units.items()}
+        run = {state: found.column(state) for state in self._model.states}
         plots = [
-            LongPlot(state, (LongLine("model", "model", Overview.of([found.t], [found.column(state)])),))
-            for state in self._model.states
+            LongPlot(labels[state], (LongLine("model", "model", Overview.of([found.t], [values])),))
+            for state, values in run.items()
         ]
-        plots += [LongPlot(n, (LongLine("input", "recorded", Overview.of([t], [u])),)) for n, u in inputs.items()]
+        plots += [
+            LongPlot(labels[n], (LongLine("input", "recorded", Overview.of([t], [u])),)) for n, u in inputs.items()
+        ]
         self._drawn.clear()
         with self._drawn:
             LongChart(plots, "time (s)", "the simulated states and the inputs over time")
         with self._said:
+            for sentence in outside_domain(self._model, {n: [y] for n, y in (run | inputs).items()}):
+                complaint(sentence)
             if found.ended:
                 complaint(f"the run ended at {number(float(found.t[-1]))} s: {found.ended}")
 

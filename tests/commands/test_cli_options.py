@@ -58,6 +58,12 @@ def test_a_heading_that_is_nearly_one_is_named(odescope):
     write("units.csv", {"t": LOG["t"], "speed [rad/s]": LOG["x"], "voltage [V]": LOG["u"]})
     said = odescope.refused("identify", "units.csv", "--time", "t", "--coordinate", "sped [rad/s]")
     assert "there is no column 'sped [rad/s]'; did you mean 'speed [rad/s]'?" in said
+    write("units.csv", {"time (ms)": 1e3 * LOG["t"], "U C (V)": LOG["x"], "U in (V)": LOG["u"]})
+    given = ("--time", "time", "--coordinate", "U C:order=2", "--input", "U in")
+    assert odescope("identify", "units.csv", *given, "--out", "found").code == 0
+    found = json.loads(Path("found/model.json").read_text())
+    assert (found["targets"], found["inputs"][0]["name"]) == (["U_C_ddot"], "U_in")
+    assert found["provenance"]["columns"] == {"U_C": "U C (V)", "U_in": "U in (V)"}
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,9 @@ def test_times_that_cannot_be_read_are_told_with_what_can(here, odescope):
     rows = [f"31/01/2024 08:{k // 60:02}:{k % 60:02},{x:.4f}\n" for k, x in enumerate(motion(3)[:600].tolist())]
     Path("log.csv").write_text("Time,x (mm)\n" + "".join(rows))
     assert odescope("init", "log.csv").code == 0
-    assert "#   Time: no numbers, or none; dates are read as 2024-01-31 12:00:00.5" in Path("log.toml").read_text()
+    (told,) = [line for line in Path("log.toml").read_text().splitlines() if line.startswith("#   Time: ")]
+    assert "'31/01/2024 08:00:00'" in told
+    assert "dates are read as 2024-01-31 12:00:00.5" in told
 
 
 @pytest.mark.parametrize(
@@ -201,7 +203,10 @@ def test_names_that_formulae_cannot_use_are_replaced(here):
     ("columns", "part"),
     [
         ({"t": T}, "holds no numbers beside the time"),
-        ({"t": T, "u": motion(1)}, "no column of log.csv looks like a coordinate (u: a command, by its name)"),
+        (
+            {"t": T, "u": np.sign(motion(1))},
+            "no column of log.csv looks like a coordinate (u: held between its samples, as a command is)",
+        ),
     ],
 )
 def test_a_log_without_coordinates_is_refused(odescope, columns, part):
@@ -226,3 +231,61 @@ def test_a_day_and_a_clock_in_two_columns_are_one_time(odescope):
     written = [line.partition(",")[0] for line in Path("run.csv").read_text().splitlines()]
     assert written[0] == "Time"
     assert [np.datetime64(cell, "us") for cell in written[1:]] == stamps
+
+
+def test_a_column_of_something_else_that_is_called_as_the_time_is_none(here):
+    rows = [
+        f"05.03.2024 08:{k // 60:02}:{k % 60:02},{x:.4f},{y:.1f}\n"
+        for k, (x, y) in enumerate(zip(motion(3)[:600].tolist(), (60.0 + motion(5)[:600]).tolist(), strict=True))
+    ]
+    for heading in ("T (°C)", "T"):
+        Path("log.csv").write_text(f"Datum,level (mm),{heading}\n" + "".join(rows))
+        found = draft(Path("log.csv"), [Path("log.csv")], Path())
+        assert parse_study(found.text).data.time == "Datum"
+
+
+def test_forces_and_torques_drive_by_their_units(here):
+    columns = {
+        "t": T,
+        "phi (deg)": 40.0 * motion(1),
+        "M [Nm]": motion(2),
+        "load (N m)": motion(3),
+        "push (kN)": motion(4),
+    }
+    study, text = drafted(columns)
+    assert list(study.coordinates) == ["phi"]
+    assert list(study.inputs) == ["M", "load", "push"]
+    assert text.count("# a force or torque, by its unit") == 3
+
+
+def test_what_is_there_alone_is_explained_whatever_it_is_called(here):
+    study, text = drafted({"time (ms)": 1000.0 * T, "Voltage (V)": np.sin(5.0 * T) + 0.01 * motion(1)})
+    assert study.coordinates == {"Voltage": Measured(column="Voltage (V)", order=2, unit="V")}
+    assert "# it swings by itself, as nothing of order 1 does" in text
+    decay = np.exp(-0.3 * T) + 0.01 * RNG.standard_normal(len(T))
+    assert drafted({"t": T, "voltage": decay})[0].coordinates["voltage"].order == 1
+    switched = np.repeat(RNG.integers(0, 2, 30), 50)
+    study, _ = drafted({"t": T, "U in (V)": switched, "voltage": motion(3)})
+    assert (list(study.coordinates), list(study.inputs)) == (["voltage"], ["U_in"])
+
+
+def test_cells_that_are_no_numbers_are_told_where_a_column_is_left_out(here, odescope):
+    cells = [repr(x) for x in motion(1)[:99].tolist()]
+    cells[7] = "fail"
+    rows = [f"{t!r},{x},{t * t!r}\n" for t, x in zip(T[:99].tolist(), cells, strict=True)]
+    Path("log.csv").write_text("t,x,u\n" + "".join(rows))
+    assert odescope("init", "log.csv").code == 0
+    assert "#   x: has cells that are not numbers (line 9: 'fail')" in Path("log.toml").read_text()
+    Path("ragged.csv").write_text("t,x\n0.0,1.0\n0.1,2.0,3.0\n")
+    assert "line 3 of ragged.csv has 3 cells where the header has 2" in odescope.refused("init", "ragged.csv")
+    Path("twice.csv").write_text("t,x,x\n0.0,1.0,2.0\n0.1,2.0,3.0\n")
+    assert "twice.csv has 2 columns named 'x'" in odescope.refused("init", "twice.csv")
+    Path("bare.csv").write_text("0.0,1.0\n0.1,2.0\n0.2,2.5\n")
+    assert "the first line of bare.csv holds numbers" in odescope.refused("init", "bare.csv")
+
+
+def test_of_several_files_the_one_that_was_looked_at_is_named(here, odescope):
+    for name in ("a.csv", "b.csv"):
+        write(name, {"t": T, "x": motion(1)})
+    assert odescope("init", "a.csv", "b.csv", "--out", "both.toml").code == 0
+    assert "# a.csv: 1500 samples in 1 recording" in Path("both.toml").read_text()

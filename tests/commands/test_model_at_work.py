@@ -197,11 +197,14 @@ def test_validate_takes_data_by_option_and_warns_outside_the_domain(machine):
         (("model.json", "model.json", "log.csv"), "named twice"),
         (("model.json", "other.json", "log.csv"), "same coordinates: model is about x, other about y"),
         (("model.json", "bare.csv"), "no column 'x', 'u' in bare.csv"),
+        (("results", "log.csv"), "no such file or folder: results"),
+        (("empty", "log.csv"), "empty holds no model.json"),
     ],
 )
 def test_validate_refuses_with_one_message_and_writes_nothing(machine, arguments, said):
     log = oscillator(200)
     write("bare.csv", {"t": log["t"], "position": log["x"]})
+    Path("empty").mkdir()
     other = Path("model.json").read_text().replace('"x', '"y').replace('"name": "x"', '"name": "y"')
     Path("other.json").write_text(other)
     assert said in machine.refused("validate", *arguments, "--out", "judged")

@@ -9,6 +9,7 @@ import pytest
 from hand_models import MODELS, relation
 from scipy.integrate import solve_ivp
 
+from odescope.export.about import about
 from odescope.export.languages.python import to_python
 from odescope.export.model_file import to_json
 from odescope.library.parse import Scope
@@ -154,3 +155,9 @@ def test_every_digit_is_there():
     source = to_python(MODELS["rational"])
     for value in (0.1 + 0.2, 1 / 3, 1e-17, 5.55):
         assert repr(value) in source
+
+
+def test_the_head_says_what_states_are_in_and_where_the_model_holds():
+    model = MODELS["rational"]
+    assert to_python(model).startswith("\n".join(('"""Equations of motion, written by odescope.', *about(model)[1:])))
+    assert "x [m]" in to_python(model).partition("import numpy")[0]

@@ -99,6 +99,12 @@ def test_names_fluxes_and_sizes(text, name, term, size):
     assert (found.name, found.term, found.size) == (name, term, size)
 
 
+def test_a_reaction_is_called_by_its_name_as_several_have_one_flux():
+    one, other = named("S + E -> C", "S + E -> P + E")
+    assert one.term == other.term
+    assert (str(one), str(other)) == ("S + E -> C", "S + E -> P + E")
+
+
 def test_a_catalyst_stays_in_the_flux_and_has_no_part():
     (found,) = named("S + E -> P + E")
     assert found.term == "E*S"

@@ -22,6 +22,7 @@ from odescope.model.scores import (
     Streamed,
     SuspicionScore,
     TargetScore,
+    TimeScore,
 )
 
 SOUND = Denominator(data=(0.5, 1.0), box=(0.4, 1.1))
@@ -121,6 +122,8 @@ def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
         suspicions=(
             SuspicionScore(target="x_dot", variable="x", reason="powers", terms=2, found=(), **tried),
             SuspicionScore(target="x_dot", variable="y", reason="fractions", terms=2, found=(), **tried),
+            SuspicionScore(target="x_dot", variable="z", reason="powers", terms=2, found=(), **tried | {"gain": 6e5}),
+            SuspicionScore(target="x_dot", variable="w", reason="powers", terms=2, found=(), **tried | {"gain": -7.0}),
         ),
     )
     doubts = msgspec.structs.replace(NONE, thin=(("x*y", "y_dot", 2.345),))
@@ -129,6 +132,8 @@ def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
     for part, warns in {
         "left out of the library": False,
         "holds several powers of x": False,
+        "powers of z: functions of it were tried, none was kept in the end": False,
+        "powers of w: functions of it were tried, the best is worse by 7 in cost and price": False,
         "holds y in a denominator": True,
         "vanishes between": True,
         "2 recordings are shorter": True,
@@ -294,3 +299,11 @@ def test_reactions_that_lack_a_feed_are_uncertain_where_the_record_asks_for_nois
 
 def test_a_model_without_scores_is_not_called_uncertain():
     assert uncertain(None) == ""
+
+
+@pytest.mark.parametrize(("off", "warned"), [(0.04, True), (0.002, False)])
+def test_inputs_that_moved_in_their_gaps_are_warned_of(off, warned):
+    time = TimeScore(100, 0, 0, 0.0, 120, {"x": (20, 1)}, {"u": (20, off)})
+    told = [n for n in warnings_of(ModelScores(time=time), NONE) if "u lacks up to 20 samples in a row" in n]
+    assert bool(told) is warned
+    assert all('gaps = "split"' in n and "4.00 %" in n for n in told)

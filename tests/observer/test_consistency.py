@@ -38,7 +38,9 @@ def test_the_numbers_are_those_of_direct_sums():
     samples = np.concatenate([first[:, 1], second[:, 1]])
     samples = samples[np.isfinite(samples)]
     assert y.samples == len(samples) == 105
-    assert y.first == pytest.approx(np.mean(there[:, 0] * there[:, 1]) / np.mean(samples**2))
+    assert y.first == pytest.approx(
+        there[:, 0] @ there[:, 1] / np.linalg.norm(there[:, 0]) / np.linalg.norm(there[:, 1])
+    )
     assert y.limit == pytest.approx(chi2.ppf(0.95, LAGS))
 
 
@@ -55,3 +57,13 @@ def test_innovations_that_go_together_and_such_as_are_too_large_are_told():
     assert not large.consistent
     assert all(w.white for w in large.coordinates)
     assert "not white" in coloured.lines[1]
+
+
+def test_no_correlation_of_a_short_log_passes_one_and_pairs_far_apart_do_not_count():
+    """Of 19 samples there are two pairs at 17 samples: their product says nothing, and was more than the variance."""
+    found = [judged(np.random.default_rng(seed).standard_normal((19, 2))) for seed in range(300)]
+    channels = [w for f in found for w in f.coordinates]
+    assert max(w.lag for w in channels) == 4
+    assert max(abs(w.largest) for w in channels) < 1.0
+    assert 0.90 < np.mean([w.white for w in channels]) < 0.98
+    assert judged(np.full((2, 2), 1.0)).coordinates[0].lag == 1

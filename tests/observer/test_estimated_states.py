@@ -213,3 +213,29 @@ def test_a_noise_that_is_not_known_is_asked_for():
         estimate_states(PENDULUM, record, {"phi": 0.0})
     with pytest.raises(InputError, match=r"which is no target"):
         estimate_states(PENDULUM, record, {"phi": 0.1}, {"phi_dot": 0.1})
+
+
+def test_what_sticks_where_a_sample_is_lost_stays_as_well_known_as_it_was():
+    """The spread of a velocity that friction holds falls twice as fast as its transition: no step may outrun that."""
+    table = build(
+        [Coordinate("phi", order=2)],
+        [Input("m")],
+        [("phi_ddot", "1", 0.05), (None, "phi_dot", 0.02), (None, "sign(phi_dot)", 0.06), (None, "m", -1.0)],
+    )
+    rng = np.random.default_rng(1)
+    t = 0.005 * np.arange(4000)
+    m = np.interp(t, np.arange(0.0, 21.0, 0.4), 0.2 * rng.standard_normal(53))
+    states = simulate(table, t, m[:, None], np.array([0.0, 0.5])).states
+    resting = np.abs(states[:, 1]) < 1e-9
+    assert np.mean(resting) > 0.03
+    lost = rng.random(len(t)) < 0.1
+    values = np.column_stack([states[:, 0] + 0.005 * rng.standard_normal(len(t)), m])
+    record = Record(t, values, ("phi", "m"), counts=np.column_stack([np.where(lost, 0.0, 1.0), np.ones(len(t))]))
+    found = estimate_states(table, record, {"phi": 0.005}, {"phi_ddot": 0.005})
+    (run,) = found.runs
+    at = np.flatnonzero(lost & resting & (np.arange(len(t)) > run.settling))
+    assert len(at) > 10
+    assert run.ended is None
+    assert run.column_std("phi_dot")[run.settling :].max() < 0.2
+    assert np.all(run.column_std("phi_dot")[at] < 2.0 * run.column_std("phi_dot")[at - 1] + 0.01)
+    assert found.consistency.squared < 1.3

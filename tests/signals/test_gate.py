@@ -1,5 +1,7 @@
 """Samples that say nothing of the signal: late reads, outliers, ends of a sensor's range; and the steps of a sensor."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -116,3 +118,19 @@ def test_values_without_steps_have_none():
     _, x = motion()
     assert sensor_step([x + NOISE * np.random.default_rng(6).standard_normal(len(x))]) == 0.0
     assert sensor_step([np.repeat([1.0, 2.0, 4.5, 4.63], 100)]) == 0.0
+
+
+@pytest.mark.parametrize("rows", [[200, 640], [200, 202, 640], [3, 200, 201, 640]])
+def test_spikes_in_one_of_two_records_do_not_pass_for_signal_at_high_frequencies(rows):
+    """Far above the noise of the other record at every frequency, they had the cutoff near half the sampling rate."""
+    rng = np.random.default_rng(8)
+    t = 0.02 * np.arange(1000)
+    runs = []
+    for start, count in ((0.0, 1000), (1.0, 600)):
+        x = 0.5 * np.sin(1.3 * t + start) + 0.01 * rng.standard_normal(1000)
+        runs.append(Record(t[:count], x[:count, None], ("x",)))
+    spoilt = runs[0].values.copy()
+    spoilt[rows] += 0.8
+    found = gate_outliers(Records.of([replace(runs[0], values=spoilt), runs[1]]), X, Spectral())
+    gone = [np.flatnonzero(run.counted("x") == 0.0).tolist() for run in found]
+    assert gone == [rows, []]

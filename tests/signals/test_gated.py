@@ -3,7 +3,7 @@
 import numpy as np
 from test_gate import X, motion
 
-from odescope.pipeline.gate import gated_scores
+from odescope.model.gate import gated_scores
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral
 from odescope.signals.gated import REASONS, reasons_of

@@ -299,3 +299,10 @@ def test_moved_files_are_the_same_files(tmp_path, monkeypatch):
         assert there.data.files == ("../a b/run.csv", "../far.csv")
         assert (new / there.data.files[0]).resolve() == (tmp_path / "a b" / "run.csv").resolve()
         assert re.sub("files.*", "", repr(there)) == re.sub("files.*", "", repr(study))
+
+
+def test_the_choices_that_are_told_are_those_of_toml():
+    with pytest.raises(
+        InputError, match=r"unknown value 'year' at `data.time_unit`; there are: s, ms, us, ns, min, h, d$"
+    ):
+        parse_study('[data]\ntime_unit = "year"\n[coordinates.x]\n')

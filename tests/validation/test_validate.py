@@ -109,3 +109,44 @@ def test_a_run_that_ends_early_has_no_fit():
 def test_no_model_is_refused():
     with pytest.raises(InputError, match="no model"):
         validate({}, record(0, 100))
+
+
+def with_outliers(run, rows):
+    values = run.values.copy()
+    values[rows, 0] += 0.8
+    return replace(run, values=values)
+
+
+def test_outliers_of_a_new_log_do_not_count_and_are_told():
+    runs = [record(0, 1000), record(1, 600)]
+    plain = validate({"true": TRUE, "wrong": WRONG}, runs)
+    found = validate({"true": TRUE, "wrong": WRONG}, [with_outliers(runs[0], [3, 200, 201, 640]), runs[1]])
+    for prediction in ("free run", "many starts", "one step"):
+        clean, gated = (of(v, model="true", recording=ALL, prediction=prediction) for v in (plain, found))
+        assert gated.rmse == pytest.approx(clean.rmse, rel=0.1)
+    free = of(found, model="true", recording="run 0", prediction="free run")
+    assert free.valid_time == free.duration
+    (told,) = [note for note in found.notes if "do not count" in note]
+    assert told.startswith("4 samples of x do not count: 4 are outliers")
+    assert plain.notes == ()
+
+
+def test_a_model_that_was_identified_with_all_samples_is_judged_on_all():
+    kept = replace(TRUE, provenance={**TRUE.provenance, "outliers": "keep"})
+    found = validate(kept, with_outliers(record(0, 1000), [200]))
+    assert found.notes == ()
+    assert of(found, prediction="free run").rmse > 2.0 * NOISE
+
+
+def test_of_a_log_of_few_samples_all_count():
+    run = record(2, 200)
+    assert validate(TRUE, with_outliers(run, [100])).notes == ()
+
+
+def test_records_of_which_half_are_far_off_count_as_they_are():
+    rng = np.random.default_rng(5)
+    t = PERIOD * np.arange(400)
+    saturated = Record(
+        t, np.column_stack([np.clip(3.0 * np.sin(2.0 * t), -1.0, 1.0), rng.standard_normal(400)]), ("x", "u")
+    )
+    assert any(note.startswith("all samples count: ") for note in validate(TRUE, saturated).notes)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from odescope.export.about import about
 from odescope.library.expression import Power, signed_sum
 from odescope.library.printer import Language, print_combination
 from odescope.model.model import Model
 from odescope.model.switches import smoothed
 from odescope.recordings.coordinate import state_chain
 
-_TEMPLATE = '''"""Equations of motion, written by odescope.
-
-States: {states}
-Inputs: {inputs}
+_TEMPLATE = '''"""{about}
 {note}"""
 
 import numpy as {np}
@@ -65,8 +63,7 @@ def to_python(model: Model) -> str:
     if inputs:
         unpack += f"    {_unpacked(inputs)} = {acting}({own['t']}, {own['given']})\n"
     return _TEMPLATE.format(
-        states=", ".join(model.states),
-        inputs=", ".join(inputs) or "none",
+        about="\n".join(about(model)),
         note=_NOTE if smooth != [r.right for r in model.relations] else "",
         states_tuple=repr(model.states),
         inputs_tuple=repr(inputs),

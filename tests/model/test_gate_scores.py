@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from odescope.pipeline.gate import TOLD, gated_scores
+from odescope.model.gate import TOLD, gated_scores
 from odescope.recordings.record import Record, Records
 
 PERIOD, COUNT = 0.01, 1000
