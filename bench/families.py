@@ -117,6 +117,14 @@ def _growth(_, x, u):
     return (1.0 + 0.7 * u - 0.4 * np.exp(x[0] / 0.7),)
 
 
+def _shaken(t, x, _):
+    return x[1], 1.5 * np.sin(1.37 * t + 1.1) - 4.0 * x[0] - 0.3 * x[1]
+
+
+def _season(t, x, _):
+    return x[0] * (1.0 - 0.5 * x[1]) + 0.2 * np.sin(0.9 * t), x[1] * (0.4 * x[0] - 0.8)
+
+
 ONE_INPUT = {"u": Driven()}
 THREE = ((0.1, 2.0), (1.5, 0.3), (1.0, 1.0))
 SYSTEMS = {
@@ -171,6 +179,15 @@ SYSTEMS = {
     "reaction, unnamed exponential": System(
         _growth, [(0.0,), (1.0,)], np.arange(0.0, 60.0, 0.05), "x", 1, Candidates(),
         [{"1": 1.0, "u": 0.7, "exp(x/rise_x)": -0.4}], {"rise_x": 0.7}, feed, ONE_INPUT,
+    ),
+    "oscillator, unrecorded forcing": System(
+        _shaken, [(0.5, 0.0)], np.arange(0.0, 40.0, 0.02), "x", 2, Candidates(),
+        [{"x": -4.0, "x_dot": -0.3, "sin(rate_t*t)": 1.5 * np.cos(1.1), "cos(rate_t*t)": 1.5 * np.sin(1.1)}],
+        {"rate_t": 1.37},
+    ),
+    "populations, unrecorded season": System(
+        _season, [(1.0, 2.0)], np.arange(0.0, 40.0, 0.05), "ab", 1, Candidates(),
+        [{"a": 1.0, "a*b": -0.5, "sin(rate_t*t)": 0.2}, {"b": -0.8, "a*b": 0.4}], {"rate_t": 0.9},
     ),
 }  # fmt: skip
 

@@ -20,6 +20,7 @@ from odescope.library.product import Product
 from odescope.library.readable import readable
 from odescope.likelihood.add_and_drop import GAIN, Moves
 from odescope.likelihood.budget import Budget
+from odescope.likelihood.explicit import explicit, rates
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import thinned
 from odescope.likelihood.imitation import SEEN, Choice, Imitated, Placed, choices_of
@@ -29,7 +30,7 @@ from odescope.likelihood.search import WIDTHS, Outcome, WhiteResiduals, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT
 from odescope.likelihood.settings import Start
-from odescope.likelihood.suspicion import Suspicion, explicit, imitates, rates, values_of_variables
+from odescope.likelihood.suspicion import Suspicion, imitates, values_of_variables
 
 STEPS = 4  # of RK4 at most, but for dry friction: what is found here is fitted again
 RIVALS = {0: 3, 1: 3, 2: 2}  # functions of a suspicion that are fitted, by number of their constants
@@ -299,8 +300,7 @@ class _Work:
         theta = self.written(relation, fit.theta, base, [*others, rival], imitated)
         if theta is None:
             return None
-        defect_std = self.space.segments.spread * self.width
-        trial = self.space.fit(theta, np.flatnonzero(theta), fit.x0, defect_std, iterations=FEW)
+        trial = self.space.fit(theta, np.flatnonzero(theta), fit.x0, self.moves().defect_std, iterations=FEW)
         if trial is None or trial.cost + self.least(trial, relation) > bar:
             return None
         return _Standing(self.pruned(trial), (*standing.placed[:k], rival, *standing.placed[k + 1 :]))

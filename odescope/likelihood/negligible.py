@@ -13,7 +13,7 @@ import numpy as np
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error
-from odescope.likelihood.search import THIN, Outcome
+from odescope.likelihood.search import THIN, Outcome, fitted_again
 from odescope.likelihood.search_space import SearchSpace
 
 SHARE = 1e-3  # of the largest term of a relation, root mean squares over the record
@@ -36,8 +36,7 @@ def without_negligible(space: SearchSpace, outcome: Outcome) -> Outcome:
     while (leaner := one_less(space, here, here.wald / max(outcome.scale, 1.0), defect_std)) is not None:
         here, k, statistic = leaner
         trail.append(space.move(outcome.width, "drop", k, statistic, here))
-    prices = space.penalty[here.free], space.price(here)
-    return replace(outcome, fit=here, penalties=prices[0], price=prices[1], trail=tuple(trail))
+    return fitted_again(space, replace(outcome, trail=tuple(trail)), here)
 
 
 def one_less(space: SearchSpace, here: Fit, wald: FloatArray, defect_std: FloatArray) -> tuple[Fit, int, float] | None:

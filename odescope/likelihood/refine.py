@@ -30,7 +30,7 @@ from odescope.likelihood.process_noise import (
     search_with_process_noise,
 )
 from odescope.likelihood.program import Frame
-from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, in_whole
+from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, fitted_again, in_whole
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.searches import joined, searches
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
@@ -326,8 +326,7 @@ def _shortened(space: SearchSpace, outcome: Outcome, path: ModelPath) -> tuple[M
     shorter = space.again(path.choice.fit, space.segments.initial, space.segments.spread * outcome.width)
     if shorter is None:
         return path, outcome
-    prices = space.penalty[shorter.free], space.price(shorter)
-    return path, replace(outcome, fit=shorter, penalties=prices[0], price=prices[1])
+    return path, fitted_again(space, outcome, shorter)
 
 
 def _evidence(space: SearchSpace, outcome: Outcome) -> Evidence | None:

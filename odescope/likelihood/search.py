@@ -178,7 +178,7 @@ def in_whole(space: SearchSpace, outcome: Outcome) -> Outcome | None:
             break
         here = space.again(here, here.x0, spread * width)
     if here is None or np.isinf(outcome.width):
-        return None if here is None else replace(outcome, fit=here)
+        return None if here is None else fitted_again(space, outcome, here)
     return settle_again(space, outcome, here)
 
 
@@ -192,14 +192,19 @@ def settle_again(space: SearchSpace, outcome: Outcome, found: Fit) -> Outcome:
     """
     trail = list(outcome.trail)
     fit = _settle(space, found, outcome.width, trail)
-    return replace(
-        outcome,
-        fit=fit,
-        scale=_scale(space, fit, outcome.width),
-        penalties=space.penalty[fit.free],
-        price=space.price(fit),
-        trail=tuple(trail),
-    )
+    return fitted_again(space, replace(outcome, trail=tuple(trail)), fit)
+
+
+def fitted_again(space: SearchSpace, outcome: Outcome, found: Fit) -> Outcome:
+    """Return the end of a search with another fit at its width, and what that costs.
+
+    Args:
+        space: of the fit.
+        outcome: of the search.
+        found: the fit.
+    """
+    prices = space.penalty[found.free], space.price(found)
+    return replace(outcome, fit=found, scale=_scale(space, found, outcome.width), penalties=prices[0], price=prices[1])
 
 
 def _torn(space: SearchSpace, found: Fit) -> bool:

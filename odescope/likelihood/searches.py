@@ -12,6 +12,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
+from odescope.likelihood.explicit import singular
 from odescope.likelihood.search import TIED, Outcome, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SHORT
@@ -32,7 +33,7 @@ def searches(
 ) -> list[Outcome]:
     """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails.
 
-    Of few samples every start is searched from.
+    Of few samples every start is searched from, and where a denominator of the model passes zero.
 
     Every search has its own part of the budget, so that it ends alike wherever it runs.
 
@@ -60,7 +61,7 @@ def searches(
             continue
         outcomes.append(found)
         # What a function with constants says, others can nearly say; and few samples are followed by many models.
-        if found.clear and not space.needed and space.segments.samples > FEW:
+        if found.clear and not space.needed and space.segments.samples > FEW and not singular(space, found.fit):
             break
     if failed and plain is not None:
         monitor.tell(Progress("likelihood", "search from plain relations", 0, 1))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.narrowing import narrowed
-from odescope.likelihood.search import Outcome, settle_again
+from odescope.likelihood.search import Outcome, fitted_again, settle_again
 from odescope.likelihood.search_space import SearchSpace
 
 FINEST = 8  # steps of RK4 a block average, at most, while a search is on
@@ -34,7 +33,7 @@ def with_finer_steps(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace,
     """Halve the steps until that no longer matters at the end of a search; what coarse steps asked for may go then."""
     finer, found = halve_steps(space, outcome.fit, space.segments.spread * outcome.width)
     if finer.evaluator.substeps == space.evaluator.substeps:
-        return finer, replace(outcome, fit=found)
+        return finer, fitted_again(finer, outcome, found)
     return finer, settle_again(finer, outcome, found)
 
 
@@ -47,7 +46,7 @@ def with_narrow_friction(space: SearchSpace, outcome: Outcome) -> tuple[SearchSp
         return space, outcome
     defect_std = space.segments.spread * outcome.width
     narrow, found = narrowed(space, outcome.fit, defect_std, HALVINGS)
-    end = replace(outcome, fit=found)
+    end = fitted_again(narrow, outcome, found)
     return narrow, end if end.clear else settle_again(narrow, end, found)
 
 

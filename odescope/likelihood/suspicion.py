@@ -6,7 +6,6 @@ docs/method.md, Suspicion.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,6 +15,7 @@ from odescope.arrays import FloatArray
 from odescope.library.expression import ONE, Call, Name, Term
 from odescope.library.product import Product
 from odescope.likelihood.evidence import between, in_blocks
+from odescope.likelihood.explicit import explicit, rates
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WHITE
@@ -98,36 +98,6 @@ def _residual(space: SearchSpace, found: Fit, names: Collection[str]) -> list[Su
         if shares and max(shares.values()) > GOES_WITH:
             suspected.append(Suspicion(r, max(shares, key=lambda n: shares[n]), "residual"))
     return suspected
-
-
-def rates(space: SearchSpace) -> FloatArray:
-    """Return the targets, as differences of smoothed states say, (targets, N)."""
-    segments, frame = space.segments, space.frame
-    found: FloatArray = np.empty((len(frame.targets), len(segments.filtered)))
-    for low, high in segments.runs:
-        slopes = np.gradient(segments.filtered[low:high], segments.step, axis=0)
-        for state, after in enumerate(frame.following):
-            if after < 0:
-                found[-1 - after, low:high] = slopes[:, state]
-    return found
-
-
-def explicit(space: SearchSpace, found: Fit) -> FloatArray:
-    """Return the targets as a model has them at the smoothed states, (targets, N); NaN where it has none."""
-    frame, samples = space.frame, len(space.segments.filtered)
-    matrix, right = np.zeros((samples, len(frame.targets), len(frame.targets))), np.zeros((samples, len(frame.targets)))
-    parts = [(k, p) for k in found.present for p in space.mechanisms[k].parts]
-    values = space.evaluated([p.product.term for _, p in parts], found.theta)
-    for (k, part), column in zip(parts, values, strict=True):
-        size = found.theta[k] * part.share * column
-        if part.product.factor is None:
-            right[:, part.relation] -= size
-        else:
-            matrix[:, part.relation, frame.targets.index(part.product.factor)] += size
-    solved = np.full_like(right, np.nan)
-    with suppress(np.linalg.LinAlgError):
-        solved[:] = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
-    return np.ascontiguousarray(solved.T)
 
 
 def _share(residual: FloatArray, variable: FloatArray) -> float:

@@ -20,7 +20,10 @@ SUSPECTED = {
     "fractions": "{target} holds {variable} in a denominator",
     "residual": "what is unexplained of {target} goes with {variable}",
     "angle": "{variable} may be an angle",
+    "periodic": "what is unexplained of {target} goes at {low:.4g} to {high:.4g} rad/s, as under a forcing that was"
+    " not recorded",
 }
+RESIDUAL = ("residual", "periodic")  # reasons that no terms of the model give
 MANY = 3  # powers of one variable that are rarely a law
 FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
 
@@ -32,7 +35,7 @@ def findings(scores: ModelScores | None) -> tuple[str, ...]:
     return (
         *_of_the_versions(scores.versions),
         *_of_the_forms(scores.forms),
-        *(_of_a_suspicion(s) for s in scores.suspicions if s.found or s.terms or s.reason == "residual"),
+        *(_of_a_suspicion(s) for s in scores.suspicions if s.found or s.terms or s.reason in RESIDUAL),
         *_of_the_path(scores.path),
         *_of_constants(scores.conserved),
     )
@@ -47,7 +50,7 @@ def unsettled(suspicions: Sequence[SuspicionScore]) -> Iterator[str]:
 
 def _stands(found: SuspicionScore) -> bool:
     """Say whether terms that are left may still imitate a function."""
-    if found.found or not (found.terms or found.reason == "residual"):
+    if found.found or not (found.terms or found.reason in RESIDUAL):
         return False
     return not found.tried or found.reason == "fractions" or found.terms >= MANY
 
@@ -80,7 +83,9 @@ def _version(of: VersionScore) -> str:
 
 def _of_a_suspicion(found: SuspicionScore) -> str:
     """Return what competed with powers and fractions of a variable, and how, with a warning where these are left."""
-    what = SUSPECTED[found.reason].format(variable=found.variable, target=found.target)
+    what = SUSPECTED[found.reason].format(variable=found.variable, target=found.target, low=found.low, high=found.high)
+    if found.reason == "periodic":
+        return f"{what}: {_forced(found)}"
     if not found.tried:
         return f"{what}: functions of it could not be tried; {_held_within(found)}"
     tried = f"({listed(found.tried)} competed)"
@@ -93,6 +98,12 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
     return f"{what}: functions of it were tried, {lost} {tried}" + (
         f"; {_held_within(found)}" if _stands(found) else ""
     )
+
+
+def _forced(found: SuspicionScore) -> str:
+    if not found.tried:
+        return "name the column of the time, in seconds ([data] time), and sines of it are tried"
+    return f"{listed(found.found)} instead" if found.found else f"{listed(found.tried)} were tried and are no better"
 
 
 def _held_within(found: SuspicionScore) -> str:

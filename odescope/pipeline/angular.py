@@ -51,7 +51,8 @@ def with_angles(
     """
     study, signals = work.study, filtered.signals
     angles = [n for n in study.suspects if n in signals.states and may_be_angle(signals.joined()[signals.row(n)])]
-    if study.library.basis is not None or not angles or not filtered.sample.complete:
+    by_hand = study.library.basis is not None or study.library.extra
+    if by_hand or not angles or not filtered.sample.complete:
         return refinement, ()
     if refinement is not None and refinement.exact and not suspected:
         return refinement, ()

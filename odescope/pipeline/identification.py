@@ -26,7 +26,7 @@ from odescope.model.given import GivenInputs, GivenState
 from odescope.model.model import SHOWN_DIGITS, Model
 from odescope.model.notes import notes_of, trust, uncertain, warnings_of
 from odescope.model.relation import Relation, RelationTerm
-from odescope.model.scores import DelayScore, Doubts, ModelScores, OffsetScore, Streamed
+from odescope.model.scores import Doubts, ModelScores, Streamed
 from odescope.model.screen import screen
 from odescope.model.simulation import Trajectory
 from odescope.parallel.dask_cluster import open_workers
@@ -34,8 +34,9 @@ from odescope.pipeline.adopted import Adopted, adopted
 from odescope.pipeline.competition import Contender, Winner, compete, regress
 from odescope.pipeline.evaluation import domain, free_run_scores, provenance, require_model, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
+from odescope.pipeline.forcing import with_forcing
+from odescope.pipeline.found_settings import delay_scores, hold_scores, offset_scores
 from odescope.pipeline.gate import gated_scores
-from odescope.pipeline.inputs import hold_scores
 from odescope.pipeline.joint_models import Search, to_relation
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
@@ -266,19 +267,29 @@ def identify(
 
     def run(version: Study, monitor: Monitor) -> tuple[Identification, Contender]:
         settled, own = settled_columns(version, data)
-        return _identified(Work(with_time(settled), monitor, workers, deadline), own, store)
+
+        def under(posed: Study, monitor: Monitor) -> tuple[Identification, Contender]:
+            return _identified(Work(with_time(posed), monitor, workers, deadline), own, store)
+
+        result, contender, suspected = with_forcing(settled, monitor, under, NothingFound)
+        known = () if result.model.scores is None else result.model.scores.suspicions
+        return _with_scores(result, suspicions=(*known, *suspected)), contender
 
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
     with threadpool_limits(1, "blas"), open_workers(cluster) as workers:
         result, versions = best_version(study, monitor, run, NothingFound)
-    if versions:
-        told = msgspec.structs.replace(result.model.scores or ModelScores(), versions=versions)
-        result = replace(result, model=replace(result.model, scores=told))
+    result = _with_scores(result, versions=versions)
     monitor.tell(EquationsReady(result))
     warned = result.warnings
     for note in result.notes:
         monitor.tell(Note(note, note in warned))
     return result
+
+
+def _with_scores(result: Identification, **told: object) -> Identification:
+    """Return a result with these scores of its model."""
+    scores = msgspec.structs.replace(result.model.scores or ModelScores(), **told)
+    return replace(result, model=replace(result.model, scores=scores))
 
 
 def _identified(
@@ -358,20 +369,6 @@ def _present(model: Model, refinement: Refinement | None) -> tuple[Mechanism, ..
     return tuple(refinement.space.mechanisms[k] for k in refinement.fit.present)
 
 
-def _delays(filtered: Filtered, winner: Winner) -> dict[str, DelayScore]:
-    """Return the delays that were looked for, as the likelihood has them where it found more."""
-    delays = {name: DelayScore(d.seconds, d.std_error) for name, d in filtered.delays.items()}
-    found = {} if winner.refinement is None else winner.refinement.settings.delays
-    acts = {i.name: i.delay for i in winner.model.inputs}
-    return delays | {name: DelayScore(acts[name], d.std_error) for name, d in found.items() if acts[name]}
-
-
-def _offsets(winner: Winner) -> dict[str, OffsetScore]:
-    """Return the offsets of the model's coordinates."""
-    found = {} if winner.refinement is None else winner.refinement.settings.offsets
-    return {c.name: found[c.name] for c in winner.model.coordinates if c.offset}
-
-
 def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winner) -> Model:
     """Return the model with its scores, its domain and what it was made from."""
     model, refinement = winner.model, winner.refinement
@@ -383,8 +380,8 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         outliers=filtered.outliers,
         gated=gated_scores(filtered.undelayed, filtered.gated),
         time=time_score(sample.records, study.measured()),
-        delays=_delays(filtered, winner),
-        offsets=_offsets(winner),
+        delays=delay_scores(filtered.delays, model, refinement),
+        offsets=offset_scores(model, refinement),
         holds=hold_scores(model, refinement),
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
         forms=winner.forms,

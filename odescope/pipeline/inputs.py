@@ -7,8 +7,6 @@ from dataclasses import replace
 import msgspec
 
 from odescope.likelihood.refine import Refinement
-from odescope.model.model import Model
-from odescope.model.scores import HoldScore
 from odescope.recordings.between_samples import looks_held
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Records
@@ -30,12 +28,3 @@ def under_found_holds(signals: Signals, refinement: Refinement | None) -> Signal
     holds = {} if refinement is None else refinement.settings.holds
     inputs = (msgspec.structs.replace(i, hold=holds.get(i.name, i.hold)) for i in signals.inputs)
     return replace(signals, inputs=tuple(inputs))
-
-
-def hold_scores(model: Model, refinement: Refinement | None) -> dict[str, HoldScore]:
-    """Return the holds of the model's inputs that were found to be better than linear."""
-    if refinement is None:
-        return {}
-    gains, found = refinement.hold_gains, refinement.settings.holds
-    there = [i for i in model.inputs if i.name in gains and i.hold == found.get(i.name)]
-    return {i.name: HoldScore(i.hold, float(gains[i.name])) for i in there}

@@ -37,9 +37,15 @@ def with_time(study: Study) -> Study:
     return msgspec.structs.replace(study, inputs={**study.inputs, TIME: clock})
 
 
+def keeps_time(study: Study) -> bool:
+    """Say whether the time may be an input called `t`: it is recorded in seconds, and nothing else has that name."""
+    taken = {*state_names(study.measured()), *study.inputs, *study.library.parameters, *study.library.functions}
+    return TIME not in taken and study.data.time is not None and study.data.time_unit in (None, "s")
+
+
 def names_time(library: Candidates) -> bool:
     """Say whether a text of a library names the time."""
     forces = (text for texts in (library.forces or {}).values() for text in texts)
-    listed = (library.basis, library.terms, library.kinetic, library.potential, library.dissipation)
+    listed = (library.basis, library.terms, library.extra, library.kinetic, library.potential, library.dissipation)
     texts = (*forces, *(text for texts in listed for text in texts or ()))
     return any(re.search(rf"\b{TIME}\b", text) for text in texts)

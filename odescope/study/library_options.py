@@ -34,6 +34,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         basis: functions of states and inputs whose products are the candidates, as "sin(phi)".
         degree: how many functions of the basis a product holds at most, powers counted.
         terms: the candidates themselves, in place of a basis.
+        extra: candidates of relations beside those of the preset or the basis, which nothing multiplies.
         rules: what products of the basis must obey to stay; left out, those that the kinds of coordinates ask for.
         functions: functions of one's own, as `"drag(v)" = "v*abs(v)"`.
         coupled: whether every relation may hold every target, or its own alone. "auto" couples the default library of
@@ -56,13 +57,15 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             or "scale" for a range from the data.
         suspect: whether functions that are not in the library (roots, logarithms, exponentials, tanh, sines, ...)
             compete where several powers or fractions of a variable seem to imitate one, or a residual goes with a
-            variable: in relations, unless these are the paper's, or `terms` names their candidates one by one.
+            variable or is periodic in time: in relations, unless these are the paper's, or `terms` names their
+            candidates one by one.
     """
 
     preset: Literal["default", "paper"] = "default"
     basis: tuple[str, ...] | None = None
     degree: Annotated[int, msgspec.Meta(ge=1, le=MOST_DEGREE)] = 3
     terms: tuple[str, ...] | None = None
+    extra: tuple[str, ...] = ()
     rules: tuple[AnyRule, ...] | None = None
     functions: dict[str, str] = {}
     coupled: bool | Literal["auto"] = "auto"
@@ -90,6 +93,8 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             raise InputError(
                 'form = "reactions" needs [library] reactions, such as ["S + E -> C"], or a composition of the species'
             )
+        if self.extra and self.own_form not in (None, "relations"):
+            raise InputError(f'[library] extra belongs to form = "relations", but the form is "{self.own_form}"')
         for name, span in self.parameters.items():
             if not (name.isidentifier() and name.isascii()):
                 raise InputError(f"[library.parameters] {name!r} is no name: use letters, digits and underscores")

@@ -370,5 +370,6 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             library = library.thin(paper_rules(coordinates, inputs, target), scope)
         else:
             library = default_library(coordinates, inputs, targets, scope).thin(options.rules or (), scope)
+        library = library + Library.of(options.extra, scope)
         check_basis(coordinates, library)
         return library

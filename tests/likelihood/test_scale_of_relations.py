@@ -7,10 +7,14 @@ import pytest
 from process_cases import cut, space
 from small_systems import SPRING, SPRING_STEP, System, drive, in_bare_gauge, shots, spring_run
 
+from odescope.events import Monitor
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.add_and_drop import Moves
+from odescope.likelihood.explicit import explicit, singular
 from odescope.likelihood.search import WhiteResiduals, search
 from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.searches import searches
+from odescope.parallel.workers import Threads
 from odescope.recordings.coordinate import Coordinate
 
 # x x_dot = u - 0.8, and terms that it lacks, the bare target first.
@@ -228,3 +232,27 @@ def test_the_price_leaves_out_one_mechanism_a_group_and_what_is_known():
     # Its scale is given, so every other coefficient is a parameter.
     assert given.price(fixed) == pytest.approx(given.penalty[[2, 3]].sum())
     assert 1 not in given.free(fixed)
+
+
+@pytest.mark.parametrize(("by", "ends"), [("x_dot", 2), ("x", 2), ("exp(x)", 1)])
+def test_a_law_times_what_passes_zero_is_not_the_last_that_is_searched_from(by, ends):
+    """The library lacks one of the terms that a division would leave."""
+    system = multiplied(by)
+    it, kept = spring(system, 0), np.delete(np.arange(len(system.theta)), 2)
+    it = replace(it, mechanisms=tuple(it.mechanisms[k] for k in kept))
+    starts = [start_from(system)[kept], np.where(np.isin(kept, ITS_LAW), system.theta[kept], 0.0)]
+    outcomes = searches(it, starts, None, Monitor(), Threads())
+    assert outcomes[0].clear
+    assert len(outcomes) == ends
+    assert singular(it, outcomes[0].fit) == (ends == 2)
+
+
+@pytest.mark.parametrize("by", FACTORS)
+def test_a_law_times_a_function_has_the_targets_of_the_law(by):
+    system = multiplied(by)
+    it = spring(system, 0)
+    u = it.segments.inputs[:, 0, 0]
+    x, v = it.segments.filtered.T
+    law = u - 4.0 * x - 0.5 * v - 0.8 * x**3
+    np.testing.assert_allclose(explicit(it, at(it, system.theta * np.isin(np.arange(10), ITS_LAW)))[0], law)
+    np.testing.assert_allclose(explicit(it, at(it, start_from(system)))[0], law, rtol=1e-6)

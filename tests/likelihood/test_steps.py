@@ -12,7 +12,7 @@ from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.program import Frame
-from odescope.likelihood.search import WIDTHS, search
+from odescope.likelihood.search import WIDTHS, fitted_again, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SampledInputs, Segments
 from odescope.likelihood.steps import with_narrow_friction
@@ -24,13 +24,13 @@ PERIOD, COUNT, NOISE, TRUE_WIDTH, WIDE = 0.01, 1000, 5e-4, 2e-4, 0.003
 TERMS = (("q_ddot", "1", 1.0), (None, "q", 40.0), (None, "q_dot", 2.0), (None, "tanh(q_dot/w)", 6.0), (None, "u", -1.0))
 
 
-def recorded():
+def recorded(width):
     """Return noisy averages and true states under an input that is linear between samples."""
     t = PERIOD * np.arange(COUNT)
     u = 16.0 * np.sin(2.1 * t) + 9.0 * np.sin(5.3 * t + 1.0)
 
     def rate(now, x):
-        return x[1], np.interp(now, t, u) - 40.0 * x[0] - 2.0 * x[1] - 6.0 * np.tanh(x[1] / TRUE_WIDTH)
+        return x[1], np.interp(now, t, u) - 40.0 * x[0] - 2.0 * x[1] - 6.0 * np.tanh(x[1] / width)
 
     states = solve_ivp(
         rate, (0.0, t[-1]), (0.0, 0.0), "LSODA", t, rtol=1e-8, atol=1e-11, max_step=PERIOD
@@ -39,8 +39,8 @@ def recorded():
     return noisy, states, u[:, None]
 
 
-def space(friction=True):
-    noisy, states, u = recorded()
+def space(friction=True, true_width=TRUE_WIDTH, width=WIDE):
+    noisy, states, u = recorded(true_width)
     whole = np.zeros(COUNT, dtype=np.int64)
     driven = SampledInputs(u, ("linear",), np.arange(COUNT), whole, whole + COUNT - 1, 1, PERIOD)
     edges = np.linspace(0, COUNT, COUNT // 25 + 1).astype(np.int64)
@@ -54,7 +54,7 @@ def space(friction=True):
     plain = [candidate(0, Product(f, parse_term(t, scope)), "q_ddot") for f, t in terms]
     setting = [Mechanism("constant", "width of q_dot", "w", (), 0.0)] if friction else []
     frame = Frame.of(
-        COORDINATES, ["u"], {"w": Constant("w", WIDE, 3000.0 * WIDE, WIDE, optional=True)} if friction else {}
+        COORDINATES, ["u"], {"w": Constant("w", width, 3000.0 * width, width, optional=True)} if friction else {}
     )
     return SearchSpace(Evaluator(segments, 8), (*plain, *setting), frame)
 
@@ -105,3 +105,22 @@ def test_a_model_without_dry_friction_is_left_as_it_is():
     it = space(friction=False)
     outcome = search(it, np.array([c for _, t, c in TERMS if "tanh" not in t]))
     assert with_narrow_friction(it, outcome) == (it, outcome)
+
+
+def test_a_width_between_that_is_found_at_the_end_has_its_price():
+    true_width = 0.1
+    it = space(true_width=true_width, width=1.3 * true_width)
+    start = np.array([*(c for *_, c in TERMS), 0.0])
+    fit = it.begin(start, it.segments.spread * np.inf)
+    for width in WIDTHS[1:]:
+        fit = it.again(fit, fit.x0, it.segments.spread * width)
+    before = fitted_again(it, replace(search(it, start, WIDTHS[:1]), width=WIDTHS[-1]), fit)
+    ended, after = with_narrow_friction(it, before)
+    k = len(TERMS)
+    assert k in after.fit.free
+    assert k not in before.fit.free
+    assert after.penalised < before.penalised
+    np.testing.assert_array_equal(after.penalties, ended.penalty[after.fit.free])
+    assert after.clear
+    found = ended.frame.constants["w"].at(float(after.fit.theta[k]))
+    assert found == pytest.approx(true_width, rel=0.05)

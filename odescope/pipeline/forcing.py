@@ -1,0 +1,94 @@
+"""A forcing that was not recorded: one identification more with a sine of the time, where a residual is periodic.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+import msgspec
+
+from odescope.errors import NoModelError
+from odescope.events import Event, Monitor, Progress
+from odescope.library.readable import readable
+from odescope.likelihood.periodic import Forcing, periodic
+from odescope.likelihood.refine import Refinement
+from odescope.model.scores import SuspicionScore
+from odescope.pipeline.competition import Contender
+from odescope.pipeline.suspicion import replaces
+from odescope.study.clock import TIME, keeps_time
+from odescope.study.options import Study
+
+Result = TypeVar("Result")
+
+RATE = f"rate_{TIME}"
+
+
+def with_forcing(
+    study: Study,
+    monitor: Monitor,
+    run: Callable[[Study, Monitor], tuple[Result, Contender]],
+    in_vain: type[Event],
+) -> tuple[Result, Contender, tuple[SuspicionScore, ...]]:
+    """Return the result, that with a forcing of the rate at which its residual goes where it is better, and the score.
+
+    Args:
+        study: the options; candidates that it fixes stay alone.
+        monitor: told what goes on.
+        run: identifies by a study.
+        in_vain: what a run tells last that finds no model.
+    """
+    result, contender = run(study, monitor)
+    before = contender.refinement
+    if before is None or before.exact or before.late or not study.suspects:
+        return result, contender, ()
+    forcing = periodic(before.space)
+    if forcing is None:
+        return result, contender, ()
+    waves = (f"sin({RATE}*{TIME})", f"cos({RATE}*{TIME})")
+    tried = waves if keeps_time(study) and RATE not in study.parameters else ()
+    if tried:
+        monitor.tell(Progress("suspicion", "search with a forcing of the rate at which the residual goes", 0, 1))
+        try:
+            other, forced = run(_named(study, forcing, waves), replace(monitor, tell=_without(monitor, in_vain)))
+        except NoModelError:
+            return result, contender, (_score(before, forcing, tried, ()),)
+        found = _forcing(forced.refinement)
+        if forced.refinement is not None and found and replaces(forced.refinement, before):
+            return other, forced, (_score(before, forcing, tried, found),)
+    return result, contender, (_score(before, forcing, tried, ()),)
+
+
+def _named(study: Study, forcing: Forcing, waves: tuple[str, ...]) -> Study:
+    """Return the study with a forcing among the candidates of its relations."""
+    own, low = study.library, max(forcing.rate - forcing.width, 0.5 * forcing.rate)
+    library = msgspec.structs.replace(
+        own, extra=(*own.extra, *waves), parameters={**own.parameters, RATE: (low, forcing.rate + forcing.width)}
+    )
+    return msgspec.structs.replace(study, library=library)
+
+
+def _without(monitor: Monitor, kind: type[Event]) -> Callable[[Event], None]:
+    """Return what tells a monitor all but one kind of events."""
+
+    def tell(event: Event) -> None:
+        if not isinstance(event, kind):
+            monitor.tell(event)
+
+    return tell
+
+
+def _forcing(refinement: Refinement | None) -> tuple[str, ...]:
+    """Return the terms of a model that hold the rate, as people read them."""
+    present = () if refinement is None else (refinement.space.mechanisms[k] for k in refinement.fit.present)
+    return tuple(dict.fromkeys(readable(p.product.term) for m in present if RATE in m.names for p in m.parts))
+
+
+def _score(before: Refinement, forcing: Forcing, tried: tuple[str, ...], found: tuple[str, ...]) -> SuspicionScore:
+    """Return what was made of a periodic residual; the range is that of the rate that it goes at."""
+    target = before.space.frame.targets[forcing.relation]
+    low, high = forcing.rate - forcing.width, forcing.rate + forcing.width
+    return SuspicionScore(target, TIME, "periodic", 0, low, high, tried, found, None)

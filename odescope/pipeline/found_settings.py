@@ -1,0 +1,39 @@
+"""What was found beside coefficients: holds and delays of inputs, offsets of sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from odescope.likelihood.refine import Refinement
+from odescope.model.model import Model
+from odescope.model.scores import DelayScore, HoldScore, OffsetScore
+from odescope.signals.delays import Delay
+
+
+def hold_scores(model: Model, refinement: Refinement | None) -> dict[str, HoldScore]:
+    """Return the holds of the model's inputs that were found to be better than linear."""
+    if refinement is None:
+        return {}
+    gains, found = refinement.hold_gains, refinement.settings.holds
+    there = [i for i in model.inputs if i.name in gains and i.hold == found.get(i.name)]
+    return {i.name: HoldScore(i.hold, float(gains[i.name])) for i in there}
+
+
+def delay_scores(estimated: Mapping[str, Delay], model: Model, refinement: Refinement | None) -> dict[str, DelayScore]:
+    """Return the delays that were looked for, as the likelihood has them where it found more.
+
+    Args:
+        estimated: those of the regression, by input.
+        model: whose inputs have what was found.
+        refinement: what the likelihood led to.
+    """
+    delays = {name: DelayScore(d.seconds, d.std_error) for name, d in estimated.items()}
+    found = {} if refinement is None else refinement.settings.delays
+    acts = {i.name: i.delay for i in model.inputs}
+    return delays | {name: DelayScore(acts[name], d.std_error) for name, d in found.items() if acts[name]}
+
+
+def offset_scores(model: Model, refinement: Refinement | None) -> dict[str, OffsetScore]:
+    """Return the offsets of the model's coordinates, as the likelihood has them."""
+    found = {} if refinement is None else refinement.settings.offsets
+    return {c.name: found[c.name] for c in model.coordinates if c.offset}

@@ -1,0 +1,70 @@
+"""A forcing that was not recorded is found by the residual that it leaves."""
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from odescope import Candidates, Data, Measured, Study, identify
+from odescope.events import Progress
+
+DURATION, PERIOD, NOISE = 30.0, 0.05, 0.01
+RATE, STRENGTH, INFLOW, OUTFLOW = 1.9, 0.7, 1.0, 0.8
+STUDY = Study(coordinates={"x": Measured(order=1)}, data=Data(time="clock"))
+
+
+def log(strength, phase, seed):
+    t = np.arange(0.0, DURATION, PERIOD) + 5.0
+
+    def rate(now, x):
+        return INFLOW - OUTFLOW * x + strength * np.cos(RATE * now + phase)
+
+    x = solve_ivp(rate, (t[0], t[-1]), [4.0], t_eval=t, rtol=1e-9, atol=1e-11).y[0]
+    return {"clock": t, "x": x + NOISE * x.std() * np.random.default_rng(seed).standard_normal(len(t))}
+
+
+@pytest.mark.parametrize(("phase", "seed"), [(0.4, 0), (2.5, 1)])
+def test_a_forcing_that_was_not_recorded_is_found(phase, seed):
+    result = identify(STUDY, log(STRENGTH, phase, seed))
+    truth = {
+        "1": INFLOW,
+        "x": -OUTFLOW,
+        "cos(rate_t*t)": STRENGTH * np.cos(phase),
+        "sin(rate_t*t)": -STRENGTH * np.sin(phase),
+    }
+    found = {row.term: row for row in result.coefficients if row.equation == "x_dot"}
+    assert set(found) == set(truth)
+    assert all(abs(found[term].coefficient - value) < 4.0 * found[term].std_error for term, value in truth.items())
+    (rate,) = [p for p in result.model.parameters if p.name == "rate_t"]
+    assert abs(rate.value - RATE) < 4.0 * rate.std_error
+    (said,) = [s for s in result.model.scores.suspicions if s.reason == "periodic"]
+    assert said.low < RATE < said.high
+    assert set(said.found) == {"cos(rate_t*t)", "sin(rate_t*t)"}
+    assert any("a forcing that was not recorded" in note for note in result.notes)
+    assert not any("a forcing that was not recorded" in note for note in result.warnings)
+
+
+def test_what_is_followed_without_a_forcing_is_left_alone():
+    told = []
+    result = identify(STUDY, log(0.0, 0.0, 0), watch=told.append)
+    assert {row.term for row in result.coefficients} == {"1", "x"}
+    assert result.model.scores.suspicions == ()
+    assert not [e for e in told if isinstance(e, Progress) and "forcing" in e.part]
+
+
+@pytest.mark.parametrize(
+    ("data", "columns"), [(Data(sample_period=PERIOD), ["x"]), (Data(time="clock", time_unit="ms"), ["clock", "x"])]
+)
+def test_where_the_time_has_no_column_in_seconds_it_is_said_what_to_name(data, columns):
+    recorded = log(STRENGTH, 0.4, 0)
+    recorded["clock"] = 1e3 * recorded["clock"]
+    result = identify(msgspec.structs.replace(STUDY, data=data), {name: recorded[name] for name in columns})
+    (said,) = [s for s in result.model.scores.suspicions if s.reason == "periodic"]
+    assert (said.tried, said.found) == ((), ())
+    assert any("name the column of the time, in seconds" in warning for warning in result.warnings)
+
+
+def test_nothing_is_tried_where_functions_are_not_to_be_suspected():
+    result = identify(msgspec.structs.replace(STUDY, library=Candidates(suspect=False)), log(STRENGTH, 0.4, 0))
+    assert result.model.scores.suspicions == ()
+    assert not result.refinement.exact
