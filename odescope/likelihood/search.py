@@ -222,15 +222,21 @@ def _scale(space: SearchSpace, found: Fit, width: float) -> float:
 
 
 def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move]) -> Fit:
-    """Add, drop and go round weak terms at one width until nothing moves."""
+    """Add, drop and go round weak terms at one width until nothing moves; only drop once the budget is spent."""
     judge = WhiteResiduals(space, space.segments.spread * width)
     for round_ in range(ROUNDS):
         scale = max(_scale(space, here, width), 1.0)
         lost = round_ >= PATIENCE * space.relations and scale > HOPELESS
         full = len(here.free) > MOST_TERMS * space.relations
-        if lost or full or space.budget.over:
-            return here
         moves = Moves(space, judge, width, scale, trail)
+        if lost or full or space.budget.late:
+            return here
+        if space.budget.over:
+            leaner = moves.drop(here)
+            if leaner is None:
+                return here
+            here = leaner
+            continue
         first, second = (moves.add, moves.drop) if scale > HOPELESS else (moves.drop, moves.add)
         moved = first(here) or moves.divide(here) or second(here)
         if moved is None and width <= LOOK_BACK:

@@ -32,6 +32,7 @@ REASONS = {
     "repeated": ("repeats the one before", "repeat the one before"),
     "late": ("was read late", "were read late"),
     "outlier": ("is an outlier", "are outliers"),
+    "placeholder": ("stands for no reading", "stand for no reading"),
 }
 
 

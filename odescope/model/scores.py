@@ -165,9 +165,10 @@ class GatedRange(msgspec.Struct, frozen=True):
 
 
 class GatedScore(msgspec.Struct, frozen=True):
-    """Samples of a coordinate that do not count, for one reason: "saturated", "repeated", "late" or "outlier".
+    """Samples of a coordinate that do not count, for one reason.
 
-    `ranges` holds those with most samples, `more` counts the others.
+    `reason` is "saturated", "repeated", "late", "outlier" or "placeholder" (a number where nothing was read). `ranges`
+    holds those with most samples, `more` counts the others.
     """
 
     reason: str

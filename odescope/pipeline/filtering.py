@@ -33,6 +33,7 @@ from odescope.signals.estimate import Signals, estimate_signals
 from odescope.signals.filling import filled
 from odescope.signals.gated import Reasons, reasons_of
 from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, gate_outliers, settle_clipping
+from odescope.signals.placeholders import without_placeholders
 from odescope.signals.rates import refuse_rates
 from odescope.signals.slow_sensors import without_repeats
 from odescope.study.library_options import Form
@@ -143,7 +144,9 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     gated: Reasons = {}
     gating, differentiator = study.signals.outliers == "gate", study.signals.differentiator
     with work.stage("signals"):
-        measured = without_repeats(sample.records, study.measured()) if gating else sample.records
+        measured = sample.records
+        if gating:
+            measured = without_repeats(without_placeholders(measured, study.measured()), study.measured())
         records = filled(measured, study.measured(), differentiator)
     if gating:
         with work.stage("signals"):

@@ -11,8 +11,9 @@ from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Records
 from odescope.signals.outliers import PLATEAU
+from odescope.signals.placeholders import placeholder
 
-Reason = Literal["saturated", "repeated", "late", "outlier"]
+Reason = Literal["saturated", "repeated", "late", "outlier", "placeholder"]
 REASONS: tuple[Reason, ...] = get_args(Reason)
 
 Reasons = Mapping[str, tuple[IntArray, ...]]  # by coordinate, one (N,) a record: 0 counts, k is REASONS[k - 1]
@@ -21,8 +22,9 @@ Reasons = Mapping[str, tuple[IntArray, ...]]  # by coordinate, one (N,) a record
 def reasons_of(before: Records, after: Records, coordinates: Sequence[Coordinate]) -> Reasons:
     """Return why each sample was gated.
 
-    Saturated are five or more in a row at an end of the range; repeated is what equals the sample before it exactly,
-    late what lies between the signal one sample earlier and now; any other is an outlier.
+    A placeholder is a number that stands for no reading; saturated are five or more in a row at an end of the range;
+    repeated is what equals the sample before it exactly, late what lies between the signal one sample earlier and now;
+    any other is an outlier.
 
     Args:
         before: the records that the gate was given.
@@ -34,19 +36,31 @@ def reasons_of(before: Records, after: Records, coordinates: Sequence[Coordinate
         recorded, signal = ([run.column(c.name) for run in records] for records in (before, after))
         ends = min(float(y.min()) for y in recorded), max(float(y.max()) for y in recorded)
         gone = [(a.counted(c.name) > 0.0) & (b.counted(c.name) == 0.0) for a, b in zip(before, after, strict=True)]
-        found[c.name] = tuple(_reason(*of, ends) for of in zip(recorded, signal, gone, strict=True))
+        standing = placeholder(recorded)
+        found[c.name] = tuple(_reason(*of, ends, standing) for of in zip(recorded, signal, gone, strict=True))
     return found
 
 
-def _reason(recorded: FloatArray, signal: FloatArray, gone: BoolArray, ends: tuple[float, float]) -> IntArray:
-    """Return the reason of each sample (N,) of one record, 0 where it counts."""
+def _reason(
+    recorded: FloatArray, signal: FloatArray, gone: BoolArray, ends: tuple[float, float], standing: float | None
+) -> IntArray:
+    """Return the reason of each sample of one record, (N,), 0 where it counts.
+
+    Args:
+        recorded: (N,) samples.
+        signal: (N,) what took the place of those that do not count.
+        gone: (N,) whether they do not.
+        ends: of the range of all records.
+        standing: the number that stands for no reading, if there is one.
+    """
     earlier, previous = np.concatenate([signal[:1], signal[:-1]]), np.concatenate([[np.nan], recorded[:-1]])
     kinds = (
+        recorded == (np.nan if standing is None else standing),
         _plateaus(gone & np.isin(recorded, ends)),
         recorded == previous,
         (recorded - earlier) * (recorded - signal) < 0.0,
     )
-    reason: IntArray = np.where(gone, np.select(kinds, (1, 2, 3), 4), 0).astype(np.int64)
+    reason: IntArray = np.where(gone, np.select(kinds, (5, 1, 2, 3), 4), 0).astype(np.int64)
     return reason
 
 

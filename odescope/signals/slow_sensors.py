@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray
+from odescope.arrays import FloatArray
 from odescope.recordings.coordinate import Coordinate
-from odescope.recordings.local_spline import fit_smooth
 from odescope.recordings.record import Record, Records
+from odescope.signals.taken_out import taken_out
 
 FEWEST = 32  # new values of which a rhythm is told
 REGULAR = 0.95  # of the repeats are as long as the usual one, or a row shorter or longer
@@ -43,13 +42,4 @@ def is_slow(columns: Sequence[FloatArray]) -> bool:
 
 
 def _less_repeats(run: Record, slow: Sequence[str]) -> Record:
-    counts = np.ones_like(run.values) if run.counts is None else run.counts.copy()
-    values, rows = run.values.copy(), np.arange(len(run), dtype=np.float64)
-    for name in slow:
-        k = run.names.index(name)
-        new: BoolArray = np.concatenate([[True], np.diff(values[:, k]) != 0.0]) & (counts[:, k] > 0.0)
-        counts[~new, k] = 0.0
-        if np.count_nonzero(new) > 1:  # a staircase would tell a filter of frequencies that are not there
-            smooth = fit_smooth(rows[new], values[new, k], counts[new, k])
-            values[~new, k] = smooth(np.clip(rows, rows[new][0], rows[new][-1]))[~new]
-    return replace(run, values=values, counts=counts)
+    return taken_out(run, {name: np.concatenate([[False], np.diff(run.column(name)) == 0.0]) for name in slow})
