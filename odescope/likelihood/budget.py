@@ -29,26 +29,22 @@ class Budget:
     deadline: float | None = None
     spent: float = 0.0
 
-    def spend(self, segments: Segments, program: Program, free: int, substeps: int) -> None:
-        """Count one evaluation; end the run if it is to stop.
+    def spend(self, segments: Segments, program: Program, free: int, steps: int) -> None:
+        """Count one evaluation.
 
         Args:
             segments: that are integrated.
             program: of the mechanisms on the tape.
             free: number of parameters.
-            substeps: of RK4 a sample.
-
-        Raises:
-            Stopped: the run is to end.
+            steps: of RK4, over all averages.
         """
-        self.monitor.check()
         n, targets = len(program.following), program.targets
         width = n + free
         a_stage = INSTRUCTION * (len(program.tape.instructions.code) + len(program.places.slot)) + width * targets * (
             n + targets + 4
         )
-        a_sample = 4 * substeps * a_stage + 0.5 * len(segments.noise) * width**2
-        self.spent += float(segments.count.sum()) * a_sample / OPERATIONS
+        an_average = 0.5 * len(segments.noise) * width**2
+        self.spent += (4.0 * steps * a_stage + float(segments.count.sum()) * an_average) / OPERATIONS
 
     @property
     def late(self) -> bool:

@@ -15,11 +15,10 @@ from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.likelihood.block_cholesky import eliminate, substitute
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.kernel import LANES, Averages, Settings, Sums, integrate
+from odescope.likelihood.layers import MOST_STEPS, STABLE
 from odescope.likelihood.program import Program
 from odescope.likelihood.segments import Segments
 
-STABLE = 1.5  # decay of dry friction times step: RK4 is stable to 2.8, and masses that are coupled give way sooner
-MOST_STEPS = 256  # of RK4 an average that dry friction may ask for
 LEAST = 1e-200  # information about a coefficient: what rounding leaves of none can be negative
 
 
@@ -65,18 +64,10 @@ def _pool(process: int) -> ThreadPoolExecutor:
 
 
 class _Driven(NamedTuple):
-    """Inputs on the half steps (N, 2 steps + 1, i), and the delays and steps an average that they are laid out for."""
+    """Inputs on the nodes of the steps (N, 3, i), and the delays that they are for."""
 
     delays: tuple[float, ...] | None
-    steps: int
-    inputs: FloatArray
-
-
-def _on_half_steps(nodes: FloatArray, steps: int) -> FloatArray:
-    """Return inputs on the half steps (N, 2 steps + 1, i): parabolas through their values on nodes (N, 3, i)."""
-    s = np.linspace(-1.0, 1.0, 2 * steps + 1)
-    between = np.column_stack([0.5 * s * (s - 1.0), 1.0 - s**2, 0.5 * s * (s + 1.0)])
-    return np.ascontiguousarray(np.einsum("kn,mni->mki", between, nodes))
+    nodes: FloatArray
 
 
 class Evaluator:
@@ -87,22 +78,22 @@ class Evaluator:
         self.threads = os.cpu_count() or 1
         self.substeps = substeps
         self.budget = Budget() if budget is None else budget
-        self._driven = _Driven(None, substeps, _on_half_steps(segments.inputs, substeps))
+        self._driven = _Driven(None, np.ascontiguousarray(segments.inputs))
         self._weight = np.ones_like(segments.measured) if segments.weight is None else segments.weight
 
     def steps(self, program: Program, theta: FloatArray) -> int:
-        """Return the steps of RK4 an average: as many as dry friction needs, the more the narrower it is."""
+        """Return the steps of RK4 an average where dry friction is near: the narrower it is, the more."""
         wanted = program.decay(theta) * self.segments.step / STABLE
         return max(self.substeps, int(np.ceil(min(wanted, MOST_STEPS))))
 
-    def _data(self, delays: tuple[float, ...] | None, steps: int) -> Averages:
+    def _data(self, delays: tuple[float, ...] | None) -> Averages:
         """Return the measurements, with inputs so late, and beside them what they gain with their delays."""
         known, data = self._driven, self.segments
-        if (delays, steps) != (known.delays, known.steps):
+        if delays != known.delays:
             nodes = data.inputs if delays is None else data.late(delays)
-            known = self._driven = _Driven(delays, steps, _on_half_steps(nodes, steps))
+            known = self._driven = _Driven(delays, np.ascontiguousarray(nodes))
         return Averages(
-            1.0 / data.noise, data.step, steps, data.start, data.count, data.measured, self._weight, known.inputs
+            1.0 / data.noise, data.step, self.substeps, data.start, data.count, data.measured, self._weight, known.nodes
         )
 
     def integrate(self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray) -> Sums:
@@ -117,14 +108,13 @@ class Evaluator:
         Raises:
             Stopped: the run is to end.
         """
-        steps = self.steps(program, theta)
-        self.budget.spend(self.segments, program, len(free), steps)
+        self.budget.monitor.check()
         j, n, p = len(self.segments.start), x0.shape[1], len(free)
         number = np.full(len(program.mechanisms), -1, dtype=np.int64)
         number[free] = np.arange(p)
         places = program.places
         param, weight = number[places.mechanism], places.share * theta[places.mechanism]
-        data, offsets = self._data(program.delays(theta), steps), program.offsets
+        data, offsets = self._data(program.delays(theta)), program.offsets
         settings = Settings(
             program.constants(theta),
             np.where(offsets < 0, 0.0, theta[offsets]),
@@ -135,14 +125,15 @@ class Evaluator:
             np.empty(j), np.empty((j, n + p)), np.empty((j, n + p, n + p)), np.empty((j, n)), np.empty((j, n, n + p))
         )
 
-        def part(begin: int, end: int) -> None:
-            integrate(program.tape.instructions, places, param, weight, settings, p, data, x0, begin, end, out)
+        def part(begin: int, end: int) -> int:
+            code, layers = program.tape.instructions, program.layers
+            taken: int = integrate(code, places, layers, param, weight, settings, p, data, x0, begin, end, out)
+            return taken
 
         edges = np.linspace(0, j, min(self.threads, -(-j // LANES)) + 1).astype(int)
         others = [_pool(os.getpid()).submit(part, a, b) for a, b in pairwise(edges[1:])]
-        part(0, edges[1])
-        for other in others:
-            other.result()
+        taken = part(0, edges[1]) + sum(other.result() for other in others)
+        self.budget.spend(self.segments, program, p, taken)
         return out
 
     def expand(

@@ -12,21 +12,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray, IntArray
-from odescope.library.tape import run_tape
-from odescope.model.linear_solve import solve_in_place
+from odescope.arrays import FloatArray, IntArray
+from odescope.likelihood.layers import step_lengths
+from odescope.likelihood.slopes import Scratch, slopes
 from odescope.parallel.kernels import kernel
 
-LANES = 48  # segments side by side: states, sensitivities and tape of so many stay in a first- or second-level cache
+SLIVER = 1.0 + 1e-12  # what is left after steps whose sum rounding keeps from that of the whole
+LANES = 64  # segments side by side: states, sensitivities and tape of so many stay in a first- or second-level cache
 
 
 class Averages(NamedTuple):
     """What the kernel compares with.
 
-    Shapes: inverse_noise (c,) 1 / sigma; step of a sample in seconds, taken in `substeps`; start, size (J,) first
-    sample and number of samples of each segment; y (N, c); weight (N, c) what 1 / sigma of a sample is multiplied by, 0
-    where there is none; u (N, 2 substeps + 1, inputs) the inputs on the half steps of the step that begins at each
-    sample.
+    Shapes: inverse_noise (c,) 1 / sigma; step of a sample in seconds, taken in `substeps` or more; start, size (J,)
+    first sample and number of samples of each segment; y (N, c); weight (N, c) what 1 / sigma of a sample is multiplied
+    by, 0 where there is none; u (N, 3, inputs) the inputs at begin, middle and end of the step that begins at each
+    sample, parabolas between.
     """
 
     inverse_noise: FloatArray
@@ -66,173 +67,32 @@ class Sums(NamedTuple):
     jacobian: FloatArray
 
 
-class Scratch(NamedTuple):
-    """Room for the slopes of a block of L lanes.
-
-    Shapes: work (slots, L); a, inv (T, T, L); y, v (T, L); g (T, n, L); row (L,); acts (n,) whether a relation depends
-    on the state.
-    """
-
-    work: FloatArray
-    a: FloatArray
-    inv: FloatArray
-    y: FloatArray
-    g: FloatArray
-    v: FloatArray
-    row: FloatArray
-    acts: BoolArray
+@kernel(inline=True)
+def _swap(x, s, left, nodes, who, one, other):
+    """Let two lanes change places."""
+    for i in range(x.shape[0]):
+        x[i, one], x[i, other] = x[i, other], x[i, one]
+        for j in range(s.shape[1]):
+            s[i, j, one], s[i, j, other] = s[i, j, other], s[i, j, one]
+    for node in range(3):
+        for j in range(nodes.shape[1]):
+            nodes[node, j, one], nodes[node, j, other] = nodes[node, j, other], nodes[node, j, one]
+    left[one], left[other] = left[other], left[one]
+    who[one], who[other] = who[other], who[one]
 
 
 @kernel("contract")
-def _slopes(code, places, param, weight, within_param, p, lanes, x, s, u, scratch, dx, ds):
-    """Compute x' and S' of all lanes: one function, because what it computes on the way stays in cache.
+def integrate(code, places, layers, param, weight, settings, p, data, x0, begin, end, out):
+    """Integrate segments begin to end - 1 and return how many steps of RK4 all of them took.
 
-    Shapes: x, dx (n, L); s, ds (n, n + p, L); u (inputs, L); param, weight one entry a part.
-    """
-    work, a, inv, y, g, v, row, acts = scratch
-    slot, owner, factor, share = places.slot, places.owner, places.factor, places.share
-    grad, following, within = places.grad, places.following, places.within
-    n, targets = x.shape[0], y.shape[0]
-    for i in range(n):
-        for lane in range(lanes):
-            work[i, lane] = x[i, lane]
-    for i in range(u.shape[0]):
-        for lane in range(lanes):
-            work[n + i, lane] = u[i, lane]
-    run_tape(code, work, lanes)
-    for r in range(targets):
-        for lane in range(lanes):
-            v[r, lane] = 0.0
-        for t in range(targets):
-            for lane in range(lanes):
-                a[r, t, lane] = 0.0
-    for k in range(owner.shape[0]):
-        c, r, at = weight[k], owner[k], slot[k]
-        if factor[k] >= 0:
-            for lane in range(lanes):
-                a[r, factor[k], lane] += c * work[at, lane]
-        else:
-            for lane in range(lanes):
-                v[r, lane] -= c * work[at, lane]
-    _invert(a, inv, targets, lanes)
-    for t in range(targets):
-        for lane in range(lanes):
-            y[t, lane] = inv[t, 0, lane] * v[0, lane]
-        for r in range(1, targets):
-            for lane in range(lanes):
-                y[t, lane] += inv[t, r, lane] * v[r, lane]
-    for i in range(n):
-        acts[i] = False
-        for r in range(targets):
-            for lane in range(lanes):
-                g[r, i, lane] = 0.0
-    for q in range(grad.shape[0]):
-        k, i, at = grad[q, 0], grad[q, 1], grad[q, 2]
-        c, r, of = weight[k], owner[k], factor[k]
-        if c != 0.0:
-            acts[i] = True
-            if of >= 0:
-                for lane in range(lanes):
-                    g[r, i, lane] += c * y[of, lane] * work[at, lane]
-            else:
-                for lane in range(lanes):
-                    g[r, i, lane] += c * work[at, lane]
-    for i in range(n):
-        if following[i] >= 0:
-            for lane in range(lanes):
-                dx[i, lane] = x[following[i], lane]
-            for j in range(n + p):
-                for lane in range(lanes):
-                    ds[i, j, lane] = s[following[i], j, lane]
-        else:
-            t = -1 - following[i]
-            for lane in range(lanes):
-                dx[i, lane] = y[t, lane]
-            for j in range(n + p):
-                for lane in range(lanes):
-                    ds[i, j, lane] = 0.0
-            # d target / dx, the inverse of A times d rho / dx, then times S.
-            for k in range(n):
-                if not acts[k]:
-                    continue
-                for lane in range(lanes):
-                    row[lane] = inv[t, 0, lane] * g[0, k, lane]
-                for r in range(1, targets):
-                    for lane in range(lanes):
-                        row[lane] += inv[t, r, lane] * g[r, k, lane]
-                for j in range(n + p):
-                    for lane in range(lanes):
-                        ds[i, j, lane] -= row[lane] * s[k, j, lane]
-    for k in range(owner.shape[0]):
-        if param[k] >= 0:
-            part = slot[k], owner[k], factor[k]
-            _add_parameter(ds, n + param[k], share[k], part, following, scratch, lanes)
-    for q in range(within.shape[0]):
-        k = within[q, 0]
-        if within_param[q] >= 0 and weight[k] != 0.0:
-            part = within[q, 1], owner[k], factor[k]
-            _add_parameter(ds, n + within_param[q], weight[k], part, following, scratch, lanes)
-
-
-@kernel("contract")
-def _add_parameter(ds, column, c, part, following, scratch, lanes):
-    """Add to a column of S' what a part (slot, relation, target or -1) times c is of d rho by its parameter."""
-    at, r, of = part
-    work, inv, y, row = scratch.work, scratch.inv, scratch.y, scratch.row
-    if of >= 0:
-        for lane in range(lanes):
-            row[lane] = c * work[at, lane] * y[of, lane]
-    else:
-        for lane in range(lanes):
-            row[lane] = c * work[at, lane]
-    for i in range(following.shape[0]):
-        if following[i] < 0:
-            t = -1 - following[i]
-            for lane in range(lanes):
-                ds[i, column, lane] -= inv[t, r, lane] * row[lane]
-
-
-@kernel("contract")
-def _invert(a, inv, targets, lanes):
-    if targets == 1:
-        for lane in range(lanes):
-            inv[0, 0, lane] = 1.0 / a[0, 0, lane]
-        return
-    if targets == 2:
-        for lane in range(lanes):
-            d = 1.0 / (a[0, 0, lane] * a[1, 1, lane] - a[0, 1, lane] * a[1, 0, lane])
-            inv[0, 0, lane], inv[1, 1, lane] = a[1, 1, lane] * d, a[0, 0, lane] * d
-            inv[0, 1, lane], inv[1, 0, lane] = -a[0, 1, lane] * d, -a[1, 0, lane] * d
-        return
-    off = 0.0
-    for i in range(targets):
-        for j in range(targets):
-            for lane in range(lanes):
-                inv[i, j, lane] = 1.0 if i == j else 0.0
-                off += abs(a[i, j, lane] - inv[i, j, lane])
-    if off == 0.0:  # bare targets: the inverse is the identity
-        return
-    left, right = np.empty((targets, targets)), np.empty((targets, targets))
-    for lane in range(lanes):
-        for i in range(targets):
-            for j in range(targets):
-                left[i, j] = a[i, j, lane]
-                right[i, j] = 1.0 if i == j else 0.0
-        solve_in_place(left, right)
-        for i in range(targets):
-            for j in range(targets):
-                inv[i, j, lane] = right[i, j]
-
-
-@kernel("contract")
-def integrate(code, places, param, weight, settings, p, data, x0, begin, end, out):
-    """Integrate segments begin to end - 1 and accumulate cost, gradient and Gauss-Newton matrix of each.
-
-    One loop nest, because state, sensitivities and their sums stay in cache only while a block of lanes is worked on.
+    Cost, gradient and Gauss-Newton matrix of each are accumulated. Every segment takes steps of its own length, side by
+    side with those that are not yet at the next average either: the others stand behind them. One loop nest, because
+    state, sensitivities and their sums stay in cache only while a block of lanes is worked on.
 
     Args:
         code: instructions of the tape.
         places: where parts stand, `Places`.
+        layers: what dry friction depends on, `Layers`.
         param: (parts,) number of the parameter that a part's coefficient is a share of, -1 for none.
         weight: (parts,) coefficients, shares included.
         settings: of sensors and constants, `Settings`.
@@ -243,8 +103,9 @@ def integrate(code, places, param, weight, settings, p, data, x0, begin, end, ou
         end: one after the last.
         out: what is accumulated, `Sums`.
     """
-    following, measured = places.following, places.measured
-    inverse_noise, substeps, start, count = data.inverse_noise, data.substeps, data.start, data.size
+    following, measured, owner = places.following, places.measured, places.owner
+    slot, slope_of, friction = layers
+    inverse_noise, start, count = data.inverse_noise, data.start, data.size
     y_data, w_data, u_data = data.y, data.weight, data.u
     cost, gradient, hessian, last, jacobian = out
     n, targets = x0.shape[1], 0
@@ -256,10 +117,12 @@ def integrate(code, places, param, weight, settings, p, data, x0, begin, end, ou
     x, xs, dx, xa = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES))
     s, ss = np.empty((n, width, LANES)), np.empty((n, width, LANES))
     ds, sa = np.empty((n, width, LANES)), np.empty((n, width, LANES))
+    work = np.zeros((n + inputs + settings.constants.shape[0] + code.code.shape[0], LANES))
+    inv = np.empty((targets, targets, LANES))
     scratch = Scratch(
-        np.zeros((n + inputs + settings.constants.shape[0] + code.code.shape[0], LANES)),
+        work,
         np.empty((targets, targets, LANES)),
-        np.empty((targets, targets, LANES)),
+        inv,
         np.empty((targets, LANES)),
         np.empty((targets, n, LANES)),
         np.empty((targets, LANES)),
@@ -267,13 +130,15 @@ def integrate(code, places, param, weight, settings, p, data, x0, begin, end, ou
         np.empty(n, dtype=np.bool_),
     )
     for i in range(settings.constants.shape[0]):
-        scratch.work[n + inputs + i] = settings.constants[i]
+        work[n + inputs + i] = settings.constants[i]
     offset, offset_param, within_param = settings.offset, settings.offset_param, settings.within_param
-    u, e, scales = np.zeros((inputs, LANES)), np.empty(LANES), np.empty(LANES)
+    u, du, nodes = np.zeros((inputs, LANES)), np.zeros((inputs, LANES)), np.empty((3, inputs, LANES))
+    # Of the average: what share is left of it, of the next step, the latter in seconds; who stands in each place.
+    left, h, f, who = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES, dtype=np.int64)
+    e, scales, step, usual, taken = np.empty(LANES), np.empty(LANES), data.step, 1.0 / data.substeps, 0
     slope = np.empty((width, LANES))
     # Sums of the lanes, which go out when their block is done.
     costs, gradients, hessians = np.empty(LANES), np.empty((width, LANES)), np.empty((width, width, LANES))
-    step = data.step / substeps
     for low in range(begin, end, LANES):
         lanes = min(LANES, end - low)
         longest = 0
@@ -306,34 +171,82 @@ def integrate(code, places, param, weight, settings, p, data, x0, begin, end, ou
                     for j in range(i + 1):
                         for lane in range(lanes):
                             hessians[i, j, lane] += slope[i, lane] * slope[j, lane]
-            for part in range(substeps):
-                for stage in range(4):
-                    node = 2 * part + (0 if stage == 0 else 1 if stage < 3 else 2)
-                    for j in range(inputs):
-                        for lane in range(lanes):
-                            row = min(start[low + lane] + k, u_data.shape[0] - 1)
-                            u[j, lane] = u_data[row, node, j]
-                    f = 0.0 if stage == 0 else step if stage == 3 else 0.5 * step
-                    for i in range(n):
-                        for lane in range(lanes):
-                            xs[i, lane] = x[i, lane] + (f * dx[i, lane] if stage else 0.0)
-                        for j in range(width):
-                            for lane in range(lanes):
-                                ss[i, j, lane] = s[i, j, lane] + (f * ds[i, j, lane] if stage else 0.0)
-                    _slopes(code, places, param, weight, within_param, p, lanes, xs, ss, u, scratch, dx, ds)
-                    share = step / 6.0 if stage == 0 or stage == 3 else step / 3.0
-                    for i in range(n):
-                        for lane in range(lanes):
-                            xa[i, lane] = share * dx[i, lane] + (xa[i, lane] if stage else x[i, lane])
-                        for j in range(width):
-                            for lane in range(lanes):
-                                sa[i, j, lane] = share * ds[i, j, lane] + (sa[i, j, lane] if stage else s[i, j, lane])
-                for i in range(n):
+            for lane in range(lanes):
+                left[lane] = 1.0 if k < count[low + lane] else 0.0
+                who[lane] = lane
+            for node in range(3):
+                for j in range(inputs):
                     for lane in range(lanes):
+                        nodes[node, j, lane] = u_data[min(start[low + lane] + k, u_data.shape[0] - 1), node, j]
+            going = lanes
+            while True:
+                lane = 0
+                while lane < going:
+                    if left[going - 1] <= 0.0:
+                        going -= 1
+                    elif left[lane] > 0.0:
+                        lane += 1
+                    else:
+                        going -= 1
+                        _swap(x, s, left, nodes, who, lane, going)
+                if going == 0:
+                    break
+                taken += going
+                for stage in range(4):
+                    # Inputs follow the parabola through the three nodes of the average.
+                    share = 0.0 if stage == 0 else 2.0 if stage == 3 else 1.0
+                    for j in range(inputs):
+                        for lane in range(going):
+                            t = 1.0 - 2.0 * left[lane] + (share * h[lane] if stage else 0.0)
+                            outer = (t - 1.0) * nodes[0, j, lane] + (t + 1.0) * nodes[2, j, lane]
+                            u[j, lane] = 0.5 * t * outer + (1.0 - t * t) * nodes[1, j, lane]
+                    if stage == 0:
+                        slopes(code, places, param, weight, within_param, p, going, x, s, u, scratch, dx, ds)
+                        for lane in range(going):
+                            h[lane] = usual
+                        if slot.shape[0]:
+                            for j in range(inputs):
+                                for lane in range(going):
+                                    t = 1.0 - 2.0 * left[lane]
+                                    outer = (t - 0.5) * nodes[0, j, lane] + (t + 0.5) * nodes[2, j, lane]
+                                    du[j, lane] = 2.0 / step * (outer - 2.0 * t * nodes[1, j, lane])
+                            step_lengths(
+                                slot, slope_of, friction, weight, owner, following, work, inv, dx, du, going, step, h
+                            )
+                        for lane in range(going):
+                            if left[lane] <= h[lane] * SLIVER:
+                                h[lane] = left[lane]
+                            elif left[lane] < 2.0 * h[lane]:
+                                h[lane] = 0.5 * left[lane]
+                    else:
+                        for lane in range(going):
+                            f[lane] = 0.5 * share * step * h[lane]
+                        for i in range(n):
+                            for lane in range(going):
+                                xs[i, lane] = x[i, lane] + f[lane] * dx[i, lane]
+                            for j in range(width):
+                                for lane in range(going):
+                                    ss[i, j, lane] = s[i, j, lane] + f[lane] * ds[i, j, lane]
+                        slopes(code, places, param, weight, within_param, p, going, xs, ss, u, scratch, dx, ds)
+                    for lane in range(going):
+                        f[lane] = step * h[lane] / (6.0 if stage == 0 or stage == 3 else 3.0)
+                    for i in range(n):
+                        for lane in range(going):
+                            xa[i, lane] = f[lane] * dx[i, lane] + (xa[i, lane] if stage else x[i, lane])
+                        for j in range(width):
+                            for lane in range(going):
+                                sa[i, j, lane] = f[lane] * ds[i, j, lane] + (sa[i, j, lane] if stage else s[i, j, lane])
+                for i in range(n):
+                    for lane in range(going):
                         x[i, lane] = xa[i, lane]
                     for j in range(width):
-                        for lane in range(lanes):
+                        for lane in range(going):
                             s[i, j, lane] = sa[i, j, lane]
+                for lane in range(going):
+                    left[lane] -= h[lane]
+            for lane in range(lanes):
+                while who[lane] != lane:
+                    _swap(x, s, left, nodes, who, lane, who[lane])
             for lane in range(lanes):
                 if k == count[low + lane] - 1:
                     for i in range(n):
@@ -346,3 +259,4 @@ def integrate(code, places, param, weight, settings, p, data, x0, begin, end, ou
                 gradient[low + lane, i] = gradients[i, lane]
                 for j in range(i + 1):
                     hessian[low + lane, i, j] = hessian[low + lane, j, i] = hessians[i, j, lane]
+    return taken

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.likelihood.evaluator import MOST_STEPS
 from odescope.likelihood.fit import Fit
+from odescope.likelihood.layers import MOST_STEPS
 from odescope.likelihood.search_space import SearchSpace
 
 GAIN = 1.0  # fall of the cost, in units of chi-squared, at which half the width is taken

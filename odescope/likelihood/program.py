@@ -11,11 +11,12 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.constants import Constant
-from odescope.library.derivative import derivative
-from odescope.library.expression import ONE, Combination, Name, Term
+from odescope.library.derivative import derivative, slope
+from odescope.library.expression import ONE, Call, Combination, Name, Term
 from odescope.library.mechanism import Mechanism
 from odescope.library.product import Product
 from odescope.library.tape import Tape, write_tape
+from odescope.likelihood.layers import Layers
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
 
 
@@ -101,6 +102,7 @@ class Program:
     frame: Frame
     tape: Tape
     places: Places
+    layers: Layers
     targets: int
 
     @staticmethod
@@ -115,9 +117,14 @@ class Program:
         free = {k: m for k, m in enumerate(mechanisms) if m.kind in ("delay", "constant")}
         gains = {k: _gain(m, frame) for k, m in free.items()}
         slopes = _slopes(terms, {k: m.place for k, m in free.items()})
+        jumps = [_jumps(t, frame) for t in terms]
+        dry = list(dict.fromkeys(a for found in jumps for a in found))
+        nearing = [slope(a, name) for a in dry for name in frame.variables]
         within = [(k, m, Combination.of((c * gains[m][0], t * gains[m][1]) for c, t in s.parts)) for k, m, s in slopes]
-        tape = write_tape(rows, [*terms, *(g for _, _, g in gradients), *(g for _, _, g in within)])
-        slot, outer, inner = np.split(tape.outputs, [len(owned), len(owned) + len(gradients)])
+        of_gradients, of_within = [g for *_, g in gradients], [g for *_, g in within]
+        written: list[Sequence[Term | Combination]] = [terms, of_gradients, of_within, dry, nearing]
+        tape = write_tape(rows, [e for expressions in written for e in expressions])
+        slot, outer, inner, z, dz = np.split(tape.outputs, np.cumsum([len(e) for e in written])[:-1])
         grad = [(k, i, place) for (k, i, _), place in zip(gradients, outer, strict=True)]
         number = {target: k for k, target in enumerate(frame.targets)}
         factor = [-1 if p.product.factor is None else number[p.product.factor] for _, p in owned]
@@ -135,7 +142,14 @@ class Program:
             following=frame.following,
             measured=frame.measured,
         )
-        return Program(tuple(mechanisms), frame, tape, places, len(frame.targets))
+        layers = Layers(
+            slot=z,
+            slope=np.where([bool(n.parts) for n in nearing], dz, -1).reshape(-1, len(frame.variables)),
+            part=np.array([(dry.index(a), k) for k, found in enumerate(jumps) for a in found], dtype=np.int64).reshape(
+                -1, 2
+            ),
+        )
+        return Program(tuple(mechanisms), frame, tape, places, layers, len(frame.targets))
 
     @property
     def following(self) -> IntArray:
@@ -221,3 +235,10 @@ def _slopes(terms: Sequence[Term], names: Mapping[int, str]) -> list[tuple[int, 
                 if combination.parts:
                     found.append((k, number, combination))
     return found
+
+
+def _jumps(term: Term, frame: Frame) -> list[Combination]:
+    """Return the arguments of the functions in a term that stand for a sign: their widths are optional constants."""
+    widths = {name for name, c in frame.constants.items() if c.optional}
+    calls = [atom for atom, _ in term.factors if isinstance(atom, Call)]
+    return [call.argument for call in calls if call.function == "tanh" and call.argument.names & widths]

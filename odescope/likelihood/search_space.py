@@ -147,7 +147,7 @@ class SearchSpace:
         return Program.of([self.mechanisms[k] for k in present], self.frame)
 
     def steps(self, found: Fit) -> int:
-        """Return the steps of RK4 an average that a fit takes."""
+        """Return the steps of RK4 that a fit takes an average where it sticks."""
         return self.evaluator.steps(self.program(found.present), found.theta[found.present])
 
     def move(self, width: float, action: str, k: int, statistic: float, after: Fit) -> Move:

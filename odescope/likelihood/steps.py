@@ -13,7 +13,6 @@ from odescope.likelihood.search import Outcome, fitted_again, settle_again
 from odescope.likelihood.search_space import SearchSpace
 
 FINEST = 8  # steps of RK4 a block average, at most, while a search is on
-FINEST_WITH_FRICTION = 32  # the same where dry friction is made narrower at the end
 HALVINGS = 4  # of the width of dry friction at the end, at most
 STEP_ERROR = 1.0  # change of the cost, in units of chi-squared, that does not ask for shorter steps
 STEP_SHARE = 0.01  # of the cost, and
@@ -46,18 +45,15 @@ def with_narrow_friction(space: SearchSpace, outcome: Outcome) -> tuple[SearchSp
     if not space.fixed_constants(outcome.fit):
         return space, outcome
     defect_std = space.segments.spread * outcome.width
-    finer, found = halve_steps(space, outcome.fit, defect_std, FINEST_WITH_FRICTION)
-    finer, found = narrowed(finer, found, defect_std, HALVINGS)
-    end = fitted_again(finer, outcome, found)
-    return finer, end if end.clear else settle_again(finer, end, found)
+    narrow, found = narrowed(space, outcome.fit, defect_std, HALVINGS)
+    end = fitted_again(narrow, outcome, found)
+    return narrow, end if end.clear else settle_again(narrow, end, found)
 
 
-def halve_steps(
-    space: SearchSpace, found: Fit, defect_std: FloatArray, finest: int = FINEST
-) -> tuple[SearchSpace, Fit]:
+def halve_steps(space: SearchSpace, found: Fit, defect_std: FloatArray) -> tuple[SearchSpace, Fit]:
     """Return space and fit with steps so short that halving them moves no coefficient by its standard error.
 
-    Where the cost itself hardly changes nothing is refitted. It always does where a term jumps, such as dry friction.
+    Where the cost itself hardly changes nothing is refitted. It always does where a term jumps, such as abs(v).
 
     Args:
         space: data, candidates and steps.
@@ -65,8 +61,8 @@ def halve_steps(
         defect_std: (n,) that it was fitted with.
         finest: steps a block average, at most.
     """
-    while space.steps(found) < finest:
-        finer = space.finer(2 * space.steps(found))
+    while space.evaluator.substeps < FINEST:
+        finer = space.finer(2 * space.evaluator.substeps)
         again = finer.again(found, found.x0, defect_std, iterations=0)
         if again is not None and abs(again.cost - found.cost) < STEP_ERROR:
             break

@@ -142,12 +142,12 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
     forms = _posed(work, prepared, filtered, regressed)
     for posed in forms:
         done = [c.refinement for c in contenders if c.refinement is not None]
-        if posed.form == "relations" and regressed.model is not None and done:
+        if posed.form == "relations" and done:
             # Mechanisms that follow the record leave little to find: relations then compete as regression has them,
             # unless these already run better.
-            asis = _contender(posed, regressed.model, None, done)
-            if any(c.follows and (c.clear or c.free_run <= asis.free_run) for c in contenders):
-                contenders.append(asis)
+            asis = [] if regressed.model is None else [_contender(posed, regressed.model, None, done)]
+            if any(c.clear or (c.follows and any(c.free_run <= a.free_run for a in asis)) for c in contenders):
+                contenders += asis
                 continue
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
         if posed.form == "relations" and work.study.suspects and not work.late:

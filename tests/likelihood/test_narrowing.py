@@ -8,8 +8,9 @@ from odescope.library.constants import Constant
 from odescope.library.mechanism import Mechanism, candidate
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
-from odescope.likelihood.evaluator import MOST_STEPS, Evaluator
+from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import Fit
+from odescope.likelihood.layers import MOST_STEPS
 from odescope.likelihood.narrowing import narrowed
 from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.search_space import SearchSpace

@@ -15,7 +15,7 @@ from odescope.likelihood.search import LikelihoodSearch
 from odescope.model.notes import trust
 from odescope.model.relation import NORMAL
 from odescope.model.simulation import simulate
-from odescope.pipeline import forms
+from odescope.pipeline import competition, forms, stages
 from odescope.pipeline.identification import identify
 from odescope.study.library_options import Candidates
 from odescope.study.options import Driven, Measured, Study
@@ -200,6 +200,24 @@ def test_auto_says_how_each_form_did_and_takes_the_better():
     assert "of the variance of" not in lines
     assert "Fitted without the held-out stretches and run freely over them" in lines
     assert from_json(to_json(result.model)).scores.forms == result.model.scores.forms
+
+
+def test_relations_are_not_searched_where_mechanisms_are_clear_and_regression_found_none(log, monkeypatch):
+    def nothing(*_):
+        raise NoModelError("model", "no relations")
+
+    searched = []
+
+    def refined(work, filtered, posed):
+        searched.append(posed.form)
+        return stages.refine_form(work, filtered, posed)
+
+    monkeypatch.setattr(stages, "propose", nothing)
+    monkeypatch.setattr(competition, "refine_form", refined)
+    result = identify(with_library(CART), columns(log))
+    assert searched == ["lagrangian"]
+    assert_cart(result)
+    assert result.model.scores.forms == ()
 
 
 FORMS = [
