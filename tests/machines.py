@@ -21,7 +21,7 @@ class Machines:
         self.scheduler = self.start(
             "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(known)
         )
-        until(known.exists)
+        until(lambda: known.exists() and known.read_text().endswith("}"))  # it is there before it is written
         self.address = json.loads(known.read_text())["address"]
         self.workers = []
 

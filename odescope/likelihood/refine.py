@@ -326,7 +326,8 @@ def _shortened(space: SearchSpace, outcome: Outcome, path: ModelPath) -> tuple[M
     shorter = space.again(path.choice.fit, space.segments.initial, space.segments.spread * outcome.width)
     if shorter is None:
         return path, outcome
-    return path, fitted_again(space, outcome, shorter)
+    # Who asks for fewer terms gets them: that the record is followed is said of what the search found.
+    return path, replace(fitted_again(space, outcome, shorter), scale=outcome.scale)
 
 
 def _evidence(space: SearchSpace, outcome: Outcome) -> Evidence | None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_gate import NOISE, X, motion
 
-from odescope.pipeline.gate import gated_scores
+from odescope.model.gate import gated_scores
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral
 from odescope.signals.estimate import estimate_signals
