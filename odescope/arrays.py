@@ -26,3 +26,9 @@ Table = ArrowStream | Mapping[str, ArrayLike]  # columns by name
 def robust_deviation(values: FloatArray) -> float:
     """Return the standard deviation of normal values with the median absolute deviation of these (N,)."""
     return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def true_ranges(inside: BoolArray) -> list[tuple[int, int]]:
+    """Return the first of every range of samples (N,) that are all inside, and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8))).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))

@@ -59,7 +59,6 @@ def halve_steps(space: SearchSpace, found: Fit, defect_std: FloatArray) -> tuple
         space: data, candidates and steps.
         found: a fit in it.
         defect_std: (n,) that it was fitted with.
-        finest: steps a block average, at most.
     """
     while space.evaluator.substeps < FINEST:
         finer = space.finer(2 * space.evaluator.substeps)

@@ -164,7 +164,7 @@ def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequ
         missing={name: told for name, told in missing.items() if told[0]},
         bridged={i.name: gap for i in inputs if i.hold != "zero" and (gap := bridged(records, i.name))[0]},
     )
-    return found if found.disordered or found.doubled or found.jitter or found.missing else None
+    return found if found.disordered or found.doubled or found.jitter or found.missing or found.bridged else None
 
 
 def provenance(study: Study, signals: Signals, whole: Whole | None) -> dict[str, Json]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray
+from odescope.arrays import FloatArray, true_ranges
 from odescope.recordings.record import Records
 
-WINDOWS = 2000  # of a record at most, spread over it
+WINDOWS = 2000  # of all records at most, spread over them, beside one of every stretch
 
 
 def bridged(records: Records, name: str) -> tuple[int, float]:
@@ -21,29 +21,30 @@ def bridged(records: Records, name: str) -> tuple[int, float]:
         name: of the column.
     """
     measured = [run.counted(name) > 0.0 for run in records]
-    longest = max((stop - first for there in measured for first, stop in _stretches(~there)), default=0)
-    if not longest:
-        return 0, 0.0
-    spread = float(np.concatenate([run.column(name)[m] for run, m in zip(records, measured, strict=True)]).std())
-    off = [
-        _off_lines(run.column(name)[first:stop], longest)
+    longest = max((stop - first for there in measured for first, stop in true_ranges(~there)), default=0)
+    whole = [
+        run.column(name)[first:stop]
         for run, there in zip(records, measured, strict=True)
-        for first, stop in _stretches(there)
+        for first, stop in true_ranges(there)
         if stop - first > longest + 1
     ]
-    return longest, float(np.sqrt(np.mean(np.concatenate(off) ** 2))) / spread if off and spread > 0.0 else 0.0
+    if not longest or not whole:
+        return longest, 0.0
+    every = max(sum(len(y) - longest - 1 for y in whole) // WINDOWS, 1)
+    off = np.concatenate([_off_lines(y, longest, every) for y in whole])
+    spread = float(np.concatenate([run.column(name)[m] for run, m in zip(records, measured, strict=True)]).std())
+    return longest, float(np.sqrt(np.mean(off**2))) / spread if spread > 0.0 else 0.0
 
 
-def _off_lines(y: FloatArray, gap: int) -> FloatArray:
-    """Return how far values (N,) are from the lines that would bridge gaps of so many samples among them."""
-    windows = np.lib.stride_tricks.sliding_window_view(y, gap + 2)
-    windows = windows[:: max(len(windows) // WINDOWS, 1)]
+def _off_lines(y: FloatArray, gap: int, every: int) -> FloatArray:
+    """Return how far values (N,) are from the lines that would bridge gaps among them.
+
+    Args:
+        y: the values.
+        gap: samples in each.
+        every: of the places where one could be is looked at.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(y, gap + 2)[::every]
     part = np.linspace(0.0, 1.0, gap + 2)
     off: FloatArray = windows - windows[:, :1] * (1.0 - part) - windows[:, -1:] * part
     return off[:, 1:-1].ravel()
-
-
-def _stretches(inside: BoolArray) -> list[tuple[int, int]]:
-    """Return first and stop of every stretch of samples (N,) that are inside."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    return [(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.arrays import BoolArray, FloatArray, IntArray, true_ranges
 from odescope.errors import InputError
 from odescope.recordings.record import UNREPAIRED, Repairs, check_finite, within
 
@@ -141,10 +141,9 @@ def _refuse_gaps(run: RawRun, jumps: IntArray) -> None:
 
 def _missing(what: str, missing: BoolArray, rows: IntArray) -> str:
     """Say in which rows cells are missing."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], missing, [False])).astype(np.int8)))
     spans = [
         f"{rows[start]}-{rows[stop - 1]}" if stop - start > 1 else f"{rows[start]}"
-        for start, stop in zip(edges[::2], edges[1::2], strict=True)
+        for start, stop in true_ranges(missing)
     ]
     plural = "s" * (int(missing.sum()) > 1)
     return f"{what} has {_counted(len(spans))} (data row{plural} {_listed(spans)})"

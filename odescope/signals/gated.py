@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.arrays import BoolArray, FloatArray, IntArray, true_ranges
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Records
 from odescope.signals.differentiators import Differentiator
@@ -89,7 +89,6 @@ def _reason(
 def _plateaus(inside: BoolArray) -> BoolArray:
     """Return where (N,) so many samples follow each other that they are no chance."""
     found = np.zeros(len(inside), dtype=np.bool_)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+    for first, stop in true_ranges(inside):
         found[first:stop] = stop - first >= PLATEAU
     return found

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray, robust_deviation
+from odescope.arrays import BoolArray, FloatArray, robust_deviation, true_ranges
 from odescope.errors import NoModelError
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, Stretch
@@ -210,8 +210,7 @@ def _saturated(columns: Sequence[FloatArray]) -> list[BoolArray]:
         count = float(moves.min()) if moves.min() < 0.1 * (high - low) else 0.0
         least = max(STEPS * usual, COUNTS * count)
         for end in (high, low):
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], y == end, [False]]).astype(np.int8)))
-            for first, stop in zip(edges[::2], edges[1::2], strict=True):
+            for first, stop in true_ranges(y == end):
                 around = np.concatenate([pace[max(first - 2, 0) : first], pace[stop - 1 : stop + 1]])
                 if stop - first >= PLATEAU and len(around) and around.mean() > least:
                     far[first:stop] = True

@@ -1,5 +1,7 @@
 """How far lines over gaps are off, beside closed forms."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -20,9 +22,8 @@ def test_the_error_of_a_line_is_that_of_a_parabola_between_its_ends():
     gap, frequency = 10, 2.0 * np.pi * 0.5
     longest, off = bridged(Records((lacking(np.sin(frequency * T), (500, 503), (1000, 1000 + gap)),)), "u")
     part = np.arange(1, gap + 1) / (gap + 1)
-    parabola = (
-        0.5 * (frequency * (gap + 1) * 0.01) ** 2 * part * (1.0 - part)
-    )  # times u, whose second derivative it has
+    # times u, whose second derivative it has
+    parabola = 0.5 * (frequency * (gap + 1) * 0.01) ** 2 * part * (1.0 - part)
     assert longest == gap
     assert off == pytest.approx(np.sqrt(np.mean(parabola**2)), rel=0.01)
 
@@ -39,3 +40,25 @@ def test_the_longest_gap_of_all_records_counts():
     part = np.arange(1, 4) / 4
     assert longest == 3
     assert off == pytest.approx(np.sqrt(np.mean(1.0 + part**2 + (1.0 - part) ** 2)), rel=0.05)
+
+
+def test_a_column_that_was_never_measured_is_off_by_nothing_that_could_be_told():
+    assert bridged(Records((lacking(np.sin(T[:50]), (0, 50)),)), "u") == (50, 0.0)
+
+
+def test_of_many_stretches_no_more_windows_are_looked_at_than_of_one():
+    """A long log with a gap a second has thousands of stretches: windows of each of them would not fit in memory."""
+    count, gap = 200_000, 20
+    counts = np.ones((count, 1))
+    for k in range(100, count, 100):
+        counts[k : k + gap] = 0.0
+    noise = np.random.default_rng(1).standard_normal((count, 1))
+    records = Records((Record(0.01 * np.arange(count), noise, ("u",), counts=counts),))
+    tracemalloc.start()
+    longest, off = bridged(records, "u")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    part = np.arange(1, gap + 1) / (gap + 1)
+    assert longest == gap
+    assert off == pytest.approx(np.sqrt(np.mean(1.0 + part**2 + (1.0 - part) ** 2)), rel=0.05)
+    assert peak < 3 * noise.nbytes
