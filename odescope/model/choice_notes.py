@@ -102,7 +102,10 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
 
 def _forced(found: SuspicionScore) -> str:
     if not found.tried:
-        return "name the column of the time, in seconds ([data] time), and sines of it are tried"
+        return (
+            f"sines of the time are tried where [data] time names a column of numbers, in seconds, and nothing else is"
+            f" called {found.variable} or rate_{found.variable}"
+        )
     return f"{listed(found.found)} instead" if found.found else f"{listed(found.tried)} were tried and are no better"
 
 

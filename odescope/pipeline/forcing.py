@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import msgspec
 
-from odescope.errors import NoModelError
+from odescope.errors import InputError, NoModelError
 from odescope.events import Event, Monitor, Progress
 from odescope.library.readable import readable
 from odescope.likelihood.periodic import Forcing, periodic
@@ -19,12 +19,22 @@ from odescope.likelihood.refine import Refinement
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.competition import Contender
 from odescope.pipeline.suspicion import replaces
+from odescope.recordings.record import Records
 from odescope.study.clock import TIME, keeps_time
 from odescope.study.options import Study
 
-Result = TypeVar("Result")
-
 RATE = f"rate_{TIME}"
+
+
+class OfRecords(Protocol):
+    """What was identified from recordings."""
+
+    @property
+    def records(self) -> Records:
+        """The recordings, with the stamps that they were read with."""
+
+
+Result = TypeVar("Result", bound=OfRecords)
 
 
 def with_forcing(
@@ -48,18 +58,31 @@ def with_forcing(
     forcing = periodic(before.space)
     if forcing is None:
         return result, contender, ()
-    waves = (f"sin({RATE}*{TIME})", f"cos({RATE}*{TIME})")
-    tried = waves if keeps_time(study) and RATE not in study.parameters else ()
-    if tried:
-        monitor.tell(Progress("suspicion", "search with a forcing of the rate at which the residual goes", 0, 1))
-        try:
-            other, forced = run(_named(study, forcing, waves), replace(monitor, tell=_without(monitor, in_vain)))
-        except NoModelError:
-            return result, contender, (_score(before, forcing, tried, ()),)
-        found = _forcing(forced.refinement)
-        if forced.refinement is not None and found and replaces(forced.refinement, before):
-            return other, forced, (_score(before, forcing, tried, found),)
-    return result, contender, (_score(before, forcing, tried, ()),)
+    if not keeps_time(study) or RATE in study.parameters:
+        return result, contender, (_score(before, forcing, (), ()),)
+    waves = _waves(result.records)
+    monitor.tell(Progress("suspicion", "search with a forcing of the rate at which the residual goes", 0, 1))
+    try:
+        other, forced = run(_named(study, forcing, waves), replace(monitor, tell=_without(monitor, in_vain)))
+    except NoModelError:
+        return result, contender, (_score(before, forcing, waves, ()),)
+    except InputError:  # the study is sound without the time, whose column holds dates
+        return result, contender, (_score(before, forcing, (), ()),)
+    found = _forcing(forced.refinement)
+    if forced.refinement is not None and found and replaces(forced.refinement, before):
+        return other, forced, (_score(before, forcing, waves, found),)
+    return result, contender, (_score(before, forcing, waves, ()),)
+
+
+def _waves(records: Records) -> tuple[str, ...]:
+    """Return sine and cosine of the time, or of the time since the middle of recordings whose stamps begin far from 0.
+
+    Far from the origin a sine of another rate is one of another phase, and a fit cannot tell them apart.
+    """
+    begin, end = min(float(run.t[0]) for run in records), max(float(run.t[-1]) for run in records)
+    middle = round(0.5 * (begin + end))
+    since = TIME if abs(middle) < end - begin else f"({TIME} - {middle})"
+    return f"sin({RATE}*{since})", f"cos({RATE}*{since})"
 
 
 def _named(study: Study, forcing: Forcing, waves: tuple[str, ...]) -> Study:

@@ -61,10 +61,34 @@ def test_where_the_time_has_no_column_in_seconds_it_is_said_what_to_name(data, c
     result = identify(msgspec.structs.replace(STUDY, data=data), {name: recorded[name] for name in columns})
     (said,) = [s for s in result.model.scores.suspicions if s.reason == "periodic"]
     assert (said.tried, said.found) == ((), ())
-    assert any("name the column of the time, in seconds" in warning for warning in result.warnings)
+    assert any("[data] time names a column of numbers, in seconds" in warning for warning in result.warnings)
 
 
 def test_nothing_is_tried_where_functions_are_not_to_be_suspected():
     result = identify(msgspec.structs.replace(STUDY, library=Candidates(suspect=False)), log(STRENGTH, 0.4, 0))
     assert result.model.scores.suspicions == ()
     assert not result.refinement.exact
+
+
+def test_stamps_that_count_from_1970_do_as_well():
+    """So far from its origin a sine's rate and its phase are one to a fit: it counts from the middle of the record."""
+    recorded = log(STRENGTH, 0.4, 0)
+    result = identify(STUDY, {**recorded, "clock": recorded["clock"] + 1.7e9})
+    found = {row.term.split("(")[0]: row for row in result.coefficients if row.equation == "x_dot"}
+    assert set(found) == {"1", "x", "sin", "cos"}
+    assert np.hypot(found["sin"].coefficient, found["cos"].coefficient) == pytest.approx(STRENGTH, rel=0.02)
+    (rate,) = [p for p in result.model.parameters if p.name == "rate_t"]
+    assert abs(rate.value - RATE) < 4.0 * rate.std_error
+    (run,) = result.free_runs
+    assert np.sqrt(np.mean((run.run.column("x") - recorded["x"]) ** 2)) < 2.0 * NOISE * recorded["x"].std()
+
+
+def test_dates_are_no_seconds_and_a_model_comes_of_them_all_the_same(tmp_path):
+    recorded = log(STRENGTH, 0.4, 0)
+    stamps = np.datetime64("2024-05-01T00:00:00") + (1e3 * recorded["clock"]).round().astype("timedelta64[ms]")
+    lines = (f"{stamp},{x}\n" for stamp, x in zip(stamps, recorded["x"], strict=True))
+    (tmp_path / "log.csv").write_text("clock,x\n" + "".join(lines))
+    result = identify(STUDY, tmp_path / "log.csv")
+    (said,) = [s for s in result.model.scores.suspicions if s.reason == "periodic"]
+    assert (said.tried, said.found) == ((), ())
+    assert any("[data] time names a column of numbers, in seconds" in warning for warning in result.warnings)
