@@ -156,10 +156,10 @@ def _of_file(file: Path) -> TableLabels:
 
 
 def _layout(model: Model, tables: Sequence[TableLabels], given: TimeColumns, names: Sequence[str]) -> Layout:
-    place = model_columns(model)
     for table in tables:
-        _check_complete(model, table, names)
+        _check_complete(model, table, given, names)
     first = tables[0]
+    place = _places(model, first, given)
     labels = {name: _label(name, place, first) or place[name] for name in names}
     angles = frozenset(c.name for c in model.coordinates if c.angle and c.name in names)
     units = {name: Heading.of(labels[name]).unit for name in angles}
@@ -181,9 +181,27 @@ def _layout(model: Model, tables: Sequence[TableLabels], given: TimeColumns, nam
     )
 
 
-def _check_complete(model: Model, table: TableLabels, names: Sequence[str]) -> None:
-    """Refuse a table without columns that are wanted; all of them are named."""
+def _places(model: Model, table: TableLabels, given: TimeColumns) -> dict[str, str]:
+    """Return the column of every coordinate and input; that of the time, which a table may call otherwise, is its own.
+
+    Raises:
+        InputError: the model holds the time, and the table has it in another unit.
+    """
     place = model_columns(model)
+    for i in model.inputs:
+        if place[i.name] == model.provenance.get("time") and (time := _time_label(model, table, given)) is not None:
+            if (unit := _time_unit(model, time)) != "s":
+                raise InputError(
+                    f"the model holds the time, {i.name}, in seconds, and {time!r} in {table.source} is in {unit}:"
+                    " name or add a column in seconds"
+                )
+            place[i.name] = time
+    return place
+
+
+def _check_complete(model: Model, table: TableLabels, given: TimeColumns, names: Sequence[str]) -> None:
+    """Refuse a table without columns that are wanted; all of them are named."""
+    place = _places(model, table, given)
     lacking = [place[name] for name in names if _label(name, place, table) is None]
     if lacking:
         inputs = {place[i.name] for i in model.inputs}

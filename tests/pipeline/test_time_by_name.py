@@ -60,15 +60,32 @@ def test_the_time_is_an_input_of_the_model_that_runs_take_from_the_column_of_tim
     log = forced(20.0, 3)
     run = simulate(model, log["seconds"], log["seconds"][:, None], np.array([0.5, 0.0]))
     assert np.sqrt(np.mean((run.states[:, 0] - log["x"]) ** 2)) < 0.02 * log["x"].std()
-    (tmp_path / "model.json").write_text(to_json(found.model), encoding="utf-8")
-    with (tmp_path / "log.csv").open("w", newline="", encoding="utf-8") as file:
+    rows = rows_of(found, tmp_path, log)
+    assert np.abs(rows[:, 1] - run.states[:, 0]).max() < 1e-6
+
+
+def rows_of(found, folder, log, time=None):
+    """Return the rows of a free run over a log from (0.5, 0), by the command."""
+    (folder / "model.json").write_text(to_json(found.model), encoding="utf-8")
+    with (folder / "log.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(log)
         writer.writerows(zip(*log.values(), strict=True))
-    given = ["x=0.5", "x_dot=0.0"]
-    told = free_runs(tmp_path / "model.json", tmp_path / "log.csv", None, None, None, given)
-    rows = np.array([line.split(",") for line in told.text.splitlines()[1:]], dtype=float)
-    assert np.abs(rows[:, 1] - run.states[:, 0]).max() < 1e-6
+    told = free_runs(folder / "model.json", folder / "log.csv", time, None, None, ["x=0.5", "x_dot=0.0"])
+    return np.array([line.split(",") for line in told.text.splitlines()[1:]], dtype=float)
+
+
+@pytest.mark.parametrize(("heading", "time"), [("stamp", "stamp"), ("time", None)])
+def test_in_a_log_with_another_column_of_time_the_time_is_that(found, tmp_path, heading, time):
+    log = forced(20.0, 3)
+    expected = rows_of(found, tmp_path, log)
+    np.testing.assert_array_equal(rows_of(found, tmp_path, {heading: log["seconds"], "x": log["x"]}, time), expected)
+
+
+def test_times_in_another_unit_are_refused_where_the_model_holds_the_time(found, tmp_path):
+    log = forced(20.0, 3)
+    with pytest.raises(InputError, match=r"the model holds the time, t, in seconds, .* in ms"):
+        rows_of(found, tmp_path, {"stamp (ms)": 1e3 * log["seconds"], "x": log["x"]}, "stamp (ms)")
 
 
 def test_what_else_is_called_t_is_not_the_time():
