@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,6 +33,7 @@ from odescope.signals.differentiators import Differentiator
 from odescope.signals.estimate import Signals, signals_like
 from odescope.signals.filling import filled_like
 from odescope.signals.outliers import Clipping, clip_outliers
+from odescope.signals.placeholders import without_placeholders
 from odescope.signals.spectral import reach
 
 
@@ -40,12 +41,14 @@ from odescope.signals.spectral import reach
 class Plan:
     """What turns a chunk of the data into factors, settled before: small, and the same for every chunk.
 
-    `period` is that of the samples, `like` are signals without columns, `lead` the seconds dropped at the ends for the
-    sake of delays, `shortest` those below which a recording is left out, `libraries` those of the targets.
+    `period` is that of the samples, `placeholders` are the numbers that stand for no reading, by coordinate, `like` are
+    signals without columns, `lead` the seconds dropped at the ends for the sake of delays, `shortest` those below which
+    a recording is left out, `libraries` those of the targets.
     """
 
     layout: Layout
     period: float
+    placeholders: Mapping[str, float]
     differentiator: Differentiator
     margin: float
     inputs: tuple[Input, ...]
@@ -59,8 +62,8 @@ class Plan:
     def digest(self) -> str:
         """What tells this plan from any other."""
         settled = (
-            self.layout, self.period, self.differentiator, self.margin, self.inputs, self.lead, self.clipping,
-            self.shortest,
+            self.layout, self.period, self.placeholders, self.differentiator, self.margin, self.inputs, self.lead,
+            self.clipping, self.shortest,
         )  # fmt: skip
         found = (self.like.channels, self.like.period, self.like.coordinates)
         libraries = [([t.text for t in library.terms], library.row_map) for library in self.libraries]
@@ -111,6 +114,7 @@ def _signals(chunk: Chunk, plan: Plan) -> tuple[Signals, int]:
     stretches = tuple(
         s for s, short in zip(read, least, strict=True) if s.cut or remaining(s.record, plan.lead) >= short
     )
+    stretches = tuple(replace(s, record=without_placeholders(s.record, plan.placeholders)) for s in stretches)
     check_wanted()
     cutoffs = [c.cutoff for c in plan.like.channels]
     stretches = filled_like(stretches, plan.like.coordinates, plan.differentiator, cutoffs)

@@ -24,6 +24,7 @@ from odescope.regression.problem import Problem, pose
 from odescope.selection.bootstrap import inclusion
 from odescope.selection.ranking import Candidate, ranking, require_law
 from odescope.signals.estimate import Signals
+from odescope.signals.placeholders import placeholders
 
 Chosen = tuple[Candidate, ...]  # one candidate a target
 
@@ -48,8 +49,11 @@ def pose_all(work: Work, libraries: Sequence[Library], filtered: Filtered) -> tu
     if sample.complete:
         return problems, None
     with work.stage("recordings"):
+        gating = study.signals.outliers == "gate"
         plan = Plan(
-            study.layout(), sample.records.runs[0].sample_period, study.signals.differentiator, study.signals.margin,
+            study.layout(), sample.records.runs[0].sample_period,
+            placeholders(sample.records, study.measured()) if gating else {},
+            study.signals.differentiator, study.signals.margin,
             filtered.inputs, filtered.lead, filtered.clipping, filtered.shortest,
             replace(filtered.signals, columns=(), start=()), tuple(p.library for p in problems),
         )  # fmt: skip

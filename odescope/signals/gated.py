@@ -13,7 +13,7 @@ from odescope.recordings.record import Records
 from odescope.signals.differentiators import Differentiator
 from odescope.signals.filling import filled
 from odescope.signals.outliers import PLATEAU, gate_outliers
-from odescope.signals.placeholders import placeholder, without_placeholders
+from odescope.signals.placeholders import placeholders, without_placeholders
 from odescope.signals.slow_sensors import without_repeats
 
 Reason = Literal["saturated", "repeated", "late", "outlier", "placeholder"]
@@ -35,7 +35,8 @@ def gated_records(
     Raises:
         NoModelError: so many samples are far off that none is usual.
     """
-    measured = without_repeats(without_placeholders(records, coordinates), coordinates)
+    known = placeholders(records, coordinates)
+    measured = without_repeats(Records.of(without_placeholders(run, known) for run in records), coordinates)
     measured = filled(measured, coordinates, differentiator)
     found = gate_outliers(measured, coordinates, differentiator)
     return found, reasons_of(records, found, coordinates)
@@ -53,18 +54,18 @@ def reasons_of(before: Records, after: Records, coordinates: Sequence[Coordinate
         after: those that it gave back, with the signal in the place of what it took out.
         coordinates: what was measured.
     """
-    found = {}
+    found, standing = {}, placeholders(before, coordinates)
     for c in coordinates:
         recorded, signal = ([run.column(c.name) for run in records] for records in (before, after))
         ends = min(float(y.min()) for y in recorded), max(float(y.max()) for y in recorded)
         gone = [(a.counted(c.name) > 0.0) & (b.counted(c.name) == 0.0) for a, b in zip(before, after, strict=True)]
-        standing = placeholder(recorded)
-        found[c.name] = tuple(_reason(*of, ends, standing) for of in zip(recorded, signal, gone, strict=True))
+        none = standing.get(c.name, np.nan)
+        found[c.name] = tuple(_reason(*of, ends, none) for of in zip(recorded, signal, gone, strict=True))
     return found
 
 
 def _reason(
-    recorded: FloatArray, signal: FloatArray, gone: BoolArray, ends: tuple[float, float], standing: float | None
+    recorded: FloatArray, signal: FloatArray, gone: BoolArray, ends: tuple[float, float], standing: float
 ) -> IntArray:
     """Return the reason of each sample of one record, (N,), 0 where it counts.
 
@@ -73,11 +74,11 @@ def _reason(
         signal: (N,) what took the place of those that do not count.
         gone: (N,) whether they do not.
         ends: of the range of all records.
-        standing: the number that stands for no reading, if there is one.
+        standing: the number that stands for no reading, NaN if there is none.
     """
     earlier, previous = np.concatenate([signal[:1], signal[:-1]]), np.concatenate([[np.nan], recorded[:-1]])
     kinds = (
-        recorded == (np.nan if standing is None else standing),
+        recorded == standing,
         _plateaus(gone & np.isin(recorded, ends)),
         recorded == previous,
         (recorded - earlier) * (recorded - signal) < 0.0,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.recordings.coordinate import Coordinate
-from odescope.recordings.record import Records
+from odescope.recordings.record import Record, Records
 from odescope.signals.taken_out import taken_out
 
 LEAST = 5  # times that a signal leaps to it and back
@@ -17,20 +17,20 @@ USUAL = 0.95  # of the steps between other samples are no leaps
 LEAP = 3.0  # times such a step
 
 
-def without_placeholders(records: Records, coordinates: Sequence[Coordinate]) -> Records:
-    """Return records in which samples that stand for no reading count as not measured.
+def placeholders(records: Records, coordinates: Sequence[Coordinate]) -> dict[str, float]:
+    """Return the number that stands for no reading, of every coordinate that has one.
 
     Args:
         records: uniformly sampled.
         coordinates: what was measured.
     """
-    standing = {c.name: placeholder([run.column(c.name) for run in records]) for c in coordinates}
-    known = {name: value for name, value in standing.items() if value is not None}
-    if not known:
-        return records
-    return Records.of(
-        taken_out(run, {name: run.column(name) == value for name, value in known.items()}) for run in records
-    )
+    found = {c.name: placeholder([run.column(c.name) for run in records]) for c in coordinates}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def without_placeholders(run: Record, known: Mapping[str, float]) -> Record:
+    """Return a record in which samples that stand for no reading, the known number exactly, count as not measured."""
+    return taken_out(run, {name: run.column(name) == value for name, value in known.items()}) if known else run
 
 
 def placeholder(columns: Sequence[FloatArray]) -> float | None:

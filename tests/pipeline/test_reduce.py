@@ -69,6 +69,14 @@ def test_clipping_and_delays_reach_every_chunk(tmp_path, lengthy):
     assert [found[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.02)
 
 
+def test_numbers_where_nothing_was_read_count_in_no_chunk(tmp_path, lengthy):
+    lost = np.random.default_rng(4).random(ROWS) < 0.02
+    parquet.write_table(pa.table({**lengthy, "x": np.where(lost, -999.0, lengthy["x"])}), tmp_path / "log.parquet")
+    found = coefficients(identify(study_of(tmp_path / "log.parquet")))
+    assert found.keys() == {"x_ddot", "x", "x_dot", "u"}
+    assert [found[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.01)
+
+
 @pytest.mark.parametrize("gaps", ["split", "bridge"])
 def test_gaps_between_and_within_chunks(tmp_path, lengthy, gaps):
     table = pa.table(lengthy).take(np.delete(np.arange(ROWS), [*range(6000, 6004), 30_000, *range(70_000, 77_000)]))

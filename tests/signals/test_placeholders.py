@@ -26,7 +26,7 @@ def test_what_stands_for_no_reading_does_not_count_and_the_motion_is_found(value
     recorded = np.where(lost, value, x + NOISE * rng.standard_normal(len(t)))
     before = records_of(t, recorded, x)
     assert placeholder([run.column("x") for run in before]) == value
-    after = filled(without_placeholders(before, X), X, Spectral())
+    after = filled(Records.of(without_placeholders(run, {"x": value}) for run in before), X, Spectral())
     gone = after.runs[0].counted("x") == 0.0
     np.testing.assert_array_equal(gone, lost)
     signals = estimate_signals(Records(after.runs[:1]), X, (), Spectral(), decimate=False)
