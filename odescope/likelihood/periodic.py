@@ -5,11 +5,13 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from odescope.arrays import BoolArray, FloatArray
+from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.library.expression import ONE
 from odescope.likelihood.explicit import rates
 from odescope.likelihood.search_space import SearchSpace
@@ -47,15 +49,16 @@ def periodic(space: SearchSpace) -> Forcing | None:
     rate = 2.0 * np.pi * number / (length * segments.step)
     width = 2.0 * np.pi / (longest * segments.step)
     number = number[(rate > LEAST * width) & (rate < 2.0 * np.pi / (DENSE * segments.step))]
+    turns, counts = 2.0 * np.pi * number / length, [high - low for low, high in segments.runs]
     found = list[Forcing]()
     for relation, columns in enumerate(_columns(space) if len(number) else ()):
         if len(columns) > 1:
             each = max(TOGETHER // len(columns) ** 2, 1)
-            parts = [
-                _with_sines(columns, segments.runs, n, length) for n in np.split(number, range(each, len(number), each))
-            ]
-            left = np.concatenate([_left(part, TERMS) for part in parts])
-            alone = _left(_products(columns, segments.runs)[None], TERMS + PRICE)[0]
+            parts = np.split(np.arange(len(number)), range(each, len(number), each))
+            products, spectra = _products(columns, segments.runs), _spectra(columns, segments.runs, number, length)
+            beside = (_with_sines(products, [s[part] for s in spectra], counts, turns[part]) for part in parts)
+            left = np.concatenate([_left(part, TERMS) for part in beside])
+            alone = _left(products[None], TERMS + PRICE)[0]
             best = int(np.argmin(left))
             if alone > 0.0:
                 found.append(
@@ -87,21 +90,40 @@ def _centred(columns: FloatArray) -> FloatArray:
     return found
 
 
-def _with_sines(columns: FloatArray, runs: tuple[tuple[int, int], ...], number: np.ndarray, length: int) -> FloatArray:
+def _spectra(
+    columns: FloatArray, runs: tuple[tuple[int, int], ...], number: IntArray, length: int
+) -> list[NDArray[np.complex128]]:
+    """Return the discrete Fourier transform of columns (k, N) less their means, (rates, k) of every recording.
+
+    Args:
+        columns: of all recordings.
+        runs: where each recording begins and ends in them.
+        number: (rates,) of each rate in the transform.
+        length: of that.
+    """
+    # One column at a time: a transform is longer than its columns, and most of its rates are not asked for.
+    return [
+        np.column_stack([np.fft.rfft(own, length)[number] for own in _centred(columns[:, low:high])])
+        for low, high in runs
+    ]
+
+
+def _with_sines(
+    products: FloatArray, spectra: Sequence[NDArray[np.complex128]], counts: Sequence[int], turns: FloatArray
+) -> FloatArray:
     """Return inner products of what a constant, a sine and a cosine of each recording leave of columns, (rates, k, k).
 
     Args:
-        columns: (k, N) of all recordings.
-        runs: where each recording begins and ends in them.
-        number: (rates,) of each rate in a discrete Fourier transform.
-        length: of that.
+        products: (k, k) of the columns less their means.
+        spectra: (rates, k) of every recording, see `_spectra`.
+        counts: averages of every recording.
+        turns: (rates,) radians from one average to the next.
     """
-    result = np.repeat(_products(columns, runs)[None], len(number), axis=0)
-    for low, high in runs:
-        count, spectrum = high - low, np.fft.rfft(_centred(columns[:, low:high]), length)[:, number]
-        cosine, sine = spectrum.real.T, -spectrum.imag.T
+    result = np.repeat(products[None], len(turns), axis=0)
+    for count, spectrum in zip(counts, spectra, strict=True):
+        cosine, sine = spectrum.real, -spectrum.imag
         # Sums over the samples of exp(-i w t) and exp(-2 i w t), from which those of cosines, sines and products.
-        once, twice = (np.exp(-2j * np.pi * k * number / length) for k in (1, 2))
+        once, twice = (np.exp(-1j * k * turns) for k in (1, 2))
         once, twice = ((1.0 - z**count) / (1.0 - z) for z in (once, twice))
         cc = 0.5 * (count + twice.real) - once.real**2 / count
         ss = 0.5 * (count - twice.real) - once.imag**2 / count
