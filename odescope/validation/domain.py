@@ -31,7 +31,16 @@ def outside_domain(model: Model, columns: Mapping[str, Sequence[FloatArray]]) ->
         values, slack = np.concatenate(list(samples)), MARGIN * (high - low)
         outside = float(np.mean((values < low - slack) | (values > high + slack)))
         if outside > RARE:
+            ends = (float(values.min()), float(values.max()), low, high)
+            first, last, low_end, high_end = _as_texts(ends)
             yield (
-                f"{name} is from {values.min():.4g} to {values.max():.4g}, and {100 * outside:.2g} % of it outside the"
-                f" data of the model, {low:.4g} to {high:.4g}"
+                f"{name} is from {first} to {last}, and {100 * outside:.2g} % of it outside the data of the model,"
+                f" {low_end} to {high_end}"
             )
+
+
+def _as_texts(values: Sequence[float]) -> list[str]:
+    """Return numbers with four digits, and as many more as all have alike, as seconds that count from 1970."""
+    alike = max(map(abs, values)) / (max(values) - min(values))
+    digits = 4 + max(int(np.log10(alike)), 0)
+    return [f"{v:.{digits}g}" for v in values]
