@@ -35,10 +35,11 @@ def gated_records(
     Raises:
         NoModelError: so many samples are far off that none is usual.
     """
-    known = placeholders(records, coordinates)
-    measured = without_repeats(Records.of(without_placeholders(run, known) for run in records), coordinates)
-    measured = filled(measured, coordinates, differentiator)
-    found = gate_outliers(measured, coordinates, differentiator)
+    there = [c for c in coordinates if any(np.any(run.counted(c.name) > 0.0) for run in records)]
+    known = placeholders(records, there)
+    measured = without_repeats(Records.of(without_placeholders(run, known) for run in records), there)
+    measured = filled(measured, there, differentiator)
+    found = gate_outliers(measured, there, differentiator)
     return found, reasons_of(records, found, coordinates)
 
 

@@ -4,9 +4,10 @@ import numpy as np
 from test_gate import X, motion
 
 from odescope.model.gate import gated_scores
+from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral
-from odescope.signals.gated import REASONS, reasons_of
+from odescope.signals.gated import REASONS, gated_records, reasons_of
 from odescope.signals.outliers import gate_outliers
 
 
@@ -30,3 +31,15 @@ def test_samples_are_called_what_was_done_to_them():
     assert np.array_equal(reason > 0, after.runs[0].counted("x") == 0.0)
     done = REASONS[:4]
     assert {s.reason: s.samples for s in scores} == {r: int(np.sum(reason == k)) for k, r in enumerate(done, 1)}
+
+
+def test_a_coordinate_that_was_never_measured_leaves_the_others_to_be_gated():
+    t, x = motion()
+    far = [200, 201, 640]
+    x = x + 0.01 * np.random.default_rng(3).standard_normal(len(t))
+    x[far] += 0.8
+    counts = np.column_stack([np.ones(len(t)), np.zeros(len(t))])
+    run = Record(t, np.column_stack([x, np.zeros(len(t))]), ("x", "lost"), counts=counts)
+    after, reasons = gated_records(Records.of(run), [*X, Coordinate("lost", order=2)], Spectral())
+    assert np.flatnonzero(after.runs[0].counted("x") == 0.0).tolist() == far
+    assert not reasons["lost"][0].any()
