@@ -28,6 +28,7 @@ from odescope.signals.estimate import Signals
 from odescope.study.library_options import Form
 from odescope.study.options import LeftOut
 
+WELL = 0.1  # error of free runs, in standard deviations, of a model that leaves another form little to find
 LOST = 0.5  # error of free runs, in standard deviations, of a model that says little of the record
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
 
@@ -144,9 +145,10 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         done = [c.refinement for c in contenders if c.refinement is not None]
         if posed.form == "relations" and done:
             # Mechanisms that follow the record leave little to find: relations then compete as regression has them,
-            # unless these already run better.
+            # unless these already run better, or, where it has none, mechanisms do not run well.
             asis = [] if regressed.model is None else [_contender(posed, regressed.model, None, done)]
-            if any(c.clear or (c.follows and any(c.free_run <= a.free_run for a in asis)) for c in contenders):
+            bar = min((a.free_run for a in asis), default=WELL)
+            if any(c.clear or (c.follows and c.free_run <= bar) for c in contenders):
                 contenders += asis
                 continue
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None

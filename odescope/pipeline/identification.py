@@ -48,6 +48,7 @@ from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Recorded, Records
 from odescope.selection.advice import advice
 from odescope.signals.estimate import Signals
+from odescope.signals.first_order import second_order_hints
 from odescope.signals.gated import Reasons
 from odescope.study.clock import with_time
 from odescope.study.columns import doubted_headings, settled_columns
@@ -183,7 +184,7 @@ class Identification:
             said += degrees_hints(self.records, self.study.measured())
         runs = () if self.model.scores is None else self.model.scores.free_runs
         if any(run.valid_time < 0.5 * run.duration for run in runs):
-            said += order_hints(self.study.measured())
+            said += order_hints(self.study.measured()) or second_order_hints(self.signals)
         return (*said, *(u.note for u in tables(self.study)[1]))
 
     @property

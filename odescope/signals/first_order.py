@@ -9,6 +9,7 @@ from math import comb
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.signals.estimate import Signals
 from odescope.signals.rates import explained
 
 STRETCHES = 25  # of each record: a transient that is over soon is in several
@@ -16,6 +17,7 @@ FOLDS = 5  # of stretches, which are held out in turn
 ROWS_A_TERM, MOST_TERMS = 8, 120  # of a polynomial: of more, or of fewer rows, a line has to do
 MOST_ROWS = 20_000  # that are fitted
 DEGREES = (1, 3)
+UNEXPLAINED, FOLLOWS = 0.5, 0.95  # part of a rate that a law of order 1 has to explain more of, one of order 2 at least
 
 
 def rate_explained(rate: Sequence[FloatArray], values: Sequence[FloatArray]) -> float:
@@ -38,6 +40,28 @@ def rate_explained(rate: Sequence[FloatArray], values: Sequence[FloatArray]) -> 
         if degree == 1 or comb(len(z) + degree, degree) <= min(len(target) / ROWS_A_TERM, MOST_TERMS):
             found = max(found, explained(target, _held_out(_polynomials(z, degree), target, fold)))
     return found
+
+
+def second_order_hints(signals: Signals) -> tuple[str, ...]:
+    """Return a sentence for each coordinate of order 1 whose values and rate behave as those of a position."""
+    known = [*signals.states, *(i.name for i in signals.inputs)]
+    first = [c for c in signals.coordinates if c.order == 1]
+    rates = {c.name: [run[signals.row(c.target)] for run in signals.columns] for c in first}
+    states = [run[[signals.row(name) for name in known]] for run in signals.columns]
+    with_rates = [np.vstack([run, *(rate[k] for rate in rates.values())]) for k, run in enumerate(states)]
+    said = []
+    for c in first:
+        alone = rate_explained(rates[c.name], states)
+        if alone > UNEXPLAINED:
+            continue
+        again = rate_explained([np.gradient(rate, signals.period) for rate in rates[c.name]], with_rates)
+        if again > FOLLOWS:
+            said.append(
+                f"what was measured explains {100.0 * max(alone, 0.0):.0f} % of the rate of {c.name}, and together with"
+                f" that rate {100.0 * again:.0f} % of the second derivative: {c.name} moves as a position does; give"
+                f" order = 2 in [coordinates.{c.name}], or --order 2"
+            )
+    return tuple(said)
 
 
 def _polynomials(z: FloatArray, degree: int) -> FloatArray:

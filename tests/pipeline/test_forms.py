@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
@@ -202,7 +204,17 @@ def test_auto_says_how_each_form_did_and_takes_the_better():
     assert from_json(to_json(result.model)).scores.forms == result.model.scores.forms
 
 
-def test_relations_are_not_searched_where_mechanisms_are_clear_and_regression_found_none(log, monkeypatch):
+@pytest.mark.parametrize(
+    ("clear", "well", "asked"),
+    [
+        pytest.param(True, 0.0, ["lagrangian"], id="clear"),
+        pytest.param(False, 1.0, ["lagrangian"], id="not clear, but runs well"),
+        pytest.param(False, 0.0, ["lagrangian", "relations"], id="neither"),
+    ],
+)
+def test_relations_that_regression_has_not_found_are_searched_only_beside_poor_mechanisms(
+    log, monkeypatch, clear, well, asked
+):
     def nothing(*_):
         raise NoModelError("model", "no relations")
 
@@ -210,12 +222,16 @@ def test_relations_are_not_searched_where_mechanisms_are_clear_and_regression_fo
 
     def refined(work, filtered, posed):
         searched.append(posed.form)
-        return stages.refine_form(work, filtered, posed)
+        if posed.form == "relations":
+            return None
+        found = stages.refine_form(work, filtered, posed)
+        return replace(found, outcome=replace(found.outcome, finished=clear))
 
+    monkeypatch.setattr(competition, "WELL", well)
     monkeypatch.setattr(stages, "propose", nothing)
     monkeypatch.setattr(competition, "refine_form", refined)
-    result = identify(with_library(CART), columns(log))
-    assert searched == ["lagrangian"]
+    result = identify(with_library(CART, suspect=False), columns(log))
+    assert searched == asked
     assert_cart(result)
     assert result.model.scores.forms == ()
 

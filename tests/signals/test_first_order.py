@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.headings import Heading
 from odescope.recordings.record import Record, Records
-from odescope.signals.first_order import FOLDS, STRETCHES, rate_explained
+from odescope.signals.differentiators import Spectral
+from odescope.signals.estimate import estimate_signals
+from odescope.signals.first_order import FOLDS, STRETCHES, rate_explained, second_order_hints
 from odescope.signals.look import look
 
 T = 0.02 * np.arange(1500)
@@ -80,3 +83,37 @@ def test_what_is_too_short_is_what_its_name_says():
     record = Record(T[:100], np.exp(-T[:100])[:, None], ("x",), (None,), "log")
     (seen,) = look(Records((record,)), {"x": Heading.of("x")})
     assert (seen.order, seen.why) == (2, "a position, by its name; order 1 for an amount")
+
+
+TIME = np.arange(0.0, 30.0, 0.02)
+
+
+def driven(t):
+    return np.sin(1.3 * t) + np.cos(2.9 * t)
+
+
+MOVING = {
+    "oscillator": lambda t, x: (x[1], (1.0 - x[0] ** 2) * x[1] - x[0]),
+    "driven": lambda t, x: (x[1], driven(t) - 4.0 * x[0] - 0.3 * x[1]),
+    "amount": lambda t, x: (driven(t) - x[0], x[0] - 0.5 * x[1]),
+    "Lorenz": lambda t, x: (10.0 * (x[1] - x[0]), x[0] * (28.0 - x[2]) - x[1], x[0] * x[1] - 8.0 / 3.0 * x[2]),
+}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("name", "measured", "hinted"),
+    [("oscillator", 1, ["x0"]), ("driven", 1, ["x0"]), ("amount", 2, []), ("amount", 1, []), ("Lorenz", 1, [])],
+)
+def test_what_moves_as_a_position_does_is_told_from_amounts_and_hidden_states(name, measured, hinted, seed):
+    rng = np.random.default_rng(seed)
+    start = rng.uniform(0.5, 2.0, 3 if name == "Lorenz" else 2)
+    x = solve_ivp(MOVING[name], (0.0, TIME[-1]), start, t_eval=TIME, rtol=1e-8, atol=1e-10).y[:measured].T
+    x = x + 0.01 * x.std(axis=0) * rng.standard_normal(x.shape)
+    names = tuple(f"x{k}" for k in range(measured))
+    inputs = (Input("u"),) if name in ("driven", "amount") else ()
+    columns = np.column_stack([x, driven(TIME)]) if inputs else x
+    records = Records.of([Record(TIME, columns, (*names, *(i.name for i in inputs)))])
+    signals = estimate_signals(records, tuple(Coordinate(n, 1) for n in names), inputs, Spectral())
+    hints = second_order_hints(signals)
+    assert [n for n in names if any(f"[coordinates.{n}]" in hint for hint in hints)] == hinted
