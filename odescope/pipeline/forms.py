@@ -17,10 +17,12 @@ from odescope.likelihood.settings import Start
 from odescope.model.relation import Relation
 from odescope.pipeline.regressed import Regressed
 from odescope.recordings.record import Record, Records
-from odescope.regression.mechanisms import MechanismProblem, proposed
+from odescope.regression.mechanisms import SIMPLE, MechanismProblem, proposed
 from odescope.signals.estimate import Signals, signals_like
 from odescope.study.library_options import Form
 from odescope.study.options import LeftOut, Mechanisms, Study
+
+RUBBING = 0.1  # of the deviation of a target: what friction makes of it in a start
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +137,12 @@ def mechanisms_form(
         noisy = signals_like(signals, twice.stretches, study.signals.differentiator, study.signals.margin)
         return proposed(MechanismProblem.of(signals, plain), noisy)
 
-    return Posed(form, mechanisms, constants, left_out, (Start(_little(mechanisms, signals)),), regression=regression)
+    little = _little(mechanisms, signals)
+    rubbing = _with_friction(
+        little, [mechanism_at(m, {c.name: c.nominal for c in constants}) for m in mechanisms], signals
+    )
+    starts = (Start(little), Start(rubbing)) if np.any(rubbing != little) else (Start(little),)
+    return Posed(form, mechanisms, constants, left_out, starts, regression=regression)
 
 
 def _with_noise(run: Record, noise: dict[str, float], rng: np.random.Generator) -> Record:
@@ -166,4 +173,24 @@ def _little(mechanisms: Sequence[Mechanism], signals: Signals) -> FloatArray:
             y = joined[signals.row(signals.targets[first.relation])]
             u = evaluate(write_tape(signals.names, [first.product.term]), joined)[0]
             theta[k] = inertia[first.relation] * float(y @ u) / max(float(u @ u), 1e-300) / -first.share
+    return theta
+
+
+def _with_friction(little: FloatArray, mechanisms: Sequence[Mechanism], signals: Signals) -> FloatArray:
+    """Return a start with dry and viscous friction of every coordinate alone, each a share of what moves it.
+
+    Where friction is most of what is lacking, a search that adds one mechanism at a time takes others for it.
+
+    Args:
+        little: (mechanisms,) coefficients of the start without.
+        mechanisms: the candidates, with numbers for constants.
+        signals: to tell sizes.
+    """
+    theta, joined = little.copy(), signals.joined()
+    for k, m in enumerate(mechanisms):
+        if m.kind == "dissipation" and m.known is None and len(m.parts) == 1 and m.size <= SIMPLE:
+            (part,) = m.parts
+            target = joined[signals.row(signals.targets[part.relation])]
+            column = evaluate(write_tape(signals.names, [part.product.term]), joined)[0]
+            theta[k] = RUBBING * float(target.std()) / max(float(column.std()), 1e-300) / part.share
     return theta

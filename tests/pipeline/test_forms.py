@@ -367,6 +367,31 @@ def test_the_truth_of_the_tests_is_that_of_the_demo():
 # regression on all relations together
 
 
+def test_a_second_start_has_friction_in_every_joint_which_makes_a_tenth_of_each_target(log, monkeypatch):
+    posed = []
+
+    def refined(work, filtered, form):
+        posed.append((form, filtered.signals))
+        raise NoModelError("likelihood", "that is all")
+
+    monkeypatch.setattr(competition, "refine_form", refined)
+    with pytest.raises(NoModelError, match="that is all"):
+        identify(CART, columns(log))
+    ((form, signals),) = posed
+    first, second = (start.coefficients for start in form.starts)
+    added = np.flatnonzero(first != second)
+    assert {form.mechanisms[k].term for k in added} == {"x_dot**2", "phi_dot**2", "abs(x_dot)", "abs(phi_dot)"}
+    joined = signals.joined()
+    for k in added:
+        m = form.at_nominal[k]
+        (part,) = m.parts
+        name = ("x", "phi")[part.relation]
+        speed = joined[signals.row(f"{name}_dot")]
+        force = part.share * second[k] * (np.sign(speed) if "abs" in m.term else speed)
+        expected = 0.1 * joined[signals.row(f"{name}_ddot")].std()
+        assert force.std() == pytest.approx(expected, rel=0.02 if "abs" in m.term else 1e-6)
+
+
 def test_regression_on_mechanisms_is_asked_for_only_where_no_search_ends_clear(log, monkeypatch):
     def never(*_):
         raise AssertionError
