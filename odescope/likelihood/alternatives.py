@@ -20,7 +20,6 @@ from odescope.library.product import Product
 from odescope.library.readable import readable
 from odescope.likelihood.add_and_drop import GAIN, Moves
 from odescope.likelihood.budget import Budget
-from odescope.likelihood.explicit import explicit, rates
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import thinned
 from odescope.likelihood.imitation import SEEN, Choice, Imitated, Placed, choices_of
@@ -30,6 +29,7 @@ from odescope.likelihood.search import WIDTHS, Outcome, WhiteResiduals, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT
 from odescope.likelihood.settings import Start
+from odescope.likelihood.smoothed_targets import explicit, rates
 from odescope.likelihood.suspicion import Suspicion, imitates, values_of_variables
 
 STEPS = 4  # of RK4 at most, but for dry friction: what is found here is fitted again

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.library.expression import ONE
-from odescope.likelihood.explicit import rates
 from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.smoothed_targets import rates
 
 SHARE = 0.4  # least share of what terms leave of a target that goes with a sine
 TERMS = 5  # of a relation, beside the sine

@@ -12,10 +12,10 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
-from odescope.likelihood.explicit import singular
 from odescope.likelihood.search import TIED, Outcome, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SHORT
+from odescope.likelihood.smoothed_targets import singular
 from odescope.parallel.workers import Workers
 
 JOINED_SHARE = 0.6  # of the budget, at most, for the searches without process noise

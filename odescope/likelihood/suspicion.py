@@ -15,11 +15,11 @@ from odescope.arrays import FloatArray
 from odescope.library.expression import ONE, Call, Name, Term
 from odescope.library.product import Product
 from odescope.likelihood.evidence import between, in_blocks
-from odescope.likelihood.explicit import explicit, rates
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WHITE
 from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.smoothed_targets import explicit, rates
 
 SEVERAL = 2  # powers of one variable that may be a function
 QUANTILES = 12  # of a variable, between which the mean of a residual is taken

@@ -7,8 +7,8 @@ import pytest
 from process_cases import space
 from small_systems import SPRING, SPRING_STEP, drive, shots
 
-from odescope.likelihood.explicit import rates
 from odescope.likelihood.periodic import PRICE, TERMS, periodic
+from odescope.likelihood.smoothed_targets import rates
 
 SPREAD = np.array([1e-3, 5e-3])
 

@@ -10,10 +10,10 @@ from small_systems import SPRING, SPRING_STEP, System, drive, in_bare_gauge, sho
 from odescope.events import Monitor
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.add_and_drop import Moves
-from odescope.likelihood.explicit import explicit, singular
 from odescope.likelihood.search import WhiteResiduals, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.searches import searches
+from odescope.likelihood.smoothed_targets import explicit, singular
 from odescope.parallel.workers import Threads
 from odescope.recordings.coordinate import Coordinate
 
