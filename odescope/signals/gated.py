@@ -40,10 +40,12 @@ def gated_records(
     measured = without_repeats(Records.of(without_placeholders(run, known) for run in records), there)
     measured = filled(measured, there, differentiator)
     found = gate_outliers(measured, there, differentiator)
-    return found, reasons_of(records, found, coordinates)
+    return found, reasons_of(records, found, coordinates, known)
 
 
-def reasons_of(before: Records, after: Records, coordinates: Sequence[Coordinate]) -> Reasons:
+def reasons_of(
+    before: Records, after: Records, coordinates: Sequence[Coordinate], standing: Mapping[str, float]
+) -> Reasons:
     """Return why each sample was gated.
 
     A placeholder is a number that stands for no reading; saturated are five or more in a row at an end of the range;
@@ -54,8 +56,9 @@ def reasons_of(before: Records, after: Records, coordinates: Sequence[Coordinate
         before: the records that the gate was given.
         after: those that it gave back, with the signal in the place of what it took out.
         coordinates: what was measured.
+        standing: the number that stands for no reading, by coordinate, where there is one.
     """
-    found, standing = {}, placeholders(before, coordinates)
+    found = {}
     for c in coordinates:
         recorded, signal = ([run.column(c.name) for run in records] for records in (before, after))
         ends = min(float(y.min()) for y in recorded), max(float(y.max()) for y in recorded)

@@ -24,7 +24,7 @@ def test_samples_are_called_what_was_done_to_them():
     measured = np.minimum(measured, 1.1)
     before = Records.of(Record(t, measured[:, None], ("x",)))
     after = gate_outliers(before, X, Spectral())
-    reasons = reasons_of(before, after, X)
+    reasons = reasons_of(before, after, X, {})
     (reason,), scores = reasons["x"], gated_scores(before, reasons)["x"]
     for k, where in ((1, np.flatnonzero(x == 1.1)), (2, repeated), (3, late), (4, far)):
         assert np.mean(reason[where] == k) > 0.9, REASONS[k - 1]

@@ -33,7 +33,7 @@ def test_what_stands_for_no_reading_does_not_count_and_the_motion_is_found(value
     begin = round(signals.start[0] / (t[1] - t[0]))
     found = signals.columns[0][0]
     assert np.sqrt(np.mean((found - x[begin : begin + len(found)]) ** 2)) < NOISE
-    (score,) = gated_scores(before, reasons_of(before, after, X))["x"]
+    (score,) = gated_scores(before, reasons_of(before, after, X, {"x": value}))["x"]
     assert (score.reason, score.samples) == ("placeholder", int(lost.sum()))
 
 
