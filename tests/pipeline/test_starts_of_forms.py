@@ -1,0 +1,93 @@
+"""Where the searches of forms begin, and which are left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+from test_forms import CART, assert_cart, columns, with_library
+
+from odescope.commands.demo import simulate_log
+from odescope.errors import NoModelError
+from odescope.likelihood.search import LikelihoodSearch
+from odescope.pipeline import competition, forms, stages
+from odescope.pipeline.identification import identify
+
+
+@pytest.fixture(scope="module")
+def log():
+    return simulate_log(0, 3)
+
+
+@pytest.mark.parametrize(
+    ("clear", "well", "asked"),
+    [
+        pytest.param(True, 0.0, ["lagrangian"], id="clear"),
+        pytest.param(False, 1.0, ["lagrangian"], id="not clear, but runs well"),
+        pytest.param(False, 0.0, ["lagrangian", "relations"], id="neither"),
+    ],
+)
+def test_relations_that_regression_has_not_found_are_searched_only_beside_poor_mechanisms(
+    log, monkeypatch, clear, well, asked
+):
+    def nothing(*_):
+        raise NoModelError("model", "no relations")
+
+    searched = []
+
+    def refined(work, filtered, posed):
+        searched.append(posed.form)
+        if posed.form == "relations":
+            return None
+        found = stages.refine_form(work, filtered, posed)
+        return replace(found, outcome=replace(found.outcome, finished=clear))
+
+    monkeypatch.setattr(competition, "WELL", well)
+    monkeypatch.setattr(stages, "propose", nothing)
+    monkeypatch.setattr(competition, "refine_form", refined)
+    result = identify(with_library(CART, suspect=False), columns(log))
+    assert searched == asked
+    assert_cart(result)
+    assert result.model.scores.forms == ()
+
+
+def test_a_second_start_has_friction_in_every_joint_which_makes_a_tenth_of_each_target(log, monkeypatch):
+    posed = []
+
+    def refined(work, filtered, form):
+        posed.append((form, filtered.signals))
+        raise NoModelError("likelihood", "that is all")
+
+    monkeypatch.setattr(competition, "refine_form", refined)
+    with pytest.raises(NoModelError, match="that is all"):
+        identify(CART, columns(log))
+    ((form, signals),) = posed
+    first, second = (start.coefficients for start in form.starts)
+    added = np.flatnonzero(first != second)
+    assert {form.mechanisms[k].term for k in added} == {"x_dot**2", "phi_dot**2", "abs(x_dot)", "abs(phi_dot)"}
+    joined = signals.joined()
+    for k in added:
+        m = form.at_nominal[k]
+        (part,) = m.parts
+        name = ("x", "phi")[part.relation]
+        speed = joined[signals.row(f"{name}_dot")]
+        force = part.share * second[k] * (np.sign(speed) if "abs" in m.term else speed)
+        expected = 0.1 * joined[signals.row(f"{name}_ddot")].std()
+        assert force.std() == pytest.approx(expected, rel=0.02 if "abs" in m.term else 1e-6)
+
+
+def test_regression_on_mechanisms_is_asked_for_only_where_no_search_ends_clear(log, monkeypatch):
+    def never(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(forms, "proposed", never)
+    assert_cart(identify(CART, columns(log)))
+
+
+def test_where_regression_proposes_nothing_the_start_of_a_search_is_no_model(log, monkeypatch):
+    monkeypatch.setattr(forms, "proposed", lambda *_: None)
+    study = msgspec.structs.replace(CART, likelihood=LikelihoodSearch(enabled=False))
+    with pytest.raises(NoModelError, match="no model follows"):
+        identify(study, columns(log))
