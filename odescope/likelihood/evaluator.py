@@ -15,7 +15,6 @@ from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.likelihood.block_cholesky import eliminate, substitute
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.kernel import LANES, Averages, Settings, Sums, integrate
-from odescope.likelihood.layers import MOST_STEPS, STABLE
 from odescope.likelihood.program import Program
 from odescope.likelihood.segments import Segments
 
@@ -80,11 +79,6 @@ class Evaluator:
         self.budget = Budget() if budget is None else budget
         self._driven = _Driven(None, np.ascontiguousarray(segments.inputs))
         self._weight = np.ones_like(segments.measured) if segments.weight is None else segments.weight
-
-    def steps(self, program: Program, theta: FloatArray) -> int:
-        """Return the steps of RK4 an average where dry friction is near: the narrower it is, the more."""
-        wanted = program.decay(theta) * self.segments.step / STABLE
-        return max(self.substeps, int(np.ceil(min(wanted, MOST_STEPS))))
 
     def _data(self, delays: tuple[float, ...] | None) -> Averages:
         """Return the measurements, with inputs so late, and beside them what they gain with their delays."""

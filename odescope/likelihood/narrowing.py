@@ -6,7 +6,6 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.layers import MOST_STEPS
 from odescope.likelihood.search_space import SearchSpace
 
 GAIN = 1.0  # fall of the cost, in units of chi-squared, at which half the width is taken
@@ -27,7 +26,7 @@ def narrowed(space: SearchSpace, found: Fit, defect_std: FloatArray, halvings: i
     for name in space.fixed_constants(found):
         for _ in range(halvings):
             narrower = space.with_constants({name: space.frame.constants[name].halved})
-            if space.budget.late or narrower.steps(found) >= MOST_STEPS:
+            if space.budget.late or narrower.too_narrow(found):
                 break
             half = narrower.again(found, found.x0, defect_std)
             if half is not None and half.cost < found.cost - GAIN:

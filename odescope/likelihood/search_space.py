@@ -18,6 +18,7 @@ from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import CONVERGED, ITERATIONS, Fit, fit
 from odescope.likelihood.gauge import held_of, rechosen
+from odescope.likelihood.layers import MOST_STEPS, STABLE
 from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.segments import Segments
 from odescope.likelihood.settings import FoundSettings, settings_of, values_of
@@ -146,9 +147,10 @@ class SearchSpace:
         """Return the program of these mechanisms alone."""
         return Program.of([self.mechanisms[k] for k in present], self.frame)
 
-    def steps(self, found: Fit) -> int:
-        """Return the steps of RK4 that a fit takes an average where it sticks."""
-        return self.evaluator.steps(self.program(found.present), found.theta[found.present])
+    def too_narrow(self, found: Fit) -> bool:
+        """Return whether dry friction stops what slides faster than the steps of RK4 can be made short."""
+        decay = self.program(found.present).decay(found.theta[found.present])
+        return decay * self.evaluator.segments.step / STABLE >= MOST_STEPS
 
     def move(self, width: float, action: str, k: int, statistic: float, after: Fit) -> Move:
         """Return the step of the trail that did something to mechanism k.

@@ -10,7 +10,7 @@ from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.layers import MOST_STEPS
+from odescope.likelihood.layers import MOST_STEPS, STABLE
 from odescope.likelihood.narrowing import narrowed
 from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.search_space import SearchSpace
@@ -115,7 +115,15 @@ def test_a_layer_is_halved_while_the_record_shows_its_creep():
     assert better.cost < 0.2 * found.cost
     errors = [abs(f.theta[1] - FORCE / MASS) for f in (found, better)]
     assert errors[1] < 0.3 * errors[0]
-    assert wide.steps(found) < narrow.steps(better) <= MOST_STEPS
+    assert not narrow.too_narrow(better)
+
+
+def test_a_layer_is_too_narrow_where_the_shortest_step_is_not_stable():
+    space, found = block_in_search(0.0004)
+    least = FORCE / MASS / (MOST_STEPS * STABLE / 0.01)
+    for width, too_narrow in ((1.1 * least, False), (0.9 * least, True)):
+        narrower = space.with_constants({"w": Constant("w", width, 3.0, width, optional=True)})
+        assert narrower.too_narrow(found) == too_narrow
 
 
 def test_a_layer_stays_as_it_is_where_half_of_it_is_no_better():
