@@ -15,12 +15,12 @@ from odescope.model.model import Model
 from odescope.model.prediction import relation_errors
 from odescope.model.scores import PathScore
 from odescope.pipeline.identification import Identification
-from odescope.report.result_names import FIGURES, MODEL, NO_MODEL, PATH, PATH_MODEL, REPORT, RESULT_FILES
+from odescope.report.result_names import FIGURES, MODEL, NO_MODEL, PATH, PATH_MODEL, PATH_TABLE, REPORT, RESULT_FILES
 from odescope.study.options import Study
 from odescope.study.toml import study_toml
 
 PATH_MODELS = f"{PATH}/[0-9]*{PATH_MODEL}"
-WRITTEN = (*RESULT_FILES, f"{PATH}.csv", PATH_MODELS, NO_MODEL, f"{FIGURES}/*.svg", f"{FIGURES}/*.png")
+WRITTEN = (*RESULT_FILES, PATH_TABLE, PATH_MODELS, NO_MODEL, f"{FIGURES}/*.svg", f"{FIGURES}/*.png")
 MARKED = 400  # bytes in which a file says that odescope wrote it
 MARKS = (
     (MODEL, b'"odescope/model"'),
@@ -108,7 +108,7 @@ def result_files(result: Identification, resolved: Study, report: Mapping[str, s
     """
     texts = (to_json(result.model), candidates_csv(result), study_toml(resolved))
     shorter = {f"{PATH}/{score.terms}{PATH_MODEL}": to_json(model) for score, model in _on_path(result)}
-    table = {f"{PATH}.csv": path_csv(result)} if shorter else {}
+    table = {PATH_TABLE: path_csv(result)} if shorter else {}
     return {**dict(zip(RESULT_FILES, texts, strict=False)), **table, **shorter, **report}
 
 

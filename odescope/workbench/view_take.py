@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from nicegui import ui
@@ -13,7 +14,7 @@ from odescope.export.exported import export_names, exported
 from odescope.export.model_file import read_model
 from odescope.export.program_files import NAME, ProgramFiles
 from odescope.files import write_files
-from odescope.report.result_names import FIGURES, MODEL, RESULT_FILES
+from odescope.report.result_names import FIGURES, MODEL, PATH, PATH_MODEL, PATH_TABLE, RESULT_FILES
 from odescope.workbench.frame import Workbench, aside, button, complaint, link, panel, show_result, text
 
 EXPORTS = "exports"  # the folder beside the files of a result
@@ -117,13 +118,19 @@ def _files(bench: Workbench, place: Path) -> None:
     """List the files of the result."""
     name = bench.folder.name(place)
     with panel("Its files", "As the command line writes them: they lie in the folder already."):
-        for file in RESULT_FILES:
+        for file in (*RESULT_FILES, PATH_TABLE):
             if (place / file).is_file():
                 with ui.element("p"):
                     link(file, f"/stored/{name}/{file}", new_tab=True)
-        figures = sorted(p.name for p in (place / FIGURES).glob("*.svg")) if (place / FIGURES).is_dir() else []
-        if figures:
-            text("h3", "Figures")
-            with ui.element("p").classes("actions"):
-                for file in figures:
-                    link(file, f"/stored/{name}/{FIGURES}/{file}", new_tab=True)
+        shorter = sorted((place / PATH).glob(f"*{PATH_MODEL}"), key=lambda p: int(p.name.removesuffix(PATH_MODEL)))
+        _linked("Models on the path from many terms to few", name, shorter)
+        _linked("Figures", name, sorted((place / FIGURES).glob("*.*")))
+
+
+def _linked(heading: str, result: str, files: Sequence[Path]) -> None:
+    """Link the files of a folder within a result under a heading, if there are any."""
+    if files:
+        text("h3", heading)
+        with ui.element("p").classes("actions"):
+            for file in files:
+                link(file.name, f"/stored/{result}/{file.parent.name}/{file.name}", new_tab=True)

@@ -69,6 +69,9 @@ def test_from_a_log_to_an_exported_model_by_clicks_alone(chromium, workbench):
     visit.says("measured − free run")
     page.get_by_role("link", name="Take it away").click()
     page.get_by_text("def derivative").wait_for()
+    result = folder / "a"
+    offered = {link.get_attribute("href") for link in page.locator("a[href^='/stored/']").all()}
+    assert offered == {f"/stored/clicks/a/{f.relative_to(result)}" for f in result.rglob("*") if f.is_file()}
     page.get_by_role("button", name="Write into the folder").click()
     visit.says("wrote clicks/a/exports/python/")
     written = (folder / "a" / "exports" / "python" / "model.py").read_text()
