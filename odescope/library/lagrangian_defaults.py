@@ -50,8 +50,13 @@ def default_dissipation(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
 
 
 def default_forces(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> dict[str, tuple[str, ...]]:
-    """Return the default forces: every input on every coordinate."""
-    return {c.name: tuple(i.name for i in inputs) for c in coordinates}
+    """Return the default forces: every input on every coordinate, and beside inputs a constant.
+
+    What an amplifier is off pushes the same way wherever a coordinate is, so no function of an angle stands for it. Of
+    other positions the potential has the first power, which is a constant force.
+    """
+    driven = tuple(i.name for i in inputs)
+    return {c.name: (*driven, "1") if driven and (c.angle or c.cyclic) else driven for c in coordinates}
 
 
 def _kinetic(coordinates: Sequence[Coordinate], degree: int, own: bool) -> Iterator[str]:

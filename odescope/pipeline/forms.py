@@ -154,7 +154,7 @@ def _with_noise(run: Record, noise: dict[str, float], rng: np.random.Generator) 
 def _little(mechanisms: Sequence[Mechanism], signals: Signals) -> FloatArray:
     """Return what is known, the simplest kinetic term of every coordinate at 1, and forces of the size they seem."""
     theta, joined = np.zeros(len(mechanisms)), signals.joined()
-    inertia = np.zeros(len(signals.targets))
+    inertia, driven = np.zeros(len(signals.targets)), {i.name for i in signals.inputs}
     for r, target in enumerate(signals.targets):
         own = [
             (m.size, m.term != f"{signals.coordinates[r].derivative(1)}**2", k, p.share)
@@ -169,7 +169,7 @@ def _little(mechanisms: Sequence[Mechanism], signals: Signals) -> FloatArray:
         first = m.parts[0]
         if m.known is not None:
             theta[k] = m.known
-        elif m.kind == "force" and first.product.term.names <= {i.name for i in signals.inputs}:
+        elif m.kind == "force" and first.product.term.names and first.product.term.names <= driven:
             y = joined[signals.row(signals.targets[first.relation])]
             u = evaluate(write_tape(signals.names, [first.product.term]), joined)[0]
             theta[k] = inertia[first.relation] * float(y @ u) / max(float(u @ u), 1e-300) / -first.share

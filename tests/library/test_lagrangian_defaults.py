@@ -27,8 +27,16 @@ def test_the_default_of_a_pendulum_on_a_cart():
     assert default_dissipation(CART) == (
         "x_dot**2", "phi_dot**2", "abs(x_dot)", "abs(phi_dot)", "abs(x_dot)**3", "abs(phi_dot)**3",
     )  # fmt: skip
-    assert default_forces(CART, FORCE) == {"x": ("u",), "phi": ("u",)}
-    assert len(lagrangian(CART, FORCE, scope_of(CART, FORCE))) == 27
+    assert default_forces(CART, FORCE) == {"x": ("u", "1"), "phi": ("u", "1")}
+    assert len(lagrangian(CART, FORCE, scope_of(CART, FORCE))) == 29
+
+
+def test_a_constant_stands_beside_inputs_where_the_potential_has_none():
+    plain, angle, level = Coordinate("a", 2), Coordinate("b", 2, angle=True), Coordinate("c", 2, cyclic=True)
+    forces = default_forces((plain, angle, level), FORCE)
+    assert forces == {"a": ("u",), "b": ("u", "1"), "c": ("u", "1")}
+    assert default_forces((plain, angle, level), ()) == {"a": (), "b": (), "c": ()}
+    assert "a" in default_energies((plain, angle, level))[1]
 
 
 def test_the_default_of_two_arms():
