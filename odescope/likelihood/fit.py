@@ -15,7 +15,11 @@ from odescope.likelihood.program import Program
 
 ITERATIONS = 40
 CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit
+UNDAMPED = 1e-4  # damping to begin with
 LARGEST_DAMPING = 1e8
+STALL = 0.05  # fall of the cost that a step has to bring, and
+SLIP = 1.0  # rise above which one that failed was too long: of others
+PATIENCE = 5  # one after the other end a fit, which no move of a search would notice
 RUNAWAY = 1e10  # times the largest coefficient at first: what is held is nothing, all others grow without end
 SAME = 0.01  # of its rise: a failed step whose cost is this near to that of the one before was hardly damped
 CLOSING = 3  # steps more, at most, that close the defects which a long step left open
@@ -151,7 +155,7 @@ def fit(
         iterations: steps at most.
         tolerance: fall of the cost that ends it.
     """
-    damping, more, failed, converged = 1e-4, 10.0, np.inf, False
+    damping, more, failed, stalled, converged = UNDAMPED, 10.0, np.inf, 0, False
     present = np.arange(len(program.mechanisms))
     descent = _Descent(evaluator, program, np.setdiff1d(present, held), defect_std)
     here = descent.at(theta, x0)
@@ -162,14 +166,17 @@ def fit(
         trial = descent.lower(here, damping)
         fall = -np.inf if trial is None else here.expansion.cost - trial.expansion.cost
         converged = abs(fall) < (tolerance if fall >= 0.0 else tolerance * 1e-3)
+        stalled = 0 if fall > STALL else stalled + int(fall > -SLIP)
         if trial is not None and fall >= 0.0:
+            # What had to be damped once would have to be again.
+            damping = max(damping / 10.0, 1e-9) if np.isinf(failed) else damping
             here, more, failed = trial, 10.0, np.inf
-            damping = max(damping / 10.0, 1e-9)
             if np.abs(here.theta).max(initial=0.0) > RUNAWAY * largest:
                 break
         else:
             more = 10.0 * more if abs(fall + failed) < SAME * abs(fall) else 10.0
-            damping, failed = damping * more, -fall
+            damping, failed = max(damping * more, UNDAMPED), -fall
+        converged = converged or stalled >= PATIENCE
         if converged or damping > LARGEST_DAMPING:
             break
     end = here.expansion
