@@ -154,6 +154,31 @@ def substitute(factor, border, carry, joined, change):
 
 
 @kernel()
+def responses(factor, border, carry, joined):
+    """Return how the most likely initial states follow the parameters, (J, n, p).
+
+    Args:
+        factor: (J, n, n) of `eliminate`.
+        border: (J, n, p + 1) of `eliminate`.
+        carry: (J, n, n) of `eliminate`.
+        joined: (J,) as for `eliminate`.
+    """
+    segments, n, p = border.shape[0], border.shape[1], border.shape[2] - 1
+    result = np.empty((segments, n, p))
+    for j in range(segments - 1, -1, -1):
+        for i in range(n - 1, -1, -1):
+            for c in range(p):
+                total = -border[j, i, c]
+                if j + 1 < segments and joined[j]:
+                    for r in range(n):
+                        total -= carry[j, r, i] * result[j + 1, r, c]
+                for m in range(i + 1, n):
+                    total -= factor[j, m, i] * result[j, m, c]
+                result[j, i, c] = total / factor[j, i, i]
+    return result
+
+
+@kernel()
 def state_covariances(factor, carry, joined):
     """Return posterior covariances of the initial states: own (J, n, n), with the next segment's (J, n, n).
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.add_and_drop import GAIN, HOPELESS, Moves
+from odescope.likelihood.block_cholesky import responses
 from odescope.likelihood.evidence import Evidence, in_blocks, project, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
@@ -32,6 +33,7 @@ LARGEST_TABLE = 4e8  # bytes of the segments' Gauss-Newton matrices
 ALTERNATIONS = 5  # of search and noise
 STEPS = 40
 ADDING = 0.8  # of the budget, after which mechanisms are only dropped
+COLOURED = 1.7  # variance of coefficients between blocks of a record over that of a model whose defects are white
 PATH_SHARE = 0.3  # of the budget, for the way back
 
 
@@ -76,10 +78,16 @@ def robust_evidence(space: SearchSpace, found: Fit) -> Evidence | None:
     """Return evidence that does not take coloured defects for information, None where there is no expansion.
 
     By Fisher's identity the gradient of the marginal likelihood is that of the complete one at the smoothed states: a
-    sum over segments. Sums over square-root-many blocks of segments are nearly independent, whatever the colour.
+    sum over segments, along which the states follow the coefficients. Sums over square-root-many blocks of segments are
+    nearly independent, whatever the colour.
     """
     expanded = _expanded(space, space.whole, found.theta, space.free(found), found.x0)
     return None if expanded is None else weigh(space, found, *expanded)
+
+
+def white(found: Fit, evidence: Evidence) -> bool:
+    """Say whether defects scatter as noise of the process does: what lacks in a law makes some stretches worse."""
+    return bool(np.median(evidence.variances / np.maximum(found.variances, 1e-300)) < COLOURED)
 
 
 def robust_wald(space: SearchSpace, found: Fit) -> FloatArray | None:
@@ -97,16 +105,23 @@ def robust_wald(space: SearchSpace, found: Fit) -> FloatArray | None:
 def _expanded(
     space: SearchSpace, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return the information (f, f), initial states eliminated, and the gradients (b, f) of blocks."""
+    """Return the information (f, f), initial states eliminated, and the gradients (b, f) of blocks.
+
+    With states that stay where they are, the gradient of a block is for the most part what holds it to its neighbours:
+    that cancels in the sum, and would pass for scatter.
+    """
     segments, n = space.segments, x0.shape[1]
     integrated = space.evaluator.integrate(program, theta, free, x0)
     expansion = space.evaluator.expand(program, theta, free, x0, segments.spread, 0.0, integrated)
     if expansion is None or not expansion.finite:
         return None
-    gradient = integrated.gradient[:, n:].copy()
+    follow = responses(expansion.factor, expansion.border, expansion.carry, segments.joined)
+    gradient = integrated.gradient[:, n:] + np.einsum("ji,jip->jp", integrated.gradient[:, :n], follow)
     joints = np.flatnonzero(segments.joined)
     weighted = (integrated.last[joints] - x0[joints + 1]) / segments.spread**2
-    gradient[joints] += np.einsum("ji,jip->jp", weighted, integrated.jacobian[joints][:, :, n:])
+    ends = integrated.jacobian[joints]
+    moved = ends[:, :, n:] + np.matmul(ends[:, :, :n], follow[joints]) - follow[joints + 1]
+    gradient[joints] += np.einsum("ji,jip->jp", weighted, moved)
     return expansion.information, in_blocks(gradient)
 
 
@@ -161,7 +176,8 @@ def search_with_process_noise(
     """Return the best model with process noise that searches end at, or None where none can start.
 
     Some of the data are held out from the searches; along the way back from the best of their ends, term by term, free
-    runs of that say where to stop. What is chosen is then fitted to all. Of a long record searches see stretches; where
+    runs of that say where to stop, unless what is left is white: then the tests that led there say so better. What is
+    chosen is then fitted to all. Of a long record searches see stretches; where
     the best of them ends is searched from once more in the whole of what is not held out.
 
     Args:
@@ -184,14 +200,34 @@ def search_with_process_noise(
     if len(open_.start) > len(seen.segments.start):
         seen, longest, trail = _searched_on(space.on(open_), seen, longest, trail, floor)
     way = ModelPath.back(seen.within(seen.budget.part(PATH_SHARE)), longest, seen.segments.spread)
-    way = way.chosen_at(terms) if terms is not None else way.at_knee
+    known = robust_evidence(seen, longest)
+    whole = terms is None and known is not None and white(longest, known)
+    if not whole:
+        way = way.chosen_at(terms) if terms is not None else way.at_knee
     here = way.choice.fit
     begun = with_noise(space, seen.segments.noise, seen.segments.spread)
     found = begun.again(here, begun.segments.initial, begun.segments.spread)
     if found is None:
         return None
-    fitted, found, marginal = estimate_noise(begun, found, floor)
-    evidence = robust_evidence(fitted, found)
+    if whole:  # nothing had to be held out: all of the record says what is in the model
+        begun, found, _, more = _search(begun, found, floor)
+        trail += more
+    end = _without_worthless(begun, found, floor)
+    if end is None:
+        return None
+    fitted, found, marginal, evidence, dropped = end
+    return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail + dropped, way)
+
+
+def _without_worthless(
+    space: SearchSpace, found: Fit, floor: FloatArray | None
+) -> tuple[SearchSpace, Fit, float, Evidence, tuple[Move, ...]] | None:
+    """Return space, fit, marginal cost and evidence without what is not worth its penalty or next to nothing, and how.
+
+    None where there is no evidence.
+    """
+    fitted, found, marginal = estimate_noise(space, found, floor)
+    evidence, trail = robust_evidence(fitted, found), list[Move]()
     lean = None if evidence is None else _without_idle(fitted, found, evidence)
     if lean is not None:
         fitted, found, marginal = estimate_noise(fitted, lean, floor)
@@ -204,8 +240,8 @@ def search_with_process_noise(
         if rest is None:
             break
         fitted, found, marginal, evidence = refitted, less, cost, rest
-        trail = (*trail, fitted.move(1.0, "drop", leaner[1], leaner[2], found))
-    return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail, way)
+        trail.append(fitted.move(1.0, "drop", leaner[1], leaner[2], found))
+    return fitted, found, marginal, evidence, tuple(trail)
 
 
 def _without_idle(space: SearchSpace, found: Fit, evidence: Evidence) -> Fit | None:
@@ -281,14 +317,24 @@ class _BlockSpread:
         return None if evidence is None else evidence.scores
 
 
+def _exchanged(moves: Moves, here: Fit) -> Fit | None:
+    """Return the fit with another mechanism in the place of one or two, None where none is better."""
+    space = moves.space
+    whole = space.evaluator.expand(space.whole, here.theta, space.free(here), here.x0, space.segments.spread)
+    return moves.exchange(here, whole)
+
+
 def _settle(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
-    """Drop and add by the robust evidence until nothing moves; the last of the budget is for drops alone."""
+    """Drop and add by the robust evidence until nothing moves; the last of the budget is for drops alone.
+
+    Then exchange: of two look-alikes the wrong one may have come first, and is sure while the other is not there.
+    """
     moves = Moves(space, _BlockSpread(space), 1.0, 1.0, trail)
     for _ in range(STEPS):
         if space.budget.over:
             break
         late = space.budget.spent > ADDING * space.budget.limit
-        moved = moves.drop(here) or (None if late else moves.add(here))
+        moved = moves.drop(here) or (None if late else moves.add(here) or _exchanged(moves, here))
         if moved is None:
             break
         here = moved

@@ -10,6 +10,7 @@ import numpy as np
 
 from odescope.errors import InputError, NoModelError
 from odescope.likelihood.held_out import free_run_error
+from odescope.likelihood.process_noise import white
 from odescope.likelihood.refine import Refinement
 from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
@@ -90,6 +91,12 @@ class Contender:
         """Whether it follows the record to within its noise, and no term of it is in doubt."""
         return self.refinement is not None and self.refinement.process is None and self.refinement.outcome.clear
 
+    @property
+    def says_all(self) -> bool:
+        """Whether what it leaves to noise of the process is white: what lacks in a law would show between blocks."""
+        process = None if self.refinement is None else self.refinement.process
+        return process is not None and self.free_run < LOST and white(process.fit, process.evidence)
+
     def score(self, chosen: bool) -> FormScore:
         """Return how it did."""
         misfit = self.misfit if np.isfinite(self.misfit) else None
@@ -145,10 +152,11 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         done = [c.refinement for c in contenders if c.refinement is not None]
         if posed.form == "relations" and done:
             # Mechanisms that follow the record leave little to find: relations then compete as regression has them,
-            # unless these already run better, or, where it has none, mechanisms do not run well.
+            # unless these already run better, or, where it has none, mechanisms do not run well. Noise of the process
+            # carries free runs away from any law: where it is white, there is nothing left to find, too.
             asis = [] if regressed.model is None else [_contender(posed, regressed.model, None, done)]
             bar = min((a.free_run for a in asis), default=WELL)
-            if any(c.clear or (c.follows and c.free_run <= bar) for c in contenders):
+            if any(c.clear or c.says_all or (c.follows and c.free_run <= bar) for c in contenders):
                 contenders += asis
                 continue
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None

@@ -1,6 +1,7 @@
 """Evidence under process noise: gradients, intervals and scores against what they should be, over many draws."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,9 +17,10 @@ from process_cases import (
 from scipy.stats import chi2
 from small_systems import SPRING, in_bare_gauge
 
+from odescope.library.mechanism import Mechanism
 from odescope.likelihood import process_noise as module
 from odescope.likelihood.evidence import weigh
-from odescope.likelihood.process_noise import robust_evidence
+from odescope.likelihood.process_noise import robust_evidence, white
 
 ABSENT = np.array([3, 5, 6, 7, 8, 9])
 
@@ -71,6 +73,17 @@ def test_with_white_gaps_blocks_scatter_as_the_model_says(weighed):
     assert chi2.ppf(1e-3, 90) < squares < chi2.ppf(1 - 1e-3, 90)
 
 
+def test_what_holds_blocks_to_their_neighbours_is_no_scatter():
+    """An offset moves all states at once: at states that stay, blocks of its gradient scatter 75 times as much."""
+    offset, ratios = Mechanism("offset", "offset x", "x", (), 0.0), []
+    for seed in range(4):
+        it = spring(500 + seed, 1000, 0.002, np.array([1e-4, 0.1]))
+        wider = replace(it, mechanisms=(*it.mechanisms, offset))
+        found = fitted(wider, np.append(LINEAR, 0.1), np.append(PRESENT, len(LINEAR)))
+        ratios.append((robust_evidence(wider, found).variances / found.variances)[-1])
+    assert np.median(ratios) < 2.0
+
+
 def slow_force(rng, count, size, correlated):
     force, keep = np.empty(count), math.exp(-STEP / correlated)
     force[0] = rng.standard_normal()
@@ -79,14 +92,26 @@ def slow_force(rng, count, size, correlated):
     return size * force
 
 
-def test_with_coloured_gaps_robust_intervals_cover_and_plain_ones_do_not():
+def pushed(seed, count=2000):
+    """Return a spring under a force that no input knows and that changes slowly."""
     # Small beside the input: a large force moves the states with it, which biases coefficients, whatever their errors.
-    count, plain, robust, ratio = 2000, [], [], []
+    force = slow_force(np.random.default_rng(seed), count, 0.25, 0.5)
+    kicks = STEP * np.column_stack([0.5 * STEP * force, force])
+    gaps = np.add.reduceat(kicks, np.arange(0, count, LENGTH), axis=0)
+    return spring(300 + seed, count, 0.005, kicks=kicks, believed=np.maximum(gaps.std(axis=0), 0.002))
+
+
+def test_white_noise_of_the_process_is_told_from_a_force_that_changes_slowly():
+    for seed in range(10, 15):
+        for it, told in ((spring(600 + seed, 2000), True), (pushed(seed), False)):
+            found = fitted(it)
+            assert white(found, robust_evidence(it, found)) is told
+
+
+def test_with_coloured_gaps_robust_intervals_cover_and_plain_ones_do_not():
+    plain, robust, ratio = [], [], []
     for seed in range(25):
-        force = slow_force(np.random.default_rng(seed), count, 0.25, 0.5)
-        kicks = STEP * np.column_stack([0.5 * STEP * force, force])
-        gaps = np.add.reduceat(kicks, np.arange(0, count, LENGTH), axis=0)
-        it = spring(300 + seed, count, 0.005, kicks=kicks, believed=np.maximum(gaps.std(axis=0), 0.002))
+        it = pushed(seed)
         found = fitted(it)
         evidence = robust_evidence(it, found)
         bare, checked = in_bare_gauge(it, found), in_bare_gauge(it, found, evidence.covariance)
