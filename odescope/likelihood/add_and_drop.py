@@ -12,7 +12,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.library.mechanism import scale_groups
 from odescope.likelihood.evaluator import Expansion
 from odescope.likelihood.evidence import project
-from odescope.likelihood.exchange import refitted, rise
+from odescope.likelihood.exchange import foreseen, refitted, rise
 from odescope.likelihood.families import best_on_grid
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.search_space import Move, SearchSpace
@@ -145,6 +145,35 @@ class Moves:
             if self.judge.binding:
                 self.barred.add(k)
         return None
+
+    def leap(self, here: Fit, expansion: Expansion | None) -> Fit | None:
+        """Make at once the additions and drops that the expansion of the cost foresees, where the refit is better.
+
+        None where they are less than two: such a move is made by itself.
+
+        Args:
+            here: the fit with those that are present.
+            expansion: of its cost with all candidates.
+        """
+        space, free = self.space, self.space.free(here)
+        if expansion is None or not expansion.finite:
+            return None
+        # An offset turns sines into cosines: what imitates it would take several places.
+        plain = [k for k, m in enumerate(space.mechanisms) if m.parts or m.kind == "offset"]
+        able = np.array([k in plain and space.mechanisms[k].names.isdisjoint(space.needed) for k in free.tolist()])
+        present, theta = np.isin(free, here.free), here.theta.copy()
+        kept = foreseen(expansion, theta[free], present, able, space.penalty[free], self.scale)
+        moved = free[kept != present]
+        if len(moved) < 2:
+            return None
+        theta[free] = refitted(expansion, theta[free], np.flatnonzero(kept))
+        trial = space.fit(theta, np.union1d(free[kept], here.held), here.x0, self.defect_std, here.strength)
+        if trial is None or self.penalised(trial) >= self.penalised(here) - GAIN:
+            return None
+        for k in moved.tolist():
+            gone = k in here.present
+            self._note("drop" if gone else "add", k, float((here if gone else trial).strength[k]) / self.scale, trial)
+        return trial
 
     def look_back(self, here: Fit) -> Fit | None:
         """Return the end of a search that a thin mechanism is barred from, if it is better.

@@ -1,4 +1,4 @@
-"""What becomes of cost and coefficients where an absent mechanism takes the place of present ones, to second order.
+"""What becomes of cost and coefficients where mechanisms come, go or take each other's place, to second order.
 
 docs/method.md, Structure by likelihood.
 """
@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from odescope.arrays import FloatArray, IntArray
-from odescope.likelihood.evaluator import Expansion
-from odescope.likelihood.evidence import Projection
+from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.likelihood.evaluator import Expansion, scaled
+from odescope.likelihood.evidence import TOLD_APART, Projection
 from odescope.likelihood.gauge import SINGULAR, inverse
+
+FAR = 8  # moves that the expansion of a cost foresees, at most
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of coefficients of which the data say nothing
@@ -52,3 +54,37 @@ def refitted(expansion: Expansion, theta: FloatArray, kept: IntArray) -> FloatAr
     gradient = expansion.gradient + expansion.information @ (found - theta)
     found[kept] -= inverse(expansion.information[np.ix_(kept, kept)]) @ gradient[kept]
     return found
+
+
+def foreseen(
+    expansion: Expansion, theta: FloatArray, present: BoolArray, able: BoolArray, prices: FloatArray, scale: float
+) -> BoolArray:
+    """Return which coefficients (f,) the expansion of the cost keeps, when they come and go one at a time.
+
+    To second order that asks for no fit: what comes early in the place of others, and goes again, costs nothing. After
+    FAR moves the cost is another.
+
+    Args:
+        expansion: of the cost about theta, initial states eliminated.
+        theta: (f,) coefficients.
+        present: (f,) which are in the model.
+        able: (f,) which may come or go.
+        prices: (f,) what each has to earn.
+        scale: of the cost, residual variance.
+    """
+    information, size = scaled(expansion.information)
+    pull, kept = (expansion.information @ theta - expansion.gradient) / size, present.copy()
+    for _ in range(FAR):
+        covariance = inverse(information[np.ix_(kept, kept)])
+        cross = information[np.ix_(~kept, kept)]
+        left = 1.0 - np.einsum("ai,ij,aj->a", cross, covariance, cross)
+        estimate = covariance @ pull[kept]
+        earned = np.where(left > TOLD_APART, (pull[~kept] - cross @ estimate) ** 2 / np.maximum(left, SINGULAR), 0.0)
+        worth = np.empty(len(theta))
+        worth[kept] = prices[kept] - estimate**2 / np.diag(covariance) / scale
+        worth[~kept] = earned / scale - prices[~kept]
+        best = int(np.argmax(np.where(able, worth, -np.inf)))
+        if not (able[best] and worth[best] > 0.0):
+            break
+        kept[best] = not kept[best]
+    return kept

@@ -143,7 +143,7 @@ def refine(
     seen, outcomes, gains = _held(cut, seen, begun, outcomes, held, monitor, workers)
     if starts.rival is not None:
         outcomes += searches(seen, [whole(starts.rival)], None, monitor, workers)
-    more = None if any(o.clear for o in outcomes) else starts.further(_constants(seen, outcomes))
+    more = None if any(o.clear or o.loose for o in outcomes) else starts.further(_constants(seen, outcomes))
     if more is not None:
         begun = [whole(more), *begun]
         outcomes += searches(seen, begun[:1], None, monitor, workers)
@@ -153,7 +153,8 @@ def refine(
     if best is None:
         return None
     floor = np.array([c.floor for c in signals.channels]) / np.sqrt(space.segments.block)
-    return _judged(partial(cut, holds_of(space)), space, begun, best, len(outcomes), gains, options.terms, floor)
+    near, anew = [theta for o in outcomes for theta in o.loose], partial(cut, holds_of(space))
+    return _judged(anew, space, begun, near, best, len(outcomes), gains, options.terms, floor)
 
 
 def _constants(space: SearchSpace, outcomes: Sequence[Outcome]) -> dict[str, float]:
@@ -189,6 +190,7 @@ def _judged(
     cut: Callable[[int], Segments],
     space: SearchSpace,
     begun: Sequence[FloatArray],
+    near: Sequence[FloatArray],
     best: Outcome,
     searches: int,
     hold_gains: Mapping[str, float],
@@ -205,7 +207,7 @@ def _judged(
     chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
     if not joined(best) or best.scale > WHITE + chance:
         space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
-        process, adopted = _with_process_noise(cut, space, best, begun, terms, floor)
+        process, adopted = _with_process_noise(cut, space, best, begun, near, terms, floor)
     evidence: Evidence | None
     path: ModelPath | None
     if process is not None and adopted:
@@ -295,11 +297,23 @@ def _with_process_noise(
     space: SearchSpace,
     best: Outcome,
     begun: Sequence[FloatArray],
+    near: Sequence[FloatArray],
     terms: int | None,
     floor: FloatArray,
 ) -> tuple[Noisy | None, bool]:
-    """Return the model with process noise, None where no start can be followed, and whether the record needs it."""
-    starts = [best.fit.theta, *begun]  # what a search has found is nearest, should the budget end the others
+    """Return the model with process noise, None where no start can be followed, and whether the record needs it.
+
+    Args:
+        cut: cuts the data into segments of so many averages.
+        space: data and candidates.
+        best: the best end of the searches for a model that follows the record to within its noise.
+        begun: what these began from.
+        near: models that they found to follow it in open segments alone, if any did: nothing is nearer.
+        terms: number of mechanisms to stop at, where that is given.
+        floor: (c,) least standard deviations of an average.
+    """
+    # What a search has found is nearest, should the budget end the others.
+    starts = near or [best.fit.theta, *begun]
     pieces = in_pieces(cut, space, starts, floor)
     process = search_with_process_noise(pieces, starts, terms, floor)
     if process is None:

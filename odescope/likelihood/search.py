@@ -60,6 +60,8 @@ class Outcome:
     `scale` is the residual variance over the noise variance; `penalties` (p,) what each parameter had to earn, `price`
     what they had to together; `spent` the units of budget that it took; not `finished` if the budget ended it, `late`
     if that was the clock. `constants` are those of the space where it ended, with dry friction as narrow as it became.
+    `loose` are coefficients (mechanisms,) of models that follow the record in segments whose ends stay open: what they
+    lack may be noise of the process.
     """
 
     fit: Fit
@@ -72,6 +74,7 @@ class Outcome:
     late: bool
     spent: float
     constants: Mapping[str, Constant] = field(default_factory=dict)
+    loose: tuple[FloatArray, ...] = ()
 
     @property
     def penalised(self) -> float:
@@ -80,9 +83,12 @@ class Outcome:
 
     @property
     def clear(self) -> bool:
-        """Whether another start is unlikely to end elsewhere: white residuals, and no term whose case is thin."""
+        """Whether another start is unlikely to end elsewhere: white residuals, and no term whose case is thin.
+
+        That the budget ended it is no reason to begin again: it is finished where it stands.
+        """
         wald = self.fit.wald / max(self.scale, 1.0)
-        tight = self.finished and self.width == WIDTHS[-1] and self.scale < WHITE
+        tight = self.width == WIDTHS[-1] and self.scale < WHITE
         return bool(tight and np.all(wald > THIN * self.penalties))
 
     @property
@@ -151,7 +157,7 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
             space, refitted = narrowed(space, refitted, segments.spread * width)
         here = _settle(space, refitted, width, trail)
         scale = _scale(space, here, width)
-        if width != widths[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or _torn(space, here)):
+        if width != widths[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or torn(space, here)):
             break
         best, constants = (here, float(width), scale), space.frame.constants
         if scale > NEAR_NOISE:
@@ -192,7 +198,8 @@ def settle_again(space: SearchSpace, outcome: Outcome, found: Fit) -> Outcome:
     """
     trail = list(outcome.trail)
     fit = _settle(space, found, outcome.width, trail)
-    return fitted_again(space, replace(outcome, trail=tuple(trail)), fit)
+    finished = outcome.finished or not space.budget.over
+    return fitted_again(space, replace(outcome, trail=tuple(trail), finished=finished), fit)
 
 
 def fitted_again(space: SearchSpace, outcome: Outcome, found: Fit) -> Outcome:
@@ -207,10 +214,15 @@ def fitted_again(space: SearchSpace, outcome: Outcome, found: Fit) -> Outcome:
     return replace(outcome, fit=found, scale=_scale(space, found, outcome.width), penalties=prices[0], price=prices[1])
 
 
-def _torn(space: SearchSpace, found: Fit) -> bool:
+def torn(space: SearchSpace, found: Fit) -> bool:
     """Say whether the defects are larger than their width: the record does not support a tighter one."""
     defects = int(space.segments.joined.sum()) * found.x0.shape[1]
     return bool(defects > 0 and found.cost - found.data_cost > defects)
+
+
+def full(space: SearchSpace, found: Fit) -> bool:
+    """Say whether a model has so many terms that it explains something that is not in the library."""
+    return len(found.free) > MOST_TERMS * space.relations
 
 
 def _scale(space: SearchSpace, found: Fit, width: float) -> float:
@@ -223,13 +235,12 @@ def _scale(space: SearchSpace, found: Fit, width: float) -> float:
 
 def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move]) -> Fit:
     """Add, drop and go round weak terms at one width until nothing moves; only drop once the budget is spent."""
-    judge = WhiteResiduals(space, space.segments.spread * width)
+    judge, due, wait = WhiteResiduals(space, space.segments.spread * width), 0, 2
     for round_ in range(ROUNDS):
         scale = max(_scale(space, here, width), 1.0)
         lost = round_ >= PATIENCE * space.relations and scale > HOPELESS
-        full = len(here.free) > MOST_TERMS * space.relations
         moves = Moves(space, judge, width, scale, trail)
-        if lost or full or space.budget.late:
+        if lost or full(space, here) or space.budget.late:
             return here
         if space.budget.over:
             leaner = moves.drop(here)
@@ -238,7 +249,10 @@ def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move]) -> F
             here = leaner
             continue
         first, second = (moves.add, moves.drop) if scale > HOPELESS else (moves.drop, moves.add)
-        moved = first(here) or moves.divide(here) or second(here)
+        moved = moves.leap(here, judge.expansion(here)) if round_ >= due and scale <= HOPELESS else None
+        if moved is None and round_ >= due:
+            due, wait = round_ + wait, 2 * wait
+        moved = moved or first(here) or moves.divide(here) or second(here)
         if moved is None and width <= LOOK_BACK:
             moved = moves.look_back(here) or moves.exchange(here, judge.expansion(here))
         if moved is None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
-from odescope.likelihood.search import TIED, Outcome, search
+from odescope.likelihood.search import TIED, WIDTHS, Outcome, full, search, torn
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SHORT
 from odescope.likelihood.smoothed_targets import singular
@@ -86,14 +86,24 @@ def _search(start: FloatArray, space: SearchSpace) -> Outcome | None:
     found = search(space, start)
     if found is not None and joined(found):
         return found
-    again = _from_short(space, start)
-    ends = [replace(o, spent=space.budget.spent) for o in (found, again) if o is not None]
-    return min(ends, key=lambda o: o.rank, default=None)
+    short = space.on(space.segments.cut_anew(SHORT))
+    near = search(short, start, TIED)
+    ends = [o for o in (found, _from_short(space, near)) if o is not None]
+    best = min(ends, key=lambda o: o.rank, default=None)
+    if best is None:
+        return None
+    open_ = [o for o, in_, width in ((found, space, WIDTHS[0]), (near, short, TIED[0])) if o and _open(in_, o, width)]
+    return replace(best, spent=space.budget.spent, loose=tuple(o.fit.theta for o in open_))
 
 
-def _from_short(space: SearchSpace, start: FloatArray) -> Outcome | None:
-    """Return the end of a search that goes on from one in short segments, None where that is lost in those, too."""
-    near = search(space.on(space.segments.cut_anew(SHORT)), start, TIED)
+def _open(space: SearchSpace, outcome: Outcome, widest: float) -> bool:
+    """Say whether a model follows a record in segments that are tied as loosely as at first, and in none tied more."""
+    follows = outcome.finished and outcome.width == widest and outcome.scale < FOLLOWED
+    return follows and not torn(space, outcome.fit) and not full(space, outcome.fit)
+
+
+def _from_short(space: SearchSpace, near: Outcome | None) -> Outcome | None:
+    """Return the end of a search that goes on from one in short segments, None where that was lost in those, too."""
     followed = near is not None and near.width < TIED[0] and joined(near)
     return search(space, near.fit.theta) if near is not None and followed else None
 
@@ -107,7 +117,7 @@ def from_nothing(space: SearchSpace) -> Outcome | None:
     bare = np.array([float(space.stays(k)) if m.known is None else m.known for k, m in enumerate(space.mechanisms)])
     if np.count_nonzero(bare) < space.relations:  # Lagrange's equations have no bare targets
         return None
-    found = _from_short(space, bare)
+    found = _from_short(space, search(space.on(space.segments.cut_anew(SHORT)), bare, TIED))
     return None if found is None else replace(found, spent=space.budget.spent)
 
 

@@ -30,9 +30,12 @@ def with_fine_steps(space: SearchSpace, starts: Sequence[FloatArray]) -> SearchS
 
 
 def with_finer_steps(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace, Outcome]:
-    """Halve the steps until that no longer matters at the end of a search; what coarse steps asked for may go then."""
+    """Halve the steps until that no longer matters at the end of a search; what coarse steps asked for may go then.
+
+    What the budget ended is finished then, too.
+    """
     finer, found = halve_steps(space, outcome.fit, space.segments.spread * outcome.width)
-    if finer.evaluator.substeps == space.evaluator.substeps:
+    if finer.evaluator.substeps == space.evaluator.substeps and (outcome.finished or space.budget.over):
         return finer, fitted_again(finer, outcome, found)
     return finer, settle_again(finer, outcome, found)
 

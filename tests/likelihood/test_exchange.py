@@ -10,7 +10,7 @@ from odescope.library.mechanism import candidate
 from odescope.likelihood.add_and_drop import Moves
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import project
-from odescope.likelihood.exchange import refitted, rise
+from odescope.likelihood.exchange import FAR, foreseen, refitted, rise
 from odescope.likelihood.search import WhiteResiduals, search
 from odescope.likelihood.search_space import SearchSpace
 
@@ -55,6 +55,50 @@ def test_the_coefficients_are_those_of_a_fit_anew_from_wherever_it_begins():
     expansion = SimpleNamespace(information=design.T @ design, gradient=-design.T @ (y - design @ theta))
     kept = np.array([2, 3, 5])
     np.testing.assert_allclose(refitted(expansion, theta, kept), least(design, y, kept)[0], rtol=1e-8)
+
+
+def one_at_a_time(design, y, present, able, price):
+    """Return which columns stay when the best addition or drop, by least squares anew, is made until none is better."""
+    kept = present.copy()
+    for _ in range(FAR):
+        costs = {k: least(design, y, kept ^ (np.arange(6) == k))[1] - (price if kept[k] else -price) for k in able}
+        best = min(costs, key=lambda k: costs[k])
+        if costs[best] >= least(design, y, kept)[1]:
+            break
+        kept[best] = not kept[best]
+    return kept
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("able", [range(6), (0, 2, 3, 4)], ids=["all", "some"])
+def test_what_is_foreseen_is_what_fits_anew_choose_one_at_a_time(seed, able):
+    design, y = regression(seed)
+    begun = np.array([False, False, True, False, True, False]) | ~np.isin(np.arange(6), able)
+    theta, _ = least(design, y, begun)
+    expansion = SimpleNamespace(information=design.T @ design, gradient=-design.T @ (y - design @ theta))
+    kept = foreseen(expansion, theta, begun, np.isin(np.arange(6), able), np.full(6, 9.0), 1.0)
+    assert kept.tolist() == one_at_a_time(design, y, begun, able, 9.0).tolist()
+    assert kept.tolist() != begun.tolist()
+
+
+def test_a_leap_drops_what_is_worth_nothing_and_adds_what_is_lacking_in_one_fit():
+    data = shots(spring_run(), drive(), SPRING_STEP, 0.005, np.random.default_rng(0), np.array([0.01, 0.05]))
+    it = SearchSpace(Evaluator(data, 2), SPRING.mechanisms, SPRING.frame)
+    theta = SPRING.theta.copy()
+    theta[[2, 3]], theta[[5, 6]] = 0.0, 0.1
+    here = it.begin(theta, it.segments.spread)
+    judge, trail = WhiteResiduals(it, it.segments.spread), []
+    moves = Moves(it, judge, 1.0, 1.0, trail)
+    there = moves.leap(here, judge.expansion(here))
+    assert there is not None
+    # What a move by itself is for may be left: a term too many.
+    assert set(SPRING_PRESENT) <= set(there.present)
+    assert len(there.present) <= len(SPRING_PRESENT) + 1
+    assert moves.penalised(there) < moves.penalised(here)
+    assert {("drop", it.mechanisms[k]) for k in (5, 6)} | {("add", it.mechanisms[k]) for k in (2, 3)} <= {
+        (m.action, m.mechanism) for m in trail
+    }
+    assert moves.leap(there, judge.expansion(there)) is None
 
 
 PAIRS = {"exactly": ("u*cos(x)**2", "u*sin(x)**2", 1.0), "nearly": ("u*cos(x)", "u*x**2", 0.5)}

@@ -15,7 +15,7 @@ from odescope.likelihood.program import Frame
 from odescope.likelihood.search import WIDTHS, fitted_again, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SampledInputs, Segments
-from odescope.likelihood.steps import with_narrow_friction
+from odescope.likelihood.steps import with_finer_steps, with_narrow_friction
 from odescope.recordings.coordinate import Coordinate
 
 # q_ddot = -40 q - 2 q_dot - 6 tanh(q_dot/w) + u, which sticks wherever it turns slowly.
@@ -99,6 +99,18 @@ def test_a_width_that_the_record_asks_for_stays(found):
     fitted = it.fit(theta, present, wide.fit.x0, it.segments.spread * wide.width, iterations=0)
     assert it.fixed_constants(wide.fit) == ["w"]
     assert it.fixed_constants(fitted) == []
+
+
+def test_what_the_budget_ended_is_no_reason_to_begin_again_and_is_finished_where_it_stands(found):
+    it, outcome = found
+    bare = np.setdiff1d(outcome.fit.present, [2])  # without viscous friction
+    lacking = it.fit(outcome.fit.theta * (np.arange(6) != 2), bare, outcome.fit.x0, it.segments.spread * outcome.width)
+    ended = fitted_again(it, replace(outcome, finished=False), lacking)
+    assert replace(outcome, finished=False).clear
+    _, end = with_finer_steps(it, ended)
+    assert end.finished
+    assert 2 in end.fit.present
+    assert with_finer_steps(it, replace(ended, finished=True))[1].fit.present.tolist() == bare.tolist()
 
 
 def test_a_model_without_dry_friction_is_left_as_it_is():
