@@ -27,6 +27,7 @@ QUICK = 2  # steps of a fit without a mechanism, which are enough
 FORETOLD = 1.1  # if they raise the cost by no more than so many times its Wald statistic, as in a linear model
 FAR = 10  # steps of other fits where they are rough, and
 NEAR = 0.01  # of what the cost is above that of the longest: how near they come
+THIN = 4.0  # times its price: where the misfit is white, a mechanism that earns more stays, whatever free runs say
 LOST = 0.5  # standard deviations of what was measured: further away a free run follows nothing,
 KEPT = 0.25  # and where a longer model was nearer than this, no shorter one than a lost one is worth its fit
 
@@ -101,6 +102,16 @@ class ModelPath:
     def choice(self) -> PathStep:
         """The model that is chosen."""
         return self.steps[self.chosen]
+
+    @property
+    def keeping_sure(self) -> ModelPath:
+        """The path with no model chosen that lacks what earned more than four times its price in a longer one."""
+        lost = [s.dropped is not None and s.statistic > THIN * self._price(s.dropped) for s in self.steps]
+        return replace(self, chosen=min(self.chosen, lost.index(True) - 1 if True in lost else self.chosen))
+
+    def _price(self, dropped: Mechanism) -> float:
+        """Return what a mechanism has to earn."""
+        return float(self.space.penalty[self.space.mechanisms.index(dropped)])
 
     @property
     def at_knee(self) -> ModelPath:

@@ -176,9 +176,9 @@ def search_with_process_noise(
     """Return the best model with process noise that searches end at, or None where none can start.
 
     Some of the data are held out from the searches; along the way back from the best of their ends, term by term, free
-    runs of that say where to stop, unless what is left is white: then the tests that led there say so better. What is
-    chosen is then fitted to all. Of a long record searches see stretches; where
-    the best of them ends is searched from once more in the whole of what is not held out.
+    runs of that say where to stop; where what is left is white, of thin mechanisms only. What is chosen is then fitted
+    to all. Of a long record searches see stretches; where the best of them ends is searched from once more in the
+    whole of what is not held out.
 
     Args:
         space: data cut into short segments (`in_pieces`), and candidates.
@@ -201,15 +201,15 @@ def search_with_process_noise(
         seen, longest, trail = _searched_on(space.on(open_), seen, longest, trail, floor)
     way = ModelPath.back(seen.within(seen.budget.part(PATH_SHARE)), longest, seen.segments.spread)
     known = robust_evidence(seen, longest)
-    whole = terms is None and known is not None and white(longest, known)
-    if not whole:
-        way = way.chosen_at(terms) if terms is not None else way.at_knee
+    way = way.chosen_at(terms) if terms is not None else way.at_knee
+    sure = terms is None and known is not None and white(longest, known)
+    way = way.keeping_sure if sure else way
     here = way.choice.fit
     begun = with_noise(space, seen.segments.noise, seen.segments.spread)
     found = begun.again(here, begun.segments.initial, begun.segments.spread)
     if found is None:
         return None
-    if whole:  # nothing had to be held out: all of the record says what is in the model
+    if sure and way.chosen == 0:  # nothing had to be held out: all of the record says what is in the model
         begun, found, _, more = _search(begun, found, floor)
         trail += more
     end = _without_worthless(begun, found, floor)

@@ -249,7 +249,7 @@ def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move]) -> F
             here = leaner
             continue
         first, second = (moves.add, moves.drop) if scale > HOPELESS else (moves.drop, moves.add)
-        moved = moves.leap(here, judge.expansion(here)) if round_ >= due and scale <= HOPELESS else None
+        moved = moves.leap(here, judge.expansion(here)) if round_ >= due and scale <= NEAR_NOISE else None
         if moved is None and round_ >= due:
             due, wait = round_ + wait, 2 * wait
         moved = moved or first(here) or moves.divide(here) or second(here)

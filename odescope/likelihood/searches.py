@@ -12,7 +12,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
-from odescope.likelihood.search import TIED, WIDTHS, Outcome, full, search, torn
+from odescope.likelihood.search import TIED, Outcome, full, search, torn
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SHORT
 from odescope.likelihood.smoothed_targets import singular
@@ -92,13 +92,14 @@ def _search(start: FloatArray, space: SearchSpace) -> Outcome | None:
     best = min(ends, key=lambda o: o.rank, default=None)
     if best is None:
         return None
-    open_ = [o for o, in_, width in ((found, space, WIDTHS[0]), (near, short, TIED[0])) if o and _open(in_, o, width)]
-    return replace(best, spent=space.budget.spent, loose=tuple(o.fit.theta for o in open_))
+    tried = () if joined(best) else ((found, space), (near, short))
+    loose = tuple(o.fit.theta for o, where in tried if o is not None and _open(where, o))
+    return replace(best, spent=space.budget.spent, loose=loose)
 
 
-def _open(space: SearchSpace, outcome: Outcome, widest: float) -> bool:
-    """Say whether a model follows a record in segments that are tied as loosely as at first, and in none tied more."""
-    follows = outcome.finished and outcome.width == widest and outcome.scale < FOLLOWED
+def _open(space: SearchSpace, outcome: Outcome) -> bool:
+    """Say whether a model that cannot be joined follows a record in open segments, without terms for everything."""
+    follows = outcome.finished and outcome.scale < FOLLOWED
     return follows and not torn(space, outcome.fit) and not full(space, outcome.fit)
 
 

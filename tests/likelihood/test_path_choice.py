@@ -98,3 +98,16 @@ def test_pieces_are_runs_by_hand_one_after_the_other():
         e = np.mean((run - measured[begin:end]) ** 2) / measured.var()
         errors.append(e / (1 + e))
     np.testing.assert_allclose(free_run_errors(it, wrong, [(480, 600)], 2), errors, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("statistics", "left"),
+    [((3.0, 3.9, 5.0, 1.0), 2), ((4.1, 1.0, 1.0, 1.0), 0), ((1.0, 1.0, 1.0, 1.0), 3), ((1.0, 1.0, 1.0, 9.0), 3)],
+)
+def test_beside_white_noise_what_earned_four_times_its_price_stays(statistics, left):
+    it = spring(1)
+    dropped = [it.mechanisms[k] for k in (3, 5, 6, 2)]
+    prices = [it.penalty[it.mechanisms.index(m)] for m in dropped]
+    earned = zip(dropped, statistics, prices, strict=True)
+    models = [PathStep(None, COMMON, None, 0.0, 8), *(PathStep(None, COMMON, m, s * p, 7) for m, s, p in earned)]
+    assert ModelPath(it, tuple(models), 3).keeping_sure.chosen == left
