@@ -9,10 +9,10 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray, IntArray, robust_deviation
 from odescope.recordings.gaps import GAP_PERIODS, RawRun
 from odescope.recordings.local_spline import fit_smooth
+from odescope.recordings.lost_rows import sample_numbers
 
 EXACT_PERIODS = 1e-6  # deviations below this are the rounding of the clock's last digits
 EXACT_STEPS = 0.1  # periods by which steps may differ from whole ones: what counts is the grid that they add up to
-AHEAD = 16  # rows that must come later than expected before some are missing: a late one alone is late
 REGULAR = -0.25  # lag-1 autocorrelation of steps: -1/2 is a regular clock read with jitter, 0 irregular sampling
 DRIFT = 256  # samples over which a clock keeps its rate
 SURE = 3.0  # standard deviations of chi-squared beyond which a clock is seen to drift
@@ -34,25 +34,6 @@ class Stamps:
     origin: float
     period: float
     jitter: float = 0.0
-
-
-def sample_numbers(t: FloatArray) -> IntArray:
-    """Return the number (n,) of each sample on a regular clock, one missed where samples are lost.
-
-    Rows are missing where all of the next ones come later by a period or more; a row that alone comes late is late.
-    """
-    steps = np.diff(t)
-    longest = GAP_PERIODS * float(np.median(steps))
-    numbers = np.arange(len(t))
-    if steps.max() <= longest:
-        return numbers
-    period = float(np.mean(steps[steps <= longest]))
-    late = (t - t[0]) / period - numbers
-    padded = np.concatenate([late, np.full(AHEAD - 1, np.inf)])
-    least = np.lib.stride_tricks.sliding_window_view(padded, AHEAD).min(axis=1)
-    lost = np.maximum(np.rint(np.diff(least, prepend=0.0)), 0.0).astype(np.int64)
-    found: IntArray = numbers + np.cumsum(lost)
-    return found
 
 
 def whole_steps(t: FloatArray) -> IntArray | None:

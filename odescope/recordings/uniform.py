@@ -9,9 +9,10 @@ import numpy as np
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
 from odescope.recordings.between_samples import looks_held, on_polygon
-from odescope.recordings.clock import EXACT_PERIODS, read_clock, sample_numbers, whole_steps
+from odescope.recordings.clock import EXACT_PERIODS, read_clock, whole_steps
 from odescope.recordings.gaps import RawRun
 from odescope.recordings.local_spline import fit_smooth
+from odescope.recordings.lost_rows import sample_numbers
 from odescope.recordings.record import Record, within
 
 
