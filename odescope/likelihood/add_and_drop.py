@@ -107,10 +107,10 @@ class Moves:
 
     def drop(self, here: Fit) -> Fit | None:
         """Drop a mechanism that is not worth its penalty; of look-alikes that are worthless together, only one is."""
-        wald, penalty = self.judge.wald(here), self.space.penalty[here.free] + self.space.bound_to(here)
+        wald = self._wald(here)
         if wald is None:
             return None
-        wald = np.where(np.isin(here.free, [*self.space.needed.values()]), np.inf, wald / self.scale)
+        penalty = self.space.penalty[here.free] + self.space.bound_to(here)
         for weak in np.argsort(wald - penalty)[: 1 if self.judge.binding else self.judge.trials]:
             if wald[weak] >= penalty[weak]:
                 return None
@@ -205,7 +205,8 @@ class Moves:
     def exchange(self, here: Fit, expansion: Expansion | None) -> Fit | None:
         """Put an absent mechanism in the place of one or two present ones, where that is better.
 
-        Two may add up to a third so nearly that beside each other they are sure and the third has no score.
+        Two may add up to a third so nearly that beside each other they are sure and the third has no score. Where a
+        statistic decides alone, it has to be for all that are then present.
 
         Args:
             here: the fit with those that are present.
@@ -220,6 +221,7 @@ class Moves:
         paid = prices[now][:, None] + prices[now] - np.diag(prices[now])
         change = rise(rest, here.theta[now] * rest.scale[present]) / self.scale
         earned = paid - prices[new][:, None, None] - change
+        earned[np.isin(new, [*self.barred])] = -np.inf
         for place in np.argsort(earned, axis=None)[::-1][: self.judge.trials]:
             k, *pair = np.unravel_index(place, earned.shape)
             if not earned[(k, *pair)] > GAIN:
@@ -229,12 +231,24 @@ class Moves:
             theta = here.theta.copy()
             theta[free] = refitted(expansion, here.theta[free], np.searchsorted(free, kept))
             trial = space.fit(theta, np.union1d(kept, here.held), here.x0, self.defect_std, here.strength)
-            if trial is not None and self.penalised(trial) < self.penalised(here) - GAIN:
+            if trial is None or (self.judge.binding and self._weak(trial)):
+                continue
+            if self.penalised(trial) < self.penalised(here) - GAIN:
                 for lost in gone.tolist():
                     self._note("drop", lost, float(here.strength[lost]) / self.scale, trial)
                 self._note("add", int(new[k]), float(rest.scores(rest.left)[k]) / self.scale, trial)
                 return trial
         return None
+
+    def _wald(self, here: Fit) -> FloatArray | None:
+        """Return the Wald statistics (p,) in units of the residual variance, infinite for what has to stay."""
+        wald, needed = self.judge.wald(here), np.isin(here.free, [*self.space.needed.values()])
+        return None if wald is None else np.where(needed, np.inf, wald / self.scale)
+
+    def _weak(self, here: Fit) -> bool:
+        """Say whether a mechanism is not worth its penalty, or there is no telling."""
+        wald = self._wald(here)
+        return wald is None or bool(np.any(wald < self.space.penalty[here.free] + self.space.bound_to(here)))
 
     def _together(self, here: Fit, wald: FloatArray, held: int) -> float:
         """Return the Wald statistic of a held coefficient: that of the best known of its group, which could be held."""

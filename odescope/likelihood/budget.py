@@ -59,3 +59,7 @@ class Budget:
     def part(self, share: float) -> Budget:
         """Return a budget of a share of the limit, with nothing spent."""
         return Budget(share * self.limit, self.monitor, self.deadline)
+
+    def rest(self, least: float) -> Budget:
+        """Return a budget of what is left of the limit, or of this share of it if that is more, with nothing spent."""
+        return self.part(max(1.0 - self.spent / self.limit, least))

@@ -32,7 +32,7 @@ from odescope.likelihood.process_noise import (
 from odescope.likelihood.program import Frame
 from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, fitted_again, in_whole
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.searches import joined, searches
+from odescope.likelihood.searches import JOINED_SHARE, joined, searches
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
 from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
 from odescope.likelihood.steps import with_fine_steps, with_finer_steps, with_narrow_friction
@@ -47,7 +47,7 @@ THREADS = Threads()
 
 HOLDINGS = 2  # searches anew, at most, under other holds of inputs
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
-NEGLIGIBLE = 1e-3  # of the variance
+WELL = 0.1  # error of free runs, in standard deviations, of a model that leaves another little to find
 CHANCE = 2.0  # standard deviations of a residual variance that are no reason to look for process noise
 
 
@@ -232,8 +232,8 @@ def _judged(
         evidence=evidence,
         path=path,
         starts=searches,
-        finished=best.finished and not space.budget.over,
-        late=best.late or space.budget.late,
+        finished=best.finished and not last.budget.over,
+        late=best.late or last.budget.late,
         spent=space.budget.spent,
         hold_gains=hold_gains,
     )
@@ -314,15 +314,18 @@ def _with_process_noise(
     """
     # What a search has found is nearest, should the budget end the others.
     starts = near or [best.fit.theta, *begun]
-    pieces = in_pieces(cut, space, starts, floor)
+    # Where there is process noise no search without it comes to an end: they leave a share of the budget.
+    own = space.budget.rest(1.0 - JOINED_SHARE)
+    pieces = in_pieces(cut, space.within(own), starts, floor)
     process = search_with_process_noise(pieces, starts, terms, floor)
+    space.budget.spent += own.spent
     if process is None:
         return None, False
     if joined(best) and cost_without_process_noise(pieces, best) < process.penalised:
         return process, False
     # Compared as fitted to all: the proposal has seen what was held out too.
     proposed, found = (free_run_error(pieces, theta) for theta in (begun[0], process.fit.theta))
-    return process, found < max(NO_WORSE_THAN_PROPOSED * proposed, NEGLIGIBLE)
+    return process, found < max(NO_WORSE_THAN_PROPOSED * proposed, WELL**2)
 
 
 def _path(space: SearchSpace, outcome: Outcome) -> ModelPath | None:

@@ -11,7 +11,7 @@ import numpy as np
 from odescope.errors import InputError, NoModelError
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.process_noise import white
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refine import WELL, Refinement
 from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
 from odescope.model.scores import FormScore, SuspicionScore
@@ -29,7 +29,6 @@ from odescope.signals.estimate import Signals
 from odescope.study.library_options import Form
 from odescope.study.options import LeftOut
 
-WELL = 0.1  # error of free runs, in standard deviations, of a model that leaves another form little to find
 LOST = 0.5  # error of free runs, in standard deviations, of a model that says little of the record
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
 

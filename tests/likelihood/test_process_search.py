@@ -233,6 +233,20 @@ def test_the_search_finds_the_pendulum_under_a_white_torque_and_its_size(when):
             assert n.space.segments.noise[0] == pytest.approx(0.005, rel=0.15)
 
 
+def test_a_term_takes_the_place_of_two_that_add_up_to_it():
+    """Beside u cos^2 and u sin^2 each other is sure, and u has no score."""
+    halves = ((0, -1, "u*cos(th)**2", -2.0), (0, -1, "u*sin(th)**2", -2.0))
+    system, count = replace(PENDULUM, terms=(*PENDULUM.terms, *halves)), 1000
+    theta = np.where(np.arange(len(system.terms)) == 3, 0.0, system.theta)
+    for seed in range(3):
+        rng = np.random.default_rng(800 + seed)
+        kicks = np.where(np.arange(count) % LENGTH == 0, 0.3 * rng.standard_normal(count), 0.0)
+        states = pendulum(drive(count), np.zeros(count), kicks)
+        measured = states[:, :1] + 0.005 * rng.standard_normal((count, 1))
+        it = space(system, cut(states, measured, drive(count), 0.005, [0.05, 2.0], (count,)), 1)
+        assert search_with_process_noise(it, [theta]).fit.present.tolist() == [0, *PENDULUM_TERMS]
+
+
 def coarse(sigma):
     """Return the space of a spring sampled so rarely that one step a sample is far too long."""
     step, count = 0.5, 400

@@ -192,6 +192,13 @@ def test_where_the_budget_is_spent_the_fit_so_far_is_returned_and_every_run_ends
     assert ends[0].spent == ends[1].spent
 
 
+@pytest.mark.parametrize(("limit", "spent", "left"), [(60.0, 12.0, 48.0), (60.0, 61.0, 24.0), (np.inf, 61.0, np.inf)])
+def test_what_others_have_spent_leaves_a_search_its_share(limit, spent, left):
+    rest = Budget(limit, spent=spent).rest(0.4)
+    assert rest.limit == pytest.approx(left)
+    assert rest.spent == 0.0
+
+
 def test_the_clock_ends_a_search_only_where_it_is_asked_to_and_then_it_says_so(states):
     end = search(space(states, 0, budget=Budget(deadline=time.time())), begin([1, 2, 3, 4]))
     assert not end.finished
