@@ -61,8 +61,9 @@ def free_run_errors(
 ) -> FloatArray:
     """Return the mean squared error of free runs over every stretch that is held out, each saturating at 1.
 
-    Of few stretches every free run counts as one. They begin at smoothed states within the stretch, away from its edges
-    where smoothing is poor, and last until its end; errors are in units of the channel's variance over all records.
+    Of few stretches every free run counts as one. They begin at smoothed states within the stretch, by the zeros of the
+    model's sensors, away from its edges where smoothing is poor, and last until its end; errors are in units of the
+    channel's variance over all records.
 
     Args:
         space: the data and candidates.
@@ -84,7 +85,9 @@ def free_run_errors(
     )
     present = np.flatnonzero(theta)
     evaluator, program, none = space.on(loose).evaluator, space.program(present), np.zeros(0, dtype=np.int64)
-    cost = evaluator.integrate(program, theta[present], none, segments.filtered[start]).cost
+    offsets, begun = program.offsets, segments.filtered[start]
+    begun[:, program.frame.measured] -= np.where(offsets < 0, 0.0, theta[present][offsets])
+    cost = evaluator.integrate(program, theta[present], none, begun).cost
     weight = np.ones_like(measured) if segments.weight is None else segments.weight
     total = np.array([np.sum(weight[low:high] ** 2) for low, high in zip(start, end, strict=True)])
     error = cost / np.maximum(total, 1e-300)

@@ -19,6 +19,8 @@ from odescope.library.tape import Tape, write_tape
 from odescope.likelihood.layers import Layers
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
 
+MOST_OFFSET = 0.25 * np.pi  # rad
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -209,9 +211,14 @@ class Program:
 
     @cached_property
     def limits(self) -> tuple[FloatArray, FloatArray]:
-        """The least and the largest coefficients, (mechanisms,): those of constants that any model has are bounded."""
+        """The least and the largest coefficients, (mechanisms,): those of constants that any model has are bounded.
+
+        So are offsets: an angle whose zero is further off has sines in the place of cosines.
+        """
         limits = np.tile([[-np.inf], [np.inf]], len(self.mechanisms))
         for k, m in enumerate(self.mechanisms):
+            if m.kind == "offset":
+                limits[:, k] = -MOST_OFFSET, MOST_OFFSET
             if m.kind == "constant" and not self.frame.constants[m.place].optional:
                 limits[:, k] = self.frame.constants[m.place].limits
         return limits[0], limits[1]

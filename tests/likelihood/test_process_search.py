@@ -23,6 +23,7 @@ from process_cases import (
 )
 from small_systems import SPRING, System, drive, in_bare_gauge
 
+from odescope.library.mechanism import Mechanism
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import SEARCHED, free_run_error, held_out, thinned, without_held_out
@@ -157,6 +158,30 @@ def test_the_free_run_error_is_that_of_runs_by_hand_and_least_at_the_truth():
         errors.append(e / (1 + e))
     assert free_run_error(it, wrong) == pytest.approx(np.mean(errors), rel=1e-4)
     assert free_run_error(it, LINEAR) < 0.05 * np.mean(errors)
+
+
+def read_with(offset):
+    """Return the space of a spring whose sensor reads so much more, the offset its last candidate."""
+    it = spring(0, 600, q=np.zeros(2), believed=Q)
+    segments = it.segments
+    read = replace(segments, measured=segments.measured + offset, filtered=segments.filtered + np.array([offset, 0.0]))
+    mechanisms = (*it.mechanisms, Mechanism("offset", "offset x", "x", (), 0.0))
+    return it, replace(it.on(read), mechanisms=mechanisms)
+
+
+def test_free_runs_begin_by_the_zeros_of_the_sensors():
+    plain, read = read_with(0.3)
+    error = free_run_error(plain, LINEAR)
+    assert free_run_error(read, np.append(LINEAR, 0.3)) == pytest.approx(error, rel=1e-6)
+    assert free_run_error(read, np.append(LINEAR, 0.0)) > 10.0 * error
+
+
+@pytest.mark.parametrize(("offset", "found"), [(0.6, 0.6), (1.2, 0.25 * np.pi)])
+def test_an_offset_is_no_more_than_turns_sines_half_way_into_cosines(offset, found):
+    _, read = read_with(offset)
+    theta, present = np.append(LINEAR, 0.5), np.append(PRESENT, len(LINEAR))
+    fit = read.fit(theta, present, read.segments.initial, np.full(2, np.inf))
+    assert fit.theta[-1] == pytest.approx(found, abs=0.05)
 
 
 PENDULUM = System(
