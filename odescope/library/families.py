@@ -21,6 +21,7 @@ STEEP = 200.0  # times as wide as a step of tanh or of a logistic function the r
 GROWTH = 30.0  # largest argument of an exponential, over the range of its variable,
 WAVES = 12.0  # and of a sine
 ARC, TURNS = 0.4, 60.0  # radians that an angle moves over: over less its functions are powers
+BEYOND = 1.0  # of the range of its variable: how far outside of it the middle of a step may be
 FLAT = 0.3  # least one
 OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
@@ -62,7 +63,9 @@ def may_be_angle(values: FloatArray) -> bool:
     return ARC < float(np.ptp(values)) < TURNS
 
 
-def families_of(variable: str, values: FloatArray, taken: Collection[str]) -> tuple[Family, ...]:
+def families_of(
+    variable: str, values: FloatArray, taken: Collection[str], angle: bool | None = None
+) -> tuple[Family, ...]:
     """Return the functions of a variable that have values on the data, those without constants first.
 
     Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power and saturation; of
@@ -73,6 +76,7 @@ def families_of(variable: str, values: FloatArray, taken: Collection[str]) -> tu
         variable: its name.
         values: (N,) on the data.
         taken: names that constants may not have.
+        angle: whether it may be an angle, which its values tell if nothing else does.
     """
     low, high = float(values.min()), float(values.max())
     size, reach = max(abs(low), abs(high)), high - low
@@ -89,7 +93,8 @@ def families_of(variable: str, values: FloatArray, taken: Collection[str]) -> tu
     scale = constant("scale", reach / STEEP, reach / FLAT)
     gentle = constant("rise", max(reach / GROWTH, size / OFF), reach / FLAT)
     rate = constant("rate", 1.0 / reach, WAVES / reach)
-    slope, middle = constant("slope", 2.0 / reach, 2.0 * STEEP / reach), constant("middle", low, high)
+    slope = constant("slope", 1.0 / reach, 2.0 * STEEP / reach)
+    middle = constant("middle", low - BEYOND * reach, high + BEYOND * reach)
     drawn: list[tuple[str, tuple[Constant, ...]]] = []
     if low > -NEGLIGIBLE * high:
         positive = low > 0.0
@@ -101,7 +106,7 @@ def families_of(variable: str, values: FloatArray, taken: Collection[str]) -> tu
             drawn.append((f"{variable}/({half.name} + {variable})", (half,)))
     else:
         drawn += [(f"abs({variable})", ()), (f"{variable}*abs({variable})", ())]
-    if may_be_angle(values):
+    if may_be_angle(values) if angle is None else angle:
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
     if low < reach:
         drawn.append((f"tanh({variable}/{scale.name})", (scale,)))

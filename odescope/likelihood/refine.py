@@ -13,6 +13,7 @@ from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
 from odescope.library.constants import Constant
 from odescope.library.mechanism import Mechanism
+from odescope.likelihood.anew import with_steps_settled
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
@@ -35,7 +36,7 @@ from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.searches import JOINED_SHARE, joined, searches
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
 from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
-from odescope.likelihood.steps import with_fine_steps, with_finer_steps, with_narrow_friction
+from odescope.likelihood.steps import with_fine_steps, with_narrow_friction
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
 from odescope.recordings.coordinate import Hold
@@ -153,8 +154,8 @@ def refine(
     if best is None:
         return None
     floor = np.array([c.floor for c in signals.channels]) / np.sqrt(space.segments.block)
-    near, anew = [theta for o in outcomes for theta in o.loose], partial(cut, holds_of(space))
-    return _judged(anew, space, begun, near, best, len(outcomes), gains, options.terms, floor)
+    near, there = [theta for o in outcomes for theta in o.loose], partial(cut, holds_of(space))
+    return _judged(there, space, begun, near, best, len(outcomes), gains, options.terms, floor, workers)
 
 
 def _constants(space: SearchSpace, outcomes: Sequence[Outcome]) -> dict[str, float]:
@@ -196,11 +197,12 @@ def _judged(
     hold_gains: Mapping[str, float],
     terms: int | None,
     floor: FloatArray,
+    workers: Workers,
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
     fine = space
     if joined(best):
-        fine, best = with_finer_steps(space.with_constants(best.constants), best)
+        fine, best = with_steps_settled(space.with_constants(best.constants), best, begun, workers)
         space = space.finer(fine.evaluator.substeps)
         fine, best = with_narrow_friction(fine, without_negligible(fine, best))
     process, adopted = None, False

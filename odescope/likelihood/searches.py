@@ -20,6 +20,8 @@ from odescope.parallel.workers import Workers
 
 JOINED_SHARE = 0.6  # of the budget, at most, for the searches without process noise
 FEW = 160  # averages that more than one model may follow without a doubt
+OVERRATED = 0.25  # residual variance over noise variance below which the noise was taken for more than it is
+SHORT_RECORD = 1000  # averages: searches of more take long
 FOLLOWED = 1.5  # residual variance over noise variance up to which a model is said to follow its record
 
 
@@ -33,7 +35,8 @@ def searches(
 ) -> list[Outcome]:
     """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails.
 
-    Of few samples every start is searched from, and where a denominator of the model passes zero.
+    Of few samples every start is searched from, and where a denominator of the model passes zero; of a record whose
+    noise turns out to be less than it was taken for, every one that is shorter than the clear end.
 
     Every search has its own part of the budget, so that it ends alike wherever it runs.
 
@@ -50,18 +53,21 @@ def searches(
     share = JOINED_SHARE / max(len(begun), 2)
     # A monitor speaks to whoever started the run, not to a worker elsewhere.
     budget = replace(space.budget.part(share), monitor=Monitor()) if workers.remote else space.budget.part(share)
-    outcomes, failed = list[Outcome](), False
+    outcomes, failed, left = list[Outcome](), False, list(begun)
     monitor.tell(Progress("likelihood", "search", 0, len(begun)))
-    ends = workers.map(_search, begun, space.within(budget), alone=True, check=monitor.check)
-    for number, found in enumerate(ends, start=1):
-        monitor.check()
-        monitor.tell(Progress("likelihood", "search", number, len(begun)))
-        if found is None:
-            failed = True
-            continue
-        outcomes.append(found)
-        # What a function with constants says, others can nearly say; and few samples are followed by many models.
-        if found.clear and not space.needed and space.segments.samples > FEW and not singular(space, found.fit):
+    while left:
+        ends = workers.map(_search, left, space.within(budget), alone=True, check=monitor.check)
+        for number, found in enumerate(ends, start=1):
+            monitor.check()
+            monitor.tell(Progress("likelihood", "search", len(begun) - len(left) + number, len(begun)))
+            failed = failed or found is None
+            if found is not None:
+                outcomes.append(found)
+            if found is not None and _settles(space, found):
+                left = worth_it(space, found, left[number:])
+                budget = replace(budget, limit=min(budget.limit, found.spent / max(len(left), 1)))
+                break
+        else:
             break
     if failed and plain is not None:
         monitor.tell(Progress("likelihood", "search from plain relations", 0, 1))
@@ -74,6 +80,30 @@ def searches(
         if found is not None:
             outcomes.append(found)
     return outcomes
+
+
+def _settles(space: SearchSpace, found: Outcome) -> bool:
+    """Say whether the end of a search speaks against searching on.
+
+    What a function with constants says, others can nearly say; and few samples are followed by many models.
+    """
+    return found.clear and not space.needed and space.segments.samples > FEW and not singular(space, found.fit)
+
+
+def worth_it(space: SearchSpace, found: Outcome, left: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return the starts to search from after a clear end; all of these may cost as much as that did.
+
+    A record whose noise was taken for more than it is can be followed by many models to within that, and a shorter one
+    may be among these.
+
+    Args:
+        space: data, candidates.
+        found: the clear end.
+        left: (mechanisms,) coefficients of each start that has not been searched from.
+    """
+    if found.scale > OVERRATED or space.segments.samples > SHORT_RECORD:
+        return []
+    return [start for start in left if np.count_nonzero(start) < len(found.fit.present)]
 
 
 def _search(start: FloatArray, space: SearchSpace) -> Outcome | None:

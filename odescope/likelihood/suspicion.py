@@ -6,7 +6,7 @@ docs/method.md, Suspicion.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -26,7 +26,8 @@ QUANTILES = 12  # of a variable, between which the mean of a residual is taken
 GOES_WITH = 0.05  # least share of a residual's variance that goes with a variable
 SURE = 3.0  # times what chance alone would give
 
-Reason = Literal["powers", "fractions", "residual"]
+Reason = Literal["powers", "fractions", "residual", "pair", "sine"]
+JOINT: tuple[Reason, ...] = ("pair", "sine")  # reasons that are of no variable
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,9 @@ class Suspicion:
     """A variable of which a relation may hold a function that is not in the library.
 
     `reason` is what says so: several powers of it, a fraction of it, or a residual that goes with it; `beside` is what
-    such a function may be multiplied by, `terms` how many terms of the relation may be one.
+    such a function may be multiplied by, `terms` how many terms of the relation may be one. A "pair" is of
+    no variable, but of two together, and a "sine" is of any that may be an angle: a relation that imitates something
+    may hold these.
     """
 
     relation: int
@@ -60,11 +63,20 @@ def suspicions(refinement: Refinement, names: Collection[str]) -> tuple[Suspicio
     suspected = list[Suspicion]()
     for r, products in enumerate(terms):
         found_here = (_imitation(r, products, n) for n in space.frame.variables if n in names)
-        suspected += [s for s in found_here if s is not None]
+        suspected += [_growing(space, s) for s in found_here if s is not None]
     if refinement.process is not None or refinement.outcome.scale > WHITE:
         known = {s.relation for s in suspected}  # an imitation that is not good enough leaves a residual, too
         suspected += [s for s in _residual(space, found, names) if s.relation not in known]
     return tuple(suspected)
+
+
+def with_pairs(suspected: Sequence[Suspicion]) -> tuple[Suspicion, ...]:
+    """Return suspicions with two more for every relation that imitates something.
+
+    These are of functions of two variables, and of a sine of what may be an angle, beside them.
+    """
+    relations = dict.fromkeys(s.relation for s in suspected if s.reason != "residual")
+    return (*suspected, *(Suspicion(r, "", reason) for r in relations for reason in JOINT))
 
 
 def _declared(space: SearchSpace) -> set[str]:
@@ -86,6 +98,18 @@ def _imitation(relation: int, products: Sequence[Product], name: str) -> Suspici
     beside = [rest for rest, found in powers.items() if len(found) >= SEVERAL and name not in rest.names]
     most = max((len(powers[rest]) for rest in beside), default=0)
     return Suspicion(relation, name, "powers", tuple(dict.fromkeys((ONE, *beside))), most) if beside else None
+
+
+def _growing(space: SearchSpace, suspected: Suspicion) -> Suspicion:
+    """Return a suspicion with its variable among what stands beside functions of it, where that is what it grows by.
+
+    What has no sign often changes in proportion to itself, at a rate that is a function of it.
+    """
+    name, frame = Name(suspected.variable), space.frame
+    own = name.name in frame.states and frame.following[frame.states.index(name.name)] == -1 - suspected.relation
+    if not own or values_of_variables(space)[name.name].min() <= 0.0:
+        return suspected
+    return replace(suspected, beside=tuple(dict.fromkeys((*suspected.beside, Term(((name, 1),))))))
 
 
 def _residual(space: SearchSpace, found: Fit, names: Collection[str]) -> list[Suspicion]:
@@ -132,7 +156,7 @@ def imitates(product: Product, relation: int, suspected: Sequence[Suspicion]) ->
         suspected: in all relations.
     """
     for s in suspected:
-        if s.relation != relation or s.reason == "residual":
+        if s.relation != relation or s.reason in ("residual", *JOINT):
             continue
         power = product.term.power_of(Name(s.variable))
         if s.reason == "fractions" and (product.term != ONE if product.factor is not None else power):

@@ -19,11 +19,14 @@ SUSPECTED = {
     "powers": "{target} holds several powers of {variable}",
     "fractions": "{target} holds {variable} in a denominator",
     "residual": "what is unexplained of {target} goes with {variable}",
+    "pair": "{target} may hold a function of two variables together",
+    "sine": "{target} may hold sines of angles",
     "angle": "{variable} may be an angle",
     "periodic": "what is unexplained of {target} goes at {low:.4g} to {high:.4g} rad/s, as under a forcing that was"
     " not recorded",
 }
 RESIDUAL = ("residual", "periodic")  # reasons that no terms of the model give
+JOINT = ("pair", "sine")  # reasons that are of no variable, and of too many functions to name
 MANY = 3  # powers of one variable that are rarely a law
 FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
 
@@ -88,16 +91,14 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
         return f"{what}: {_forced(found)}"
     if not found.tried:
         return f"{what}: functions of it could not be tried; {_held_within(found)}"
-    tried = f"({listed(found.tried)} competed)"
+    tried = "" if found.reason in JOINT else f" ({listed(found.tried)} competed)"
     if found.found:
         gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
-        return f"{what}: {listed(found.found)} instead{gain} {tried}"
+        return f"{what}: {listed(found.found)} instead{gain}{tried}"
     lost = "none is better" if not found.gain else "none was kept in the end"
     if found.gain is not None and found.gain < 0.0:
         lost = f"the best is worse by {-found.gain:,.0f} in cost and price"
-    return f"{what}: functions of it were tried, {lost} {tried}" + (
-        f"; {_held_within(found)}" if _stands(found) else ""
-    )
+    return f"{what}: functions of it were tried, {lost}{tried}" + (f"; {_held_within(found)}" if _stands(found) else "")
 
 
 def _forced(found: SuspicionScore) -> str:

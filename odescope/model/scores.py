@@ -313,7 +313,8 @@ class Conserved(msgspec.Struct, frozen=True):
 class SuspicionScore(msgspec.Struct, frozen=True):
     """What was made of the suspicion that terms of a variable imitate a function of it.
 
-    `reason` is "powers", "fractions", "residual", "angle" or "periodic", `terms` how many terms of the model's relation
+    `reason` is "powers", "fractions", "residual", "pair" or "sine" (of functions of two variables, of sines of any: no
+    variable is named), "angle" or "periodic", `terms` how many terms of the model's relation
     may still be the imitation, `low` and `high` the range of the variable in the data (of a periodic residual that of
     its rate, in rad/s), `tried` the functions that competed,
     `found` those in the model. `gain` is by how much the model with functions lowers cost and price together, negative

@@ -17,6 +17,7 @@ from odescope.model.model import Model
 from odescope.model.scores import FormScore, SuspicionScore
 from odescope.pipeline.angular import with_angles
 from odescope.pipeline.constants import constants_of, substitute, substituted_at
+from odescope.pipeline.degree import with_higher_degree
 from odescope.pipeline.filtering import Filtered, Prepared
 from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
@@ -160,10 +161,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
                 continue
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
         if posed.form == "relations" and work.study.suspects and not work.late:
-            if refinement is not None:
-                refinement, suspicions = with_suspected(work, filtered, posed, refinement)
-            refinement, angles = with_angles(work, filtered, regressed, refinement, bool(suspicions))
-            suspicions = (*suspicions, *angles)
+            refinement, suspicions = _with_more(work, filtered, posed, regressed, refinement)
         own = partial(_regressed, posed, regressed, filtered.signals)
         model, refinement = adopt(own, refinement, filtered.signals)
         filtered = replace(filtered, signals=under_found_holds(filtered.signals, refinement))
@@ -180,6 +178,27 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
     best = best_of(contenders)
     scores = tuple(c.score(c is best) for c in contenders) if len(contenders) > 1 else ()
     return Winner(best, scores, suspicions if best.form == "relations" else ())
+
+
+def _with_more(
+    work: Work, filtered: Filtered, posed: Posed, regressed: Regressed, refinement: Refinement | None
+) -> tuple[Refinement | None, tuple[SuspicionScore, ...]]:
+    """Return the relations with what their library lacks, where the record asks for it, and what was suspected.
+
+    Args:
+        work: whose study says of which variables functions may be looked for.
+        filtered: the records and their signals.
+        posed: the relations.
+        regressed: what regression on these found.
+        refinement: the model so far, if there is one.
+    """
+    suspicions = tuple[SuspicionScore, ...]()
+    if refinement is not None:
+        refinement, suspicions = with_suspected(work, filtered, posed, refinement)
+    higher = with_higher_degree(work, filtered, regressed, refinement)
+    angular, angles = with_angles(work, filtered, regressed, higher, bool(suspicions))
+    # What was suspected of a model that is gone says nothing of the one that came instead.
+    return angular, (*(suspicions if higher is refinement else ()), *angles)
 
 
 def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> tuple[Posed, ...]:

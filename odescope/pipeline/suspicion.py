@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from odescope.events import Progress
 from odescope.library.readable import readable
-from odescope.likelihood.alternatives import EVIDENT, Alternative, alternative
+from odescope.likelihood.alternatives import EVIDENT, alternative
 from odescope.likelihood.refine import Refinement
-from odescope.likelihood.suspicion import Suspicion, suspicions, values_of_variables
+from odescope.likelihood.standing import Alternative
+from odescope.likelihood.suspicion import JOINT, Suspicion, suspicions, values_of_variables, with_pairs
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
@@ -30,7 +33,7 @@ def with_suspected(
         refinement: the model so far, which stays as it is where nothing is better.
     """
     with work.stage("suspicion"):
-        suspected = suspicions(refinement, work.study.suspects)
+        suspected = with_pairs(suspicions(refinement, work.study.suspects))
         if not suspected:
             return refinement, ()
         work.monitor.tell(Progress("suspicion", "search with functions that the library lacks", 0, 1))
@@ -51,10 +54,11 @@ def with_suspected(
     kept = better or refinement
     rest = suspected if better is None else suspicions(better, work.study.suspects)
     left = {(s.relation, s.variable): s.terms for s in rest}
-    return kept, tuple(
+    scores = (
         _scored(replace(s, terms=left.get((s.relation, s.variable), 0)), k, found, kept)
         for k, s in enumerate(suspected)
     )
+    return kept, tuple(s for s in scores if s.found or s.reason not in JOINT)
 
 
 def _promises(refinement: Refinement, found: Alternative) -> bool:
@@ -88,7 +92,7 @@ def _scored(suspicion: Suspicion, number: int, found: Alternative | None, kept: 
         found: the model with functions, where there was one.
         kept: the model in the end.
     """
-    seen = values_of_variables(kept.space)[suspicion.variable]
+    seen = values_of_variables(kept.space).get(suspicion.variable, np.zeros(1))
     tried = () if found is None else found.tried[number]
     present = [p for k in kept.fit.present for p in kept.space.mechanisms[k].parts]
     terms = (readable(p.product.term) for p in present if p.relation == suspicion.relation)

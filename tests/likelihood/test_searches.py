@@ -1,4 +1,6 @@
-"""Searches that have nothing to begin from, and what they hand on to process noise."""
+"""Searches that have nothing to begin from, starts that are worth one, and what is handed on to process noise."""
+
+from dataclasses import replace
 
 import numpy as np
 from process_cases import LINEAR, PRESENT, spring, white_kicks
@@ -6,8 +8,9 @@ from small_systems import SPRING, SPRING_STEP, drive, shots, spring_run
 
 from odescope.events import Monitor
 from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.search import WIDTHS, search
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.searches import from_nothing, joined, searches
+from odescope.likelihood.searches import from_nothing, joined, searches, worth_it
 from odescope.parallel.workers import Threads
 
 NOISE, SPREAD = 2e-3, np.array([1e-3, 5e-3])
@@ -33,3 +36,20 @@ def test_what_follows_a_record_in_short_segments_alone_is_where_process_noise_be
     for (loose,) in (end.loose for end in ends):
         assert np.flatnonzero(loose).tolist() == PRESENT.tolist()
         assert np.abs(loose - LINEAR).max() < 0.2
+
+
+def clear_end(space, theta):
+    """Return the end of a search from here as it is where the noise was taken for twice what it is."""
+    found = search(space, theta)
+    assert found is not None
+    return replace(found, scale=0.2, width=WIDTHS[-1])
+
+
+def test_after_a_clear_end_only_shorter_starts_are_searched_from_and_only_where_the_noise_is_less_than_thought():
+    data = shots(spring_run(SPRING.theta), drive(), SPRING_STEP, NOISE, np.random.default_rng(1), SPREAD)
+    space = SearchSpace(Evaluator(data, 2), SPRING.mechanisms, SPRING.frame)
+    found = clear_end(space, SPRING.theta)
+    short, long = np.zeros(len(SPRING.theta)), np.ones(len(SPRING.theta))
+    short[np.flatnonzero(SPRING.theta)[:2]] = 1.0
+    assert [s is short for s in worth_it(space, found, [long, short])] == [True]
+    assert worth_it(space, replace(found, scale=0.9), [long, short]) == []

@@ -1,0 +1,110 @@
+"""Functions of two variables together: of their difference and sum, and of any sum with weights that are constants."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.library.constants import Constant
+from odescope.library.expression import Term
+from odescope.library.families import may_be_angle
+from odescope.library.parse import Scope, parse_term
+
+STEEPEST = 10.0  # weight of a variable within a function, times the range of the variable
+WEIGHTS = (0.4, 1.0, 2.5)  # the same, where it is looked for
+PLACES = (-0.5, 0.0, 0.5, 1.0, 1.5)  # middles of a step, from one end of the range of the sum to the other
+MANY = 6  # variables: of more there are too many pairs
+
+
+@dataclass(frozen=True)
+class PairFamily:
+    """A function of two variables, its constants, and values of these to look for them at."""
+
+    term: Term
+    constants: tuple[Constant, ...] = ()
+    points: tuple[tuple[tuple[str, float], ...], ...] = ()
+
+
+def pair_families(values: Mapping[str, FloatArray], taken: Collection[str]) -> tuple[PairFamily, ...]:
+    """Return the functions of pairs of variables that have values on the data.
+
+    Args:
+        values: of the variables, by name (N,).
+        taken: names that constants may not have.
+    """
+    moving = [name for name, v in values.items() if np.isfinite(v).all() and float(np.ptp(v)) > 0.0]
+    found = list[PairFamily]()
+    for one, other in combinations(moving if len(moving) <= MANY else (), 2):
+        found += _plain(one, other, values)
+        found += _weighted(one, other, values, taken)
+    return tuple(found)
+
+
+def may_be_angles(values: Mapping[str, FloatArray]) -> frozenset[str]:
+    """Return the variables that may be angles, by themselves or by their difference from another or sum with it."""
+    found = {name for name, v in values.items() if may_be_angle(v)}
+    for one, other in combinations(values if len(values) <= MANY else (), 2):
+        if may_be_angle(values[one] - values[other]) or may_be_angle(values[one] + values[other]):
+            found |= {one, other}
+    return frozenset(found)
+
+
+def sines(angles: Collection[str]) -> tuple[Term, ...]:
+    """Return sine and cosine of each angle."""
+    return tuple(parse_term(f"{f}({name})", Scope.of([name])) for name in sorted(angles) for f in ("sin", "cos"))
+
+
+def _plain(one: str, other: str, values: Mapping[str, FloatArray]) -> list[PairFamily]:
+    """Return the functions of difference and sum without constants.
+
+    Sine and cosine where these may be angles; of a difference, its root where it has one sign, else its size.
+    """
+    difference, total = values[one] - values[other], values[one] + values[other]
+    texts = list[str]()
+    for sign, column in (("-", difference), ("+", total)):
+        if may_be_angle(column):
+            texts += [f"sin({one} {sign} {other})", f"cos({one} {sign} {other})"]
+    if difference.min() > 0.0:
+        texts.append(f"sqrt({one} - {other})")
+    elif difference.max() < 0.0:
+        texts.append(f"sqrt({other} - {one})")
+    else:
+        texts.append(f"abs({one} - {other})")
+    scope = Scope.of([one, other])
+    return [PairFamily(parse_term(text, scope)) for text in texts]
+
+
+def _weighted(one: str, other: str, values: Mapping[str, FloatArray], taken: Collection[str]) -> list[PairFamily]:
+    """Return the logistic function and the exponential of a sum with weights, and where to look for these."""
+    ranges = [float(np.ptp(values[name])) for name in (one, other)]
+    weights = [
+        Constant(_named(f"weight_{name}_{one}_{other}", taken), -STEEPEST / r, STEEPEST / r, 0.0)
+        for name, r in zip((one, other), ranges, strict=True)
+    ]
+    a, b = (w.name for w in weights)
+    points, reach = list[tuple[float, float, float]](), 0.0
+    pairs = list(product(*([s * w / r for s in (-1.0, 1.0) for w in WEIGHTS] for r in ranges)))
+    for first, second in (p for p in pairs if p[0] > 0.0):  # a falling step is a constant less a rising one
+        total = first * values[one] + second * values[other]
+        low, high = float(total.min()), float(total.max())
+        reach = max(reach, abs(low), abs(high))
+        points += [(first, second, low + place * (high - low)) for place in PLACES]
+    reach *= 2.0 * STEEPEST / max(WEIGHTS)
+    offset = Constant(_named(f"offset_{one}_{other}", taken), -reach, reach, 0.0)
+    scope = Scope.of([one, other], constants=[a, b, offset.name])
+    step = parse_term(f"1/(1 + exp({offset.name} - {a}*{one} - {b}*{other}))", scope)
+    growth = parse_term(f"exp({a}*{one} + {b}*{other})", scope)
+    return [
+        PairFamily(step, (*weights, offset), tuple(((a, x), (b, y), (offset.name, z)) for x, y, z in points)),
+        PairFamily(growth, tuple(weights), tuple(((a, x), (b, y)) for x, y in pairs)),
+    ]
+
+
+def _named(name: str, taken: Collection[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name

@@ -1,0 +1,145 @@
+"""Where a choice of functions begins: models in which functions come near to what a relation says.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+from odescope.library.expression import ONE, Name, Term
+from odescope.library.product import Product
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.function_space import FunctionSpace
+from odescope.likelihood.imitation import Choice, Imitated, Placed
+from odescope.likelihood.sparsest import Sparse, sparse
+from odescope.likelihood.standing import Standing
+from odescope.likelihood.suspicion import JOINT
+
+
+@dataclass(frozen=True, eq=False)
+class Beginnings(FunctionSpace):
+    """The models that a choice of functions may begin with."""
+
+    def first(self, found: Fit) -> Standing | None:
+        """Return the model with functions that come near to it in the place of what is suspected.
+
+        Those of least penalised cost: functions beside what is no imitation alone, or beside all variables and a
+        constant, too.
+        """
+        standings = [self.beside(found, variables) for variables in (None, self.space.frame.variables)]
+        price = self.moves().penalised
+        return min(
+            (s for s in (*standings, self.sparse(found)) if s is not None), key=lambda s: price(s.fit), default=None
+        )
+
+    def sparse(self, found: Fit) -> Standing | None:
+        """Return the model with few terms and functions that come near to it: of those that do the likeliest.
+
+        None where the model does not follow the record: what it says is then no more than a beginning.
+
+        Args:
+            found: the model before.
+        """
+        if not self.exact:
+            return None
+        standing = Standing(found, (Placed(Choice()),) * len(self.suspected), found)
+        relations, price = dict.fromkeys(s.relation for s in self.suspected), self.moves().penalised
+        ends = {r: e for r in relations if (e := self.sparse_ends(found, r))}
+        if not ends:
+            return None
+        for r in ends:
+            standing = self.with_relation(standing, r, *ends[r][0])
+        fit = self.tightened(standing.fit.theta)
+        if fit is None:
+            return None
+        standing = replace(standing, fit=fit)
+        for r in ends:
+            for base, one, imitated in ends[r][1:]:
+                if self.space.budget.over:
+                    return standing
+                trial = self.with_relation(standing, r, base, one, imitated)
+                other = self.tightened(trial.fit.theta)
+                if other is not None and price(other) < price(standing.fit):
+                    standing = replace(trial, fit=other)
+        return standing
+
+    def sparse_ends(self, found: Fit, relation: int) -> list[tuple[list[int], Sparse, Imitated]]:
+        """Return what may stand for a relation, the best first: numbers of plain terms, functions, what they say.
+
+        Args:
+            found: the model before.
+            relation: its number.
+        """
+        mine = [k for k, s in enumerate(self.suspected) if s.relation == relation]
+        measured = any(self.suspected[k].reason == "residual" for k in mine)
+        base = self.base(relation, found.theta, self.space.frame.variables)
+        imitated = self.imitated(relation, found, base, measured)
+        if imitated is None:
+            return []
+        few = {ONE.text}, {ONE.text, self.own_state(relation)}
+        bases = [[j for j, k in enumerate(base) if self.space.mechanisms[k].parts[0].product.text in f] for f in few]
+        terms = sum(p.relation == relation for k in found.present for p in self.space.mechanisms[k].parts) - 1
+        bar = self.unknown(found, relation, measured) / max(float(imitated.said @ imitated.said), 1e-300), terms
+        found_here = sparse(imitated, [self.choices[k] for k in mine], [*bases, range(len(base))], bar)
+        kept = ((s, [base[k] for k in s.kept]) for s in found_here)
+        ends = ((rows, s, self.imitated(relation, found, rows, measured)) for s, rows in kept)
+        bare = (relation, Product(self.space.frame.targets[relation])) in self.number
+        return [(rows, s, said) for rows, s, said in ends if said is not None and bare]
+
+    def with_relation(
+        self, standing: Standing, relation: int, base: list[int], found: Sparse, imitated: Imitated
+    ) -> Standing:
+        """Return a model with something else for a relation, not yet fitted.
+
+        Args:
+            standing: the model as it is.
+            relation: its number.
+            base: numbers of plain terms.
+            found: the functions beside these.
+            imitated: what the relation says.
+        """
+        mine = [k for k, s in enumerate(self.suspected) if s.relation == relation]
+        theta = self.written(relation, standing.fit.theta, base, found.placed, imitated)
+        placed = dict(zip(mine, found.placed, strict=True))
+        return Standing(
+            standing.fit if theta is None else replace(standing.fit, theta=theta),
+            tuple(placed.get(k, p) for k, p in enumerate(standing.placed)),
+            standing.said,
+        )
+
+    def beside(self, found: Fit, variables: Collection[str] | None) -> Standing | None:
+        """Return the model with functions that come near to it.
+
+        Args:
+            found: the model before.
+            variables: what may stand beside functions with a constant, None for neither.
+        """
+        theta, placed = found.theta, [Placed(Choice())] * len(self.suspected)
+        for r in dict.fromkeys(s.relation for s in self.suspected):
+            mine = [k for k, s in enumerate(self.suspected) if s.relation == r]
+            base = self.base(r, found.theta, variables)
+            imitated = self.imitated(r, found, base, any(self.suspected[k].reason == "residual" for k in mine))
+            if imitated is None:
+                return None
+            chosen = imitated.together([[*self.simple(k), Choice(), *self.linear(k)] for k in mine])
+            written = self.written(r, theta, base, chosen, imitated)
+            if written is None:
+                return None
+            theta = written
+            for k, one in zip(mine, chosen, strict=True):
+                placed[k] = one
+        fit = self.tightened(theta)
+        return None if fit is None else Standing(self.pruned(fit), tuple(placed), found if self.exact else None)
+
+    def simple(self, k: int) -> list[Choice]:
+        """Return the functions for a suspicion that stand alone and have no more than one constant, of one variable."""
+        if self.suspected[k].reason in JOINT:
+            return []
+        return [c for c in self.choices[k] if len(c.constants) < 2 and len(c.terms) < 2]
+
+    def linear(self, k: int) -> list[Choice]:
+        """Return the variable of a suspicion as what stands for it, where it is a candidate."""
+        term = Term(((Name(self.suspected[k].variable), 1),))
+        return [Choice((term,))] if (self.suspected[k].relation, Product(None, term)) in self.number else []

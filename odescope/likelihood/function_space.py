@@ -1,0 +1,224 @@
+"""A model, its record and the functions that may stand in the place of what is suspected of it.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.library.expression import ONE, Name, Term
+from odescope.library.families import families_of
+from odescope.library.mechanism import Mechanism, candidate
+from odescope.library.pairs import may_be_angles, pair_families, sines
+from odescope.library.product import Product
+from odescope.likelihood.add_and_drop import Moves
+from odescope.likelihood.budget import Budget
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.held_out import thinned
+from odescope.likelihood.imitation import SEEN, Choice, Imitated, Placed, choices_of
+from odescope.likelihood.negligible import worthless
+from odescope.likelihood.refine import Refinement
+from odescope.likelihood.search import WIDTHS, WhiteResiduals
+from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.segments import SEGMENT
+from odescope.likelihood.smoothed_targets import explicit, rates
+from odescope.likelihood.suspicion import JOINT, Suspicion, imitates, values_of_variables
+
+STEPS = 4  # of RK4 at most, but for dry friction: what is found here is fitted again
+FEW = 10  # steps of a fit that begins where it is likely to end
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionSpace:
+    """What the choice of functions works on.
+
+    `space` holds the candidates of the model, then all functions that are tried, then their constants: only what is
+    present is on a tape. `choices` are those of every suspicion; `number` finds a candidate by relation and product,
+    `own` counts those of the model; `width` is that of the defects; `exact` is whether the model follows the record.
+    """
+
+    space: SearchSpace
+    suspected: tuple[Suspicion, ...]
+    choices: tuple[tuple[Choice, ...], ...]
+    number: Mapping[tuple[int, Product], int]
+    own: int
+    width: float
+    exact: bool
+
+    @classmethod
+    def of(cls, refinement: Refinement, suspected: Sequence[Suspicion], limit: float) -> Self:
+        """Return what functions are chosen on.
+
+        Args:
+            refinement: the end of a likelihood stage, of plain candidates.
+            suspected: what is suspected of its model.
+            limit: units of budget that may be spent.
+        """
+        space = refinement.space
+        segments = thinned(space.segments if refinement.process is None else space.segments.cut_anew(SEGMENT))
+        space = space.on(segments).finer(min(space.evaluator.substeps, STEPS))
+        space = space.within(Budget(limit, space.budget.monitor, space.budget.deadline))
+        values = values_of_variables(space)
+        taken = {*space.frame.variables, *space.frame.targets, *space.frame.constants}
+        joint = _joint(suspected, values, taken)
+        angles = may_be_angles(values) if joint else None
+        names = dict.fromkeys(s.variable for s in suspected if s.reason not in JOINT)
+        families = {n: families_of(n, values[n], taken, None if angles is None else n in angles) for n in names}
+        choices = tuple(joint.get(s.reason) or choices_of(families.get(s.variable, ()), s.beside) for s in suspected)
+        constants = {c.name: c for found in choices for choice in found for c in choice.constants}
+        known = {(p.relation, p.product) for m in space.mechanisms for p in m.parts}
+        made = dict.fromkeys(
+            candidate(s.relation, Product(None, term), space.frame.targets[s.relation])
+            for s, found in zip(suspected, choices, strict=True)
+            for choice in found
+            for term in choice.terms
+        )
+        added = [m for m in made if (m.parts[0].relation, m.parts[0].product) not in known]
+        settings = [Mechanism("constant", f"constant {name}", name, (), 0.0) for name in constants]
+        wide = space.among([*space.mechanisms, *added, *settings]).with_constants(constants)
+        number = {(m.parts[0].relation, m.parts[0].product): k for k, m in enumerate(wide.mechanisms) if m.parts}
+        width = refinement.outcome.width if refinement.process is None else np.inf
+        return cls(wide, tuple(suspected), choices, number, len(space.mechanisms), float(width), refinement.exact)
+
+    def padded(self, theta: FloatArray) -> FloatArray:
+        """Return coefficients of the model as those of all candidates."""
+        return np.append(theta, np.zeros(len(self.space.mechanisms) - len(theta)))
+
+    def tightened(self, theta: FloatArray) -> Fit | None:
+        """Return the fit of what has a coefficient, begun in loose segments."""
+        space = self.space
+        here = space.fit(theta, np.flatnonzero(theta), space.segments.initial, space.segments.spread * np.inf)
+        for width in WIDTHS[1:]:
+            if here is None or width < self.width:
+                break
+            here = space.again(here, here.x0, space.segments.spread * width)
+        return here
+
+    def base(self, relation: int, theta: FloatArray, variables: Collection[str] | None) -> list[int]:
+        """Return what stands beside functions: terms that imitate nothing, a constant, and some variables.
+
+        Args:
+            relation: its number.
+            theta: (mechanisms,) coefficients of the model.
+            variables: by name; None for none of them, nor a constant.
+        """
+        plain, found = set() if variables is None else {ONE.text, *variables}, list[int]()
+        for k, m in enumerate(self.space.mechanisms[: self.own]):
+            if m.parts and m.parts[0].relation == relation and (product := m.parts[0].product).factor is None:
+                there = theta[k] != 0.0 and not imitates(product, relation, self.suspected)
+                if there or product.text in plain:
+                    found.append(k)
+        return found
+
+    def alone(self, relation: int, fit: Fit) -> list[str]:
+        """Return the variables that stand by themselves in a relation of a model."""
+        here = {(p.relation, p.product) for k in fit.present.tolist() for p in self.space.mechanisms[k].parts}
+        names = self.space.frame.variables
+        return [n for n in names if (relation, Product(None, Term(((Name(n), 1),)))) in here]
+
+    def imitated(self, relation: int, found: Fit, base: Sequence[int], measured: bool) -> Imitated | None:
+        """Return what a relation says, None where it says nothing somewhere.
+
+        Args:
+            relation: its number.
+            found: the model.
+            base: numbers of what stands beside functions.
+            measured: whether it is what differences of the smoothed states say.
+        """
+        space = self.space
+        said = (rates(space) if measured else explicit(space, found))[relation]
+        every = -(-len(said) // SEEN)
+        terms = [space.mechanisms[k].parts[0].product.term for k in base]
+        columns = space.evaluated(terms, found.theta)[:, ::every] if terms else np.zeros((0, len(said[::every])))
+        values = {name: column[::every] for name, column in values_of_variables(space).items()}
+        return Imitated(said[::every], columns, values) if np.isfinite(said).all() else None
+
+    def written(
+        self, relation: int, theta: FloatArray, base: Sequence[int], placed: Sequence[Placed], imitated: Imitated
+    ) -> FloatArray | None:
+        """Return coefficients with a relation made of its base and functions; None without its bare target.
+
+        Args:
+            relation: its number.
+            theta: (mechanisms,) coefficients before.
+            base: numbers of what stands beside functions.
+            placed: these.
+            imitated: what they are to say.
+        """
+        bare = self.number.get((relation, Product(self.space.frame.targets[relation])))
+        if bare is None:
+            return None
+        result = theta.copy()
+        for k, m in enumerate(self.space.mechanisms):
+            if relation in m.relations:
+                result[k] = 0.0
+        terms = [self.number[relation, Product(None, t)] for p in placed for t in p.choice.terms]
+        np.add.at(result, [*base, *terms], -imitated.coefficients(placed))
+        result[bare] = 1.0
+        for name, value in ((n, v) for p in placed for n, v in p.values.items()):
+            k = self.space.needed[name]
+            result[k] = self.space.frame.constants[name].coefficient(value)
+        return result
+
+    def unknown(self, found: Fit, relation: int, measured: bool) -> float:
+        """Return the sum of squares, over what is compared, of what a relation says and the record does not know.
+
+        That of a rate which noise leaves below the cutoff, or, of a model, as much less as its residuals are.
+
+        Args:
+            found: the model.
+            relation: its number.
+            measured: whether the relation says what differences of the smoothed states say.
+        """
+        segments, place = self.space.segments, int(self.space.frame.measured[relation])
+        order = self.space.frame.variables.index(self.own_state(relation)) - place + 1
+        cutoff = (segments.spread[place] / segments.noise[relation]) ** 2 / (2.0 * segments.step)
+        error = segments.spread[place] * (2.0 * np.pi * cutoff) ** order / np.sqrt(2.0 * order + 1.0)
+        share = 1.0 if measured else min(found.cost / segments.samples, 1.0)
+        samples = len(segments.filtered)
+        return float(share * error**2 * samples / -(-samples // SEEN))
+
+    def own_state(self, relation: int) -> str:
+        """Return the state whose rate a relation is for, by name."""
+        following = list(self.space.frame.following)
+        return self.space.frame.variables[following.index(-1 - relation)]
+
+    def moves(self) -> Moves:
+        """Return the moves at the width."""
+        judge = WhiteResiduals(self.space, self.space.segments.spread * self.width)
+        return Moves(self.space, judge, self.width, 1.0, [])
+
+    def pruned(self, fit: Fit) -> Fit:
+        """Return the fit without the plain terms that are not worth their price."""
+        moves = self.moves()
+        plain = [k for k in fit.free.tolist() if k < self.own and self.space.mechanisms[k].parts]
+        gone = worthless(self.space, fit, plain)
+        if len(gone):
+            theta = fit.theta.copy()
+            theta[gone] = 0.0
+            present = np.setdiff1d(fit.present, gone)
+            fewer = self.space.fit(theta, present, fit.x0, moves.defect_std, fit.strength, FEW)
+            return fewer if fewer is not None and moves.penalised(fewer) < moves.penalised(fit) else fit
+        return fit
+
+
+def _joint(
+    suspected: Sequence[Suspicion], values: Mapping[str, FloatArray], taken: Collection[str]
+) -> dict[str, tuple[Choice, ...]]:
+    """Return the functions for suspicions of no variable, by their reason.
+
+    Args:
+        suspected: all suspicions.
+        values: of the variables, by name (N,).
+        taken: names that constants may not have.
+    """
+    if not any(s.reason in JOINT for s in suspected):
+        return {}
+    pairs = tuple(Choice((f.term,), f.constants, f.points) for f in pair_families(values, taken))
+    return {"pair": pairs, "sine": tuple(Choice((term,)) for term in sines(may_be_angles(values)))}

@@ -1,0 +1,183 @@
+"""The fewest terms and functions that say what a relation says: selection by least squares on the smoothed states.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from odescope.arrays import FloatArray
+from odescope.likelihood.imitation import DEARER, Choice, Imitated, Placed
+
+LOOKED_AT = 400  # samples
+SHORTLIST = 6  # functions of which constants are fitted, and plain terms left out
+COUPLES = 2  # of functions without constants, the same
+FUNCTIONS = 2  # of a relation
+STEPS, FEWER_STEPS = 40, 12  # of the fit of constants, at the end and while terms are left out
+SMALL = 1e-14  # share of what is said that rounding leaves
+
+
+@dataclass(frozen=True)
+class Sparse:
+    """What stands for a relation: rows of the base by number, functions, and the sum of squares they leave.
+
+    `placed` holds a function for every suspicion, one without terms where there is none. `missed` is relative to what
+    the relation says, and no less than the share of it that is not known.
+    """
+
+    kept: tuple[int, ...]
+    placed: tuple[Placed, ...]
+    missed: float
+
+    @property
+    def dear(self) -> float:
+        """The sum of squares, doubled for every coefficient and constant."""
+        return self.missed * DEARER ** (len(self.kept) + sum(p.choice.size for p in self.placed))
+
+
+def sparse(
+    imitated: Imitated, choices: Sequence[Sequence[Choice]], bases: Sequence[Sequence[int]], bar: tuple[float, int]
+) -> list[Sparse]:
+    """Return what says a relation with fewer terms and functions that still leave little, the best first.
+
+    What a model says is its own imitation where it is not the law: which of those that come near to it is right the
+    record has to say.
+
+    Args:
+        imitated: what the relation says, with all that may stand beside functions.
+        choices: the functions for every suspicion, of which one at most is taken.
+        bases: rows of the base to begin with beside one function, one choice of them after the other.
+        bar: share of what is said that is not known, and the number of terms that say it now.
+    """
+    every = -(-len(imitated.said) // LOOKED_AT)
+    values = {name: column[::every] for name, column in imitated.values.items()}
+    seen = Imitated(imitated.said[::every], imitated.base[:, ::every], values)
+    unknown, terms = max(bar[0], SMALL), bar[1] + 1
+    small = [[c for c in among if c.size < terms] for among in choices]
+    none = Sparse(tuple(range(len(seen.base))), (Placed(Choice()),) * len(choices), np.inf)
+    best = _leaner(seen, _fitted(seen, none, STEPS, unknown), unknown)
+    found = [best, *(_leaner(seen, one, unknown) for one in _couples(seen, small, bases, unknown))]
+    for _ in range(FUNCTIONS):
+        tried = _promising(seen, small, best.placed, bases, unknown)
+        ends = [_leaner(seen, _fitted(seen, one, STEPS, unknown), unknown) for one in tried]
+        found += ends
+        if best is (best := min((best, *ends), key=lambda one: one.dear)):
+            break
+    distinct = {(one.kept, tuple(p.choice for p in one.placed)): one for one in found}
+    better = (one for one in distinct.values() if one.dear < unknown * DEARER**terms)
+    return sorted(better, key=lambda one: one.dear)[:SHORTLIST]
+
+
+def _promising(
+    imitated: Imitated,
+    choices: Sequence[Sequence[Choice]],
+    placed: Sequence[Placed],
+    bases: Sequence[Sequence[int]],
+    unknown: float,
+) -> list[Sparse]:
+    """Return what comes near with one function more, each beside few terms or all, the best first.
+
+    Beside all terms that may stand there many functions come near; beside few the right one does.
+
+    Args:
+        imitated: what the relation says.
+        choices: the functions for every suspicion.
+        placed: those that stand there.
+        bases: rows of the base that may stand beside them.
+        unknown: share of what is said that is not known.
+    """
+    found, whole = list[Sparse](), max(float(imitated.said @ imitated.said), 1e-300)
+    for rows in bases:
+        seen = replace(imitated, base=imitated.base[list(rows)], columns=imitated.columns, tapes=imitated.tapes)
+        for k, among in enumerate(choices):
+            if placed[k].choice.terms:
+                continue
+            for missed, one in seen.ranked(among, placed):
+                left = missed / whole + unknown
+                found.append(Sparse(tuple(rows), (*placed[:k], one, *placed[k + 1 :]), left))
+    return sorted(found, key=lambda one: one.dear)[:SHORTLIST]
+
+
+def _couples(
+    imitated: Imitated, choices: Sequence[Sequence[Choice]], bases: Sequence[Sequence[int]], unknown: float
+) -> list[Sparse]:
+    """Return the best two functions without constants, of two suspicions, beside few terms.
+
+    Neither may come near alone, so that one after the other would not find them.
+
+    Args:
+        imitated: what the relation says.
+        choices: the functions for every suspicion.
+        bases: rows of the base that may stand beside them, all of them last.
+        unknown: share of what is said that is not known.
+    """
+    none, found = Placed(Choice()), list[Sparse]()
+    plain = [(k, Placed(c)) for k, among in enumerate(choices) for c in among if c.size == 1 and not c.constants]
+    columns = {placed.choice: imitated.at(placed)[0] for _, placed in plain}
+    whole = max(float(imitated.said @ imitated.said), 1e-300)
+    for rows, ((j, one), (k, other)) in product(((), *bases[:-1]), combinations(plain, 2)):
+        if j == k or one.choice == other.choice:
+            continue
+        own = np.vstack([imitated.base[list(rows)], columns[one.choice], columns[other.choice]])
+        own /= np.maximum(np.linalg.norm(own, axis=1), 1e-300)[:, None]
+        left = imitated.said - np.linalg.lstsq(own.T, imitated.said)[0] @ own
+        placed = tuple(one if i == j else other if i == k else none for i in range(len(choices)))
+        found.append(Sparse(tuple(rows), placed, float(left @ left) / whole + unknown))
+    return sorted(found, key=lambda s: s.dear)[:COUPLES]
+
+
+def _leaner(imitated: Imitated, found: Sparse, unknown: float) -> Sparse:
+    """Return what is left where every row of the base goes that is worth less than a coefficient.
+
+    Args:
+        imitated: what the relation says.
+        found: rows and functions.
+        unknown: share of what is said that is not known.
+    """
+    while True:
+        fewer = [replace(found, kept=tuple(k for k in found.kept if k != gone)) for gone in found.kept]
+        ends = (_fitted(imitated, one, FEWER_STEPS, unknown) for one in fewer)
+        best = min(ends, key=lambda one: one.dear, default=found)
+        if not best.dear < found.dear:
+            return _fitted(imitated, found, STEPS, unknown)
+        found = best
+
+
+def _fitted(imitated: Imitated, found: Sparse, steps: int, unknown: float) -> Sparse:
+    """Return the same with the constants of its functions fitted.
+
+    Args:
+        imitated: what the relation says.
+        found: rows and functions.
+        steps: of the fit.
+        unknown: share of what is said that is not known.
+    """
+    rows = imitated.base[list(found.kept)]
+    constants = [c for p in found.placed for c in p.choice.constants]
+    size = max(float(np.linalg.norm(imitated.said)), 1e-300)
+
+    def placed(coefficients: FloatArray) -> tuple[Placed, ...]:
+        values = {c.name: c.at(float(p)) for c, p in zip(constants, coefficients, strict=True)}
+        return tuple(Placed(p.choice, {n: values[n] for n in p.values}) for p in found.placed)
+
+    def missed(coefficients: FloatArray) -> FloatArray:
+        columns = np.vstack([rows, *(imitated.at(p) for p in placed(coefficients))])
+        scale = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)[:, None]
+        own: FloatArray = columns / scale
+        left: FloatArray = imitated.said - np.linalg.lstsq(own.T, imitated.said)[0] @ own
+        return left / size
+
+    known = {n: v for p in found.placed for n, v in p.values.items()}
+    begin = np.array([c.coefficient(known[c.name]) for c in constants])
+    if constants:
+        low, high = np.array([c.limits for c in constants]).T
+        begin = np.clip(begin, low, high)
+        begin = least_squares(missed, begin, bounds=(low, high), x_scale=high - low, max_nfev=steps).x
+    squares = float(np.sum(missed(begin) ** 2))
+    return Sparse(found.kept, placed(begin), squares + unknown)

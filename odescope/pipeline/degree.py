@@ -1,0 +1,60 @@
+"""Polynomials and quotients of a higher degree, where those of the default library do not follow the record.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from odescope.events import Progress
+from odescope.likelihood.alternatives import EVIDENT
+from odescope.likelihood.refine import Refinement
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import relations_form
+from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.stages import refine_form
+from odescope.pipeline.wider import LEAST, evidently_better, promises, regressed_with, with_basis, within
+from odescope.pipeline.work import Work
+
+DEGREES = (6, 5, 4)  # the highest with no more than so many candidates is taken:
+FEW_ENOUGH = 60
+
+
+def with_higher_degree(
+    work: Work, filtered: Filtered, regressed: Regressed, refinement: Refinement | None
+) -> Refinement | None:
+    """Return the model with products of higher degree, where that is evidently better.
+
+    Quotients imitate these, as they do functions. Nothing is tried where a model without quotients follows the record,
+    or a library was written by hand.
+
+    Args:
+        work: whose study says of which states functions may be looked for.
+        filtered: the records and their signals.
+        regressed: what regression in the default library found.
+        refinement: the model so far, if there is one.
+    """
+    study, signals = work.study, filtered.signals
+    by_hand = study.library.basis is not None or study.library.extra
+    angles = any(c.angle for c in signals.coordinates)
+    if by_hand or angles or not study.suspects or not filtered.sample.complete:
+        return refinement
+    if refinement is not None and refinement.exact and not _quotient(refinement):
+        return refinement
+    names = (*signals.states, *(i.name for i in signals.inputs))
+    wides = (with_basis(work, names, degree) for degree in DEGREES)
+    wide, found = next(
+        ((w, f) for w in wides if (f := regressed_with(w, filtered, FEW_ENOUGH)) is not None), (work, None)
+    )
+    follows = refinement is not None and refinement.exact
+    if found is None or not promises(found, regressed, EVIDENT if follows else 0.0):
+        return refinement
+    work.monitor.tell(Progress("suspicion", "search with products of higher degree", 0, 1))
+    wide = within(wide, LEAST if refinement is None else max(LEAST, refinement.spent))
+    other = refine_form(wide, filtered, relations_form(wide.study, (found,), lambda _: found))
+    return other if other is not None and evidently_better(other, refinement) else refinement
+
+
+def _quotient(refinement: Refinement) -> bool:
+    """Say whether a relation of a model multiplies a target by more than a number."""
+    parts = (p for k in refinement.fit.present for p in refinement.space.mechanisms[k].parts)
+    return any(p.product.factor is not None and p.product.term.factors for p in parts)

@@ -1,0 +1,82 @@
+"""Libraries that are tried where a model leaves a suspicion: what regression finds in one, and whether that is better.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+
+from odescope.likelihood.alternatives import EVIDENT
+from odescope.likelihood.refine import Refinement
+from odescope.likelihood.search import WIDTHS
+from odescope.pipeline.constants import substitute
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.stages import regress_at
+from odescope.pipeline.suspicion import replaces
+from odescope.pipeline.work import Work
+from odescope.study.options import Study
+
+MANY = 120  # candidates of a target: more take longer than a suspicion is worth
+LEAST = 1.0  # units of budget, where the search before cost next to nothing,
+TIMES = 2.0  # and times what it cost
+
+
+def with_basis(work: Work, basis: Sequence[str], degree: int) -> Work:
+    """Return the work for a study with another library.
+
+    Args:
+        work: for the study.
+        basis: of the other library.
+        degree: of its products, at most.
+    """
+    library = msgspec.structs.replace(work.study.library, basis=tuple(basis), degree=degree)
+    return replace(work, study=msgspec.structs.replace(work.study, library=library))
+
+
+def within(work: Work, budget: float) -> Work:
+    """Return the work for a study with no more than this budget."""
+    options = work.study.likelihood
+    likelihood = msgspec.structs.replace(options, budget=min(options.budget, budget))
+    return replace(work, study=msgspec.structs.replace(work.study, likelihood=likelihood))
+
+
+def regressed_with(work: Work, filtered: Filtered, many: int = MANY) -> Regressed | None:
+    """Return what regression finds in the library of a study, None where it is too large.
+
+    Args:
+        work: whose study that is.
+        filtered: the records and their signals.
+        many: candidates of a target at most.
+    """
+    study: Study = work.study
+    libraries = tuple(study.candidates(c.target) for c in study.measured())
+    if max(map(len, libraries)) > min(many, filtered.signals.samples):
+        return None
+    return regress_at(work, substitute(libraries, (), filtered.signals.targets)[0], filtered)
+
+
+def promises(found: Regressed, before: Regressed, least: float = EVIDENT) -> bool:
+    """Say whether regression finds evidently more in one library than in the one before.
+
+    Args:
+        found: in the one.
+        before: in the other.
+        least: by how much the criterion has to be less.
+    """
+    return bool(np.isfinite(found.criterion) and found.criterion < before.criterion - least)
+
+
+def evidently_better(other: Refinement, before: Refinement | None) -> bool:
+    """Say whether a model with another library replaces the one before: it follows the record in one piece."""
+    if other.outcome.width > WIDTHS[-1]:
+        return False
+    if before is None:
+        return other.exact
+    apart = before.outcome.penalised - other.outcome.penalised
+    return replaces(other, before) and (not before.exact or apart > EVIDENT)

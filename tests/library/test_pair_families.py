@@ -1,0 +1,46 @@
+"""Functions of two variables: which the data allow, and where their constants are looked for."""
+
+import numpy as np
+import pytest
+
+from odescope.library.pairs import MANY, may_be_angles, pair_families
+from odescope.library.readable import readable
+
+T = np.linspace(0.0, 9.0, 80)
+X, Y = 0.5 * np.sin(T), 3.0 + 0.2 * np.cos(1.3 * T)
+
+
+def texts(values):
+    return {readable(f.term) for f in pair_families(values, ())}
+
+
+def test_the_root_of_a_difference_needs_its_sign_and_its_size_a_change_of_it():
+    assert "sqrt(-x + y)" in texts({"x": X, "y": Y})
+    assert "abs(x - y)" not in texts({"x": X, "y": Y})
+    assert "abs(x - y)" in texts({"x": X, "y": Y - 3.0})
+
+
+def test_a_difference_that_may_be_an_angle_makes_angles_of_both():
+    small = 0.1 * np.cos(1.3 * T)
+    assert "sin(x - y)" in texts({"x": X, "y": small})
+    assert may_be_angles({"x": X, "y": small}) == {"x", "y"}
+    assert may_be_angles({"x": 0.1 * X, "y": small}) == frozenset()
+    assert not any("sin" in t for t in texts({"x": 0.1 * X, "y": small}))
+
+
+def test_constants_are_looked_for_within_their_ranges_and_under_free_names():
+    taken = {"offset_x_y"}
+    for family in pair_families({"x": X, "y": Y}, taken):
+        ranges = {c.name: (c.low, c.high) for c in family.constants}
+        assert not taken & ranges.keys()
+        for point in family.points:
+            assert [name for name, _ in point] == [c.name for c in family.constants]
+            assert all(ranges[name][0] <= value <= ranges[name][1] for name, value in point)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_there_are_functions_of_every_pair_and_of_none_where_there_are_too_many(count):
+    values = {f"x{k}": np.sin((k + 1) * T) for k in range(count)}
+    pairs = {frozenset(f.term.names & values.keys()) for f in pair_families(values, ())}
+    assert len(pairs) == count * (count - 1) // 2
+    assert pair_families({f"x{k}": np.sin((k + 1) * T) for k in range(MANY + 1)}, ()) == ()

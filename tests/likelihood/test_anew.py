@@ -1,0 +1,47 @@
+"""Searches once more with short steps, where the end of the first owed its fit to long ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_systems import SPRING, SPRING_STEP, drive, shots, spring_run
+
+from odescope.likelihood import anew
+from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.search import search
+from odescope.likelihood.search_space import SearchSpace
+from odescope.parallel.workers import Threads
+
+
+@pytest.fixture(scope="module")
+def spring():
+    spread = np.array([1e-3, 5e-3])
+    data = shots(spring_run(SPRING.theta), drive(), SPRING_STEP, 2e-3, np.random.default_rng(1), spread)
+    space = SearchSpace(Evaluator(data, 2), SPRING.mechanisms, SPRING.frame)
+    return space, search(space, SPRING.theta)
+
+
+def settled(spring, monkeypatch, rise):
+    """Return the end where finer steps make the first model dearer by so much, and how often was searched anew."""
+    (space, best), calls = spring, []
+
+    def finer(there, outcome):
+        worse = replace(outcome, price=outcome.price + rise) if outcome is best else outcome
+        return there.finer(4), worse
+
+    def searches(seen, begun, *_):
+        calls.append((seen.evaluator.substeps, len(begun)))
+        return [replace(best, price=best.price + 1.0)]
+
+    monkeypatch.setattr(anew, "with_finer_steps", finer)
+    monkeypatch.setattr(anew, "searches", searches)
+    _, end = anew.with_steps_settled(space, best, [SPRING.theta], Threads())
+    return end.price - best.price, calls
+
+
+def test_what_coarse_steps_promised_and_fine_ones_do_not_keep_is_searched_for_again(spring, monkeypatch):
+    assert settled(spring, monkeypatch, 20.0) == (pytest.approx(1.0), [(4, 2)])
+
+
+def test_where_fine_steps_change_nothing_there_is_no_other_search(spring, monkeypatch):
+    assert settled(spring, monkeypatch, 5.0) == (pytest.approx(5.0), [])

@@ -1,0 +1,42 @@
+"""The fewest terms and functions that say what a relation says."""
+
+import numpy as np
+
+from odescope.library.expression import ONE
+from odescope.library.families import families_of
+from odescope.library.pairs import pair_families
+from odescope.likelihood.imitation import Choice, Imitated, choices_of
+from odescope.likelihood.sparsest import sparse
+
+T = np.linspace(0.0, 12.0, 300)
+VALUES = {"x": 1.0 + 0.6 * np.sin(T), "y": 0.8 * np.cos(0.7 * T + 0.4), "z": np.sin(1.9 * T) + 0.3 * np.cos(T)}
+BASE = np.array([np.ones_like(T), *VALUES.values()])
+BASES = ([0], [0, 1], range(4))
+UNKNOWN = 1e-8
+
+
+def ends(said, terms=8):
+    single = choices_of(families_of("x", VALUES["x"], ()), (ONE,))
+    pairs = [Choice((f.term,), f.constants, f.points) for f in pair_families(VALUES, ())]
+    noise = np.sqrt(UNKNOWN * np.mean(said**2)) * np.random.default_rng(0).standard_normal(len(said))
+    return sparse(Imitated(said + noise, BASE, VALUES), [single, pairs], BASES, (UNKNOWN, terms))
+
+
+def test_a_step_of_a_weighted_sum_is_found_with_the_terms_beside_it():
+    best = ends(0.3 - 1.4 * VALUES["x"] + 2.0 / (1.0 + np.exp(0.7 - 1.1 * VALUES["y"] - 0.6 * VALUES["z"])))[0]
+    assert best.kept == (0, 1)
+    single, pair = best.placed
+    assert single.choice.terms == ()
+    assert set(pair.values) == {"weight_y_y_z", "weight_z_y_z", "offset_y_z"}
+    assert abs(pair.values["weight_y_y_z"] - 1.1) < 0.02
+    assert abs(pair.values["weight_z_y_z"] - 0.6) < 0.02
+
+
+def test_a_function_of_one_variable_is_found_beside_one_of_two():
+    best = ends(-1.3 * np.sqrt(VALUES["x"]) + 0.4 * np.sin(VALUES["x"] - VALUES["y"]))[0]
+    assert best.kept == ()
+    assert [c.choice.terms[0].text for c in best.placed] == ["sqrt(x)", "sin(x - y)"]
+
+
+def test_nothing_is_begun_that_would_be_dearer_than_the_terms_there_are():
+    assert ends(VALUES["x"] - 0.5 * VALUES["x"] ** 2, terms=1) == []
