@@ -87,7 +87,8 @@ def robust_evidence(space: SearchSpace, found: Fit) -> Evidence | None:
 
 def white(found: Fit, evidence: Evidence) -> bool:
     """Say whether defects scatter as noise of the process does: what lacks in a law makes some stretches worse."""
-    return bool(np.median(evidence.variances / np.maximum(found.variances, 1e-300)) < COLOURED)
+    ratios = evidence.variances / np.maximum(found.variances, 1e-300)
+    return bool(ratios.size and np.median(ratios) < COLOURED)
 
 
 def robust_wald(space: SearchSpace, found: Fit) -> FloatArray | None:

@@ -134,7 +134,8 @@ def _reference(mechanisms: Sequence[Mechanism], group: Sequence[int]) -> tuple[i
     """Return whose coefficient sets the scale of a group, and its value there; None where the scale is given."""
     if any(mechanisms[k].known is not None for k in group):
         return None
-    forces = [k for k in group if mechanisms[k].kind == "force"]
+    # A constant force is what an input is off, or a slope: nobody knows its size beforehand.
+    forces = [k for k in group if mechanisms[k].kind == "force" and mechanisms[k].names]
     if forces:
         return min(forces, key=lambda k: mechanisms[k].size), 1.0
     squares = [k for k in group if mechanisms[k].kind == "kinetic" and _square(mechanisms[k])]

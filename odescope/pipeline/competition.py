@@ -26,6 +26,7 @@ from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at
 from odescope.pipeline.suspicion import with_suspected
 from odescope.pipeline.work import Work
+from odescope.recordings.record import Records
 from odescope.signals.estimate import Signals
 from odescope.study.library_options import Form
 from odescope.study.options import LeftOut
@@ -58,6 +59,17 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
         searches=tuple(replace(s, named=named) for s in searches),
         elsewhere=tuple(r for r in tried if r is not best),
     )
+
+
+class NoLaw(NoModelError):
+    """No form has a model; `refinement` follows the `records`, if any does, but runs away from them freely."""
+
+    def __init__(
+        self, stage: str, message: str, records: Records | None = None, refinement: Refinement | None = None
+    ) -> None:
+        super().__init__(stage, message)
+        self.records = records
+        self.refinement = refinement
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +158,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         InputError: a tie names no candidate of the relations.
         NoModelError: no form has a model.
     """
-    contenders, suspicions = list[Contender](), tuple[SuspicionScore, ...]()
+    contenders, lost, suspicions = list[Contender](), list[Refinement](), tuple[SuspicionScore, ...]()
     forms = _posed(work, prepared, filtered, regressed)
     for posed in forms:
         done = [c.refinement for c in contenders if c.refinement is not None]
@@ -170,11 +182,14 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
             # Of what regression finds no law in, process noise explains anything: it has to run freely, too.
             if regressed.failure is None or contender.exact or (contender.follows and contender.free_run < LOST):
                 contenders.append(contender)
+            elif refinement is not None:
+                lost.append(refinement)
     if not contenders:
         stage = "likelihood" if work.study.likelihood.enabled else "regression"
-        raise regressed.failure or NoModelError(
+        why = regressed.failure or NoModelError(
             stage, "no model follows the record, even in short segments: look for missing physics or wrong units"
         )
+        raise NoLaw(why.stage, why.message, filtered.sample.records, lost[-1] if lost else None)
     best = best_of(contenders)
     scores = tuple(c.score(c is best) for c in contenders) if len(contenders) > 1 else ()
     return Winner(best, scores, suspicions if best.form == "relations" else ())

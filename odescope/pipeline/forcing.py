@@ -17,7 +17,7 @@ from odescope.library.readable import readable
 from odescope.likelihood.periodic import Forcing, periodic
 from odescope.likelihood.refine import Refinement
 from odescope.model.scores import SuspicionScore
-from odescope.pipeline.competition import Contender
+from odescope.pipeline.competition import Contender, NoLaw
 from odescope.pipeline.suspicion import replaces
 from odescope.recordings.record import Records
 from odescope.study.clock import TIME, keeps_time
@@ -51,27 +51,62 @@ def with_forcing(
         run: identifies by a study.
         in_vain: what a run tells last that finds no model.
     """
-    result, contender = run(study, monitor)
+    ended = list[Event]()
+    try:
+        result, contender = run(study, replace(monitor, tell=_without(monitor, in_vain, ended)))
+    except NoModelError as failure:
+        sought = None
+        if isinstance(failure, NoLaw) and failure.refinement is not None and failure.records is not None:
+            sought = _sought(study, monitor, run, in_vain, failure.refinement, failure.records)
+        if sought is None or sought[0] is None:
+            for event in ended:
+                monitor.tell(event)
+            raise
+        return (*sought[0], (sought[1],))
     before = contender.refinement
-    if before is None or before.exact or before.late or not study.suspects:
+    sought = None if before is None else _sought(study, monitor, run, in_vain, before, result.records)
+    if sought is None:
         return result, contender, ()
+    return (*(sought[0] or (result, contender)), (sought[1],))
+
+
+def _sought(
+    study: Study,
+    monitor: Monitor,
+    run: Callable[[Study, Monitor], tuple[Result, Contender]],
+    in_vain: type[Event],
+    before: Refinement,
+    records: Records,
+) -> tuple[tuple[Result, Contender] | None, SuspicionScore] | None:
+    """Return the run with a forcing where that is better, and the score; None where nothing is suspected.
+
+    Args:
+        study: the options.
+        monitor: told what goes on.
+        run: identifies by a study.
+        in_vain: what a run tells last that finds no model.
+        before: what follows the record without a forcing.
+        records: the recordings.
+    """
+    if before.exact or before.late or not study.suspects:
+        return None
     forcing = periodic(before.space)
     if forcing is None:
-        return result, contender, ()
+        return None
     if not keeps_time(study) or RATE in study.parameters:
-        return result, contender, (_score(before, forcing, (), ()),)
-    waves = _waves(result.records)
+        return None, _score(before, forcing, (), ())
+    waves = _waves(records)
     monitor.tell(Progress("suspicion", "search with a forcing of the rate at which the residual goes", 0, 1))
     try:
-        other, forced = run(_named(study, forcing, waves), replace(monitor, tell=_without(monitor, in_vain)))
+        other, forced = run(_named(study, forcing, waves), replace(monitor, tell=_without(monitor, in_vain, [])))
     except NoModelError:
-        return result, contender, (_score(before, forcing, waves, ()),)
+        return None, _score(before, forcing, waves, ())
     except InputError:  # the study is sound without the time, whose column holds dates
-        return result, contender, (_score(before, forcing, (), ()),)
+        return None, _score(before, forcing, (), ())
     found = _forcing(forced.refinement)
     if forced.refinement is not None and found and replaces(forced.refinement, before):
-        return other, forced, (_score(before, forcing, waves, found),)
-    return result, contender, (_score(before, forcing, waves, ()),)
+        return (other, forced), _score(before, forcing, waves, found)
+    return None, _score(before, forcing, waves, ())
 
 
 def _waves(records: Records) -> tuple[str, ...]:
@@ -94,11 +129,19 @@ def _named(study: Study, forcing: Forcing, waves: tuple[str, ...]) -> Study:
     return msgspec.structs.replace(study, library=library)
 
 
-def _without(monitor: Monitor, kind: type[Event]) -> Callable[[Event], None]:
-    """Return what tells a monitor all but one kind of events."""
+def _without(monitor: Monitor, kind: type[Event], ended: list[Event]) -> Callable[[Event], None]:
+    """Return what tells a monitor all but one kind of events, which it collects.
+
+    Args:
+        monitor: to be told.
+        kind: of events that it is not told.
+        ended: collects those.
+    """
 
     def tell(event: Event) -> None:
-        if not isinstance(event, kind):
+        if isinstance(event, kind):
+            ended.append(event)
+        else:
             monitor.tell(event)
 
     return tell

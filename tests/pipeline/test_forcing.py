@@ -56,7 +56,7 @@ def test_what_is_followed_without_a_forcing_is_left_alone():
     ("data", "columns"), [(Data(sample_period=PERIOD), ["x"]), (Data(time="clock", time_unit="ms"), ["clock", "x"])]
 )
 def test_where_the_time_has_no_column_in_seconds_it_is_said_what_to_name(data, columns):
-    recorded = log(STRENGTH, 0.4, 0)
+    recorded = log(STRENGTH, 2.5, 1)
     recorded["clock"] = 1e3 * recorded["clock"]
     result = identify(msgspec.structs.replace(STUDY, data=data), {name: recorded[name] for name in columns})
     (said,) = [s for s in result.model.scores.suspicions if s.reason == "periodic"]
@@ -65,14 +65,14 @@ def test_where_the_time_has_no_column_in_seconds_it_is_said_what_to_name(data, c
 
 
 def test_nothing_is_tried_where_functions_are_not_to_be_suspected():
-    result = identify(msgspec.structs.replace(STUDY, library=Candidates(suspect=False)), log(STRENGTH, 0.4, 0))
+    result = identify(msgspec.structs.replace(STUDY, library=Candidates(suspect=False)), log(STRENGTH, 2.5, 1))
     assert result.model.scores.suspicions == ()
     assert not result.refinement.exact
 
 
 def test_stamps_that_count_from_1970_do_as_well():
     """So far from its origin a sine's rate and its phase are one to a fit: it counts from the middle of the record."""
-    recorded = log(STRENGTH, 0.4, 0)
+    recorded = log(STRENGTH, 2.5, 1)
     result = identify(STUDY, {**recorded, "clock": recorded["clock"] + 1.7e9})
     found = {row.term.split("(")[0]: row for row in result.coefficients if row.equation == "x_dot"}
     assert set(found) == {"1", "x", "sin", "cos"}
@@ -84,7 +84,7 @@ def test_stamps_that_count_from_1970_do_as_well():
 
 
 def test_dates_are_no_seconds_and_a_model_comes_of_them_all_the_same(tmp_path):
-    recorded = log(STRENGTH, 0.4, 0)
+    recorded = log(STRENGTH, 2.5, 1)
     stamps = np.datetime64("2024-05-01T00:00:00") + (1e3 * recorded["clock"]).round().astype("timedelta64[ms]")
     lines = (f"{stamp},{x}\n" for stamp, x in zip(stamps, recorded["x"], strict=True))
     (tmp_path / "log.csv").write_text("clock,x\n" + "".join(lines))

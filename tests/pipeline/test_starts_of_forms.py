@@ -42,7 +42,8 @@ def test_relations_that_regression_has_not_found_are_searched_only_beside_poor_m
         if posed.form == "relations":
             return None
         found = stages.refine_form(work, filtered, posed)
-        return replace(found, outcome=replace(found.outcome, finished=clear))
+        penalties = found.outcome.penalties if clear else np.full_like(found.outcome.penalties, np.inf)
+        return replace(found, outcome=replace(found.outcome, penalties=penalties))
 
     monkeypatch.setattr(competition, "WELL", well)
     monkeypatch.setattr(stages, "propose", nothing)
