@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from odescope import Candidates, Data, Measured, Study, identify
+from odescope import Candidates, Data, Measured, NoModelError, Study, identify
 from odescope.events import Progress
+from odescope.pipeline.identification import NothingFound
 
 DURATION, PERIOD, NOISE = 30.0, 0.05, 0.01
 RATE, STRENGTH, INFLOW, OUTFLOW = 1.9, 0.7, 1.0, 0.8
@@ -23,9 +24,11 @@ def log(strength, phase, seed):
     return {"clock": t, "x": x + NOISE * x.std() * np.random.default_rng(seed).standard_normal(len(t))}
 
 
-@pytest.mark.parametrize(("phase", "seed"), [(0.4, 0), (2.5, 1)])
+@pytest.mark.parametrize(("phase", "seed"), [(0.4, 0), (2.5, 1)], ids=["where no law is found", "beside a rough law"])
 def test_a_forcing_that_was_not_recorded_is_found(phase, seed):
-    result = identify(STUDY, log(STRENGTH, phase, seed))
+    told = []
+    result = identify(STUDY, log(STRENGTH, phase, seed), watch=told.append)
+    assert not [event for event in told if isinstance(event, NothingFound)]
     truth = {
         "1": INFLOW,
         "x": -OUTFLOW,
@@ -42,6 +45,15 @@ def test_a_forcing_that_was_not_recorded_is_found(phase, seed):
     assert set(said.found) == {"cos(rate_t*t)", "sin(rate_t*t)"}
     assert any("a forcing that was not recorded" in note for note in result.notes)
     assert not any("a forcing that was not recorded" in note for note in result.warnings)
+
+
+def test_where_no_law_is_found_and_no_forcing_is_to_be_suspected_that_is_told_once():
+    told = []
+    with pytest.raises(NoModelError):
+        identify(
+            msgspec.structs.replace(STUDY, library=Candidates(suspect=False)), log(STRENGTH, 0.4, 0), watch=told.append
+        )
+    assert [type(event) for event in told].count(NothingFound) == 1
 
 
 def test_what_is_followed_without_a_forcing_is_left_alone():
