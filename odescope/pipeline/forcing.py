@@ -12,10 +12,11 @@ from typing import Protocol, TypeVar
 import msgspec
 
 from odescope.errors import InputError, NoModelError
-from odescope.events import Event, Monitor, Progress
+from odescope.events import Event, Monitor, Note, Progress
 from odescope.library.readable import readable
 from odescope.likelihood.periodic import Forcing, periodic
 from odescope.likelihood.refine import Refinement
+from odescope.model.choice_notes import unsettled
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.competition import Contender, NoLaw
 from odescope.pipeline.suspicion import replaces
@@ -59,7 +60,8 @@ def with_forcing(
         if isinstance(failure, NoLaw) and failure.refinement is not None and failure.records is not None:
             sought = _sought(study, monitor, run, in_vain, failure.refinement, failure.records)
         if sought is None or sought[0] is None:
-            for event in ended:
+            notes = [] if sought is None else [Note(text, warns=True) for text in unsettled([sought[1]])]
+            for event in (*notes, *ended):
                 monitor.tell(event)
             raise
         return (*sought[0], (sought[1],))

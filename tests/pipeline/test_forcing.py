@@ -6,12 +6,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from odescope import Candidates, Data, Measured, NoModelError, Study, identify
-from odescope.events import Progress
+from odescope.events import Note, Progress
 from odescope.pipeline.identification import NothingFound
 
 DURATION, PERIOD, NOISE = 30.0, 0.05, 0.01
 RATE, STRENGTH, INFLOW, OUTFLOW = 1.9, 0.7, 1.0, 0.8
 STUDY = Study(coordinates={"x": Measured(order=1)}, data=Data(time="clock"))
+STUDY_OF_ROWS = msgspec.structs.replace(STUDY, data=Data(sample_period=PERIOD))
 
 
 def log(strength, phase, seed):
@@ -54,6 +55,15 @@ def test_where_no_law_is_found_and_no_forcing_is_to_be_suspected_that_is_told_on
             msgspec.structs.replace(STUDY, library=Candidates(suspect=False)), log(STRENGTH, 0.4, 0), watch=told.append
         )
     assert [type(event) for event in told].count(NothingFound) == 1
+
+
+def test_where_no_law_is_found_the_lack_of_a_time_is_told_all_the_same():
+    told = []
+    with pytest.raises(NoModelError):
+        identify(STUDY_OF_ROWS, {"x": log(STRENGTH, 0.4, 0)["x"]}, watch=told.append)
+    (note,) = [event for event in told if isinstance(event, Note)]
+    assert note.warns
+    assert "[data] time names a column of numbers, in seconds" in note.text
 
 
 def test_what_is_followed_without_a_forcing_is_left_alone():
