@@ -170,13 +170,21 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
             yield f"{name} acts {found.delay:.4g} s after it was recorded{error}"
     for name, between in scores.holds.items():
         acts = "held" if between.hold == "zero" else between.hold
-        gain = "" if between.gain is None else f": {between.gain:,.0f} in log-likelihood over linear"
-        yield f"{name} is {acts} between samples{gain}"
+        yield f"{name} is {acts} between samples{_over_linear(between.gain)}"
     for name, count in scores.outliers.items():
         if count and name in scores.gated:
             yield gated_sentence(name, scores.gated[name])
         elif count:
             yield f"{count} samples of {name} are far from the filtered signal: they were clipped"
+
+
+def _over_linear(gain: float | None) -> str:
+    """Return what a hold gains in log-likelihood; linear inputs may gain as much by a delay, at the price of that."""
+    if gain is None:
+        return ""
+    if gain < 1.0:
+        return "; linear and later, which takes a delay more, is as likely"
+    return f": {gain:,.0f} in log-likelihood over linear"
 
 
 def gated_sentence(name: str, found: Sequence[GatedScore]) -> str:

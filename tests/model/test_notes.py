@@ -16,6 +16,7 @@ from odescope.model.scores import (
     FreeRun,
     GatedRange,
     GatedScore,
+    HoldScore,
     Likelihood,
     ModelScores,
     PathScore,
@@ -83,6 +84,18 @@ def test_what_happened_to_the_data_is_said_in_the_order_of_the_stages():
     assert [note.split()[0] for note in notes] == ["2", "120,000", "u", "w", "4"]
     assert notes[2] == "u acts 0.0234 s after it was recorded (standard error 0.0001 s)"
     assert notes[3] == "w acts 0.5 s after it was recorded"
+
+
+@pytest.mark.parametrize(
+    ("gain", "line"),
+    [
+        (412.4, "u is held between samples: 412 in log-likelihood over linear"),
+        (-3.0, "u is held between samples; linear and later, which takes a delay more, is as likely"),
+        (None, "u is held between samples"),
+    ],
+)
+def test_a_hold_is_told_with_what_speaks_for_it(gain, line):
+    assert said(ModelScores(holds={"u": HoldScore("zero", gain)})) == (line,)
 
 
 def test_samples_that_do_not_count_are_told_with_reason_and_time():
