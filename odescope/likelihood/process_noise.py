@@ -23,7 +23,7 @@ from odescope.likelihood.negligible import one_less
 from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
 from odescope.likelihood.path import ModelPath
 from odescope.likelihood.program import Program
-from odescope.likelihood.search import Outcome
+from odescope.likelihood.search import Outcome, WhiteResiduals
 from odescope.likelihood.search_space import Move, SearchSpace
 from odescope.likelihood.segments import Segments
 
@@ -201,9 +201,9 @@ def search_with_process_noise(
     if len(open_.start) > len(seen.segments.start):
         seen, longest, trail = _searched_on(space.on(open_), seen, longest, trail, floor)
     way = ModelPath.back(seen.within(seen.budget.part(PATH_SHARE)), longest, seen.segments.spread)
-    known = robust_evidence(seen, longest)
     way = way.chosen_at(terms) if terms is not None else way.at_knee
-    sure = terms is None and known is not None and white(longest, known)
+    known = robust_evidence(seen, longest) if terms is None else None
+    sure = known is not None and white(longest, known)
     way = way.keeping_sure if sure else way
     here = way.choice.fit
     begun = with_noise(space, seen.segments.noise, seen.segments.spread)
@@ -318,24 +318,19 @@ class _BlockSpread:
         return None if evidence is None else evidence.scores
 
 
-def _exchanged(moves: Moves, here: Fit) -> Fit | None:
-    """Return the fit with another mechanism in the place of one or two, None where none is better."""
-    space = moves.space
-    whole = space.evaluator.expand(space.whole, here.theta, space.free(here), here.x0, space.segments.spread)
-    return moves.exchange(here, whole)
-
-
 def _settle(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
     """Drop and add by the robust evidence until nothing moves; the last of the budget is for drops alone.
 
     Then exchange: of two look-alikes the wrong one may have come first, and is sure while the other is not there.
     """
-    moves = Moves(space, _BlockSpread(space), 1.0, 1.0, trail)
+    moves, plain = Moves(space, _BlockSpread(space), 1.0, 1.0, trail), WhiteResiduals(space, space.segments.spread)
     for _ in range(STEPS):
         if space.budget.over:
             break
         late = space.budget.spent > ADDING * space.budget.limit
-        moved = moves.drop(here) or (None if late else moves.add(here) or _exchanged(moves, here))
+        moved = moves.drop(here) or (None if late else moves.add(here))
+        if moved is None and not late:
+            moved = moves.exchange(here, plain.expansion(here))
         if moved is None:
             break
         here = moved
