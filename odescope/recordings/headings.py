@@ -33,10 +33,11 @@ _SECONDS: dict[TimeUnit, tuple[float, float]] = {
 }
 UNITS_OF_TIME: tuple[TimeUnit, ...] = tuple(_TIMES)
 _WITHOUT_BRACKETS = ("s", "ms", "us", "ns")  # in t_min the rest may be the least of something
+_OVER = re.compile(r"\s*(?:t|time|zeit|temps)\s*/\s*(\w+)\s*", re.IGNORECASE)  # as ISO 80000 has it: t/min
 _BRACKETED = re.compile(r"^(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]\s*$", re.DOTALL)
 _EXPONENT = re.compile(r"\^?[-+−]?\d+|[⁻⁺]?[⁰¹²³⁴-⁹]+")
 _PREFIXED = re.compile(
-    r"(?:[fpnuµμmcdhkMGT]|da)?(?:m|g|s|A|K|mol|cd|Hz|N|Nm|Pa|J|W|Wh|C|V|F|Ω|Ohm|ohm|S|T|H|L|l|rad|bar|eV|M)"
+    r"(?:[fpnuµμmcdhkMGT]|da)?(?:m|g|s|A|K|mol|cd|Hz|N|Nm|Pa|J|W|Wh|C|V|F|Ω|Ohm|ohm|S|T|H|L|l|rad|bar|eV|M|U)"
 )
 _WHOLE = frozenset(
     [
@@ -94,6 +95,18 @@ _WHOLE = frozenset(
         "pascal",
         "kelvin",
         "celsius",
+        "IU",
+        "cal",
+        "kcal",
+        "ppm",
+        "ppb",
+        "atm",
+        "mmHg",
+        "mph",
+        "kn",
+        "rps",
+        "counts",
+        "cells",
     ]
 )
 
@@ -140,8 +153,9 @@ def time_unit(label: str) -> TimeUnit | None:
     heading = Heading.of(label)
     if heading.unit is not None:
         return next((unit for unit, words in _TIMES.items() if heading.unit.casefold() in words), None)
-    last = _last_word(label)
-    return next((unit for unit, words in _TIMES.items() if last in words and unit in _WITHOUT_BRACKETS), None)
+    over, last = _OVER.fullmatch(label), _last_word(label)
+    known = UNITS_OF_TIME if over is not None else _WITHOUT_BRACKETS
+    return next((unit for unit, words in _TIMES.items() if last in words and unit in known), None)
 
 
 def doubtful_time_unit(label: str) -> str | None:
@@ -154,7 +168,7 @@ def doubtful_time_unit(label: str) -> str | None:
     found, last = _BRACKETED.match(label), _last_word(label)
     if found is not None:
         return found[2] or None
-    named = last != label.strip().casefold() and last not in ("d", "day")  # as in time_of_day
+    named = last not in ("d", "day")  # as in time_of_day, and where the days are dates
     return last if named and any(last in words for words in _TIMES.values()) else None
 
 

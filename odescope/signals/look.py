@@ -25,6 +25,7 @@ Filtered: TypeAlias = Mapping[str, Sequence[FloatArray]]
 
 SAME = 1e-9  # of the variance: what two columns may differ by that hold the same
 A_RATE = 0.9  # of its variance: what a column explains of another's rate that holds that rate, noise and all
+NEAR_ONE = 0.1  # the slope of a rate whose unit is that of the log
 AN_AMOUNT = 0.95  # of the variance of its rate: what amounts explain of that, held out
 INSIDE = slice(32, -32)  # samples of filtered signals, whose ends are the worst
 FOLLOWS = 0.5  # of the variance: steps of white values have twice that of the values, those of a motion little
@@ -33,10 +34,11 @@ WRAPS = (2.0 * np.pi, 360.0)
 NEAR_WRAP = 0.1  # of a turn: what a jump may differ from it
 BIG = 0.25  # of a turn: steps of an angle that no wrap explains
 COMMANDS = re.compile(
-    r"(u|f|force|tau|torque|input|command|cmd|ref|reference|setpoint|pwm|duty|voltage|valve|pump|throttle|heater"
-    r"|excitation)(_.*|\d.*)?",
-    re.IGNORECASE,
+    r"(u|f|force|tau|torque|input|pwm|duty|voltage|valve|pump|throttle|heater|excitation)(_.*|\d.*)?", re.IGNORECASE
 )
+# A word of a name by which a column drives whatever is asked of it: nothing that is explained by the others.
+WANTED = frozenset({"cmd", "command", "commanded", "ref", "reference", "setpoint", "ambient", "outdoor", "disturbance"})
+WHITE, WHITE_FROM = 1.8, 256  # times its variance: steps of what is noise from sample to sample; samples that tell it
 POSITIONS = re.compile(
     r"(x|z|q|r|s|pos|position|disp|displacement|elongation|height)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE
 )
@@ -44,8 +46,11 @@ ANGLES = re.compile(r".*(theta|phi|psi|angle|winkel|yaw|pitch|roll|heading)(_?\d
 LENGTHS = frozenset({"m", "mm", "cm", "um", "µm", "μm", "nm", "km", "in", "ft", "meter", "metre", "meters", "metres"})
 FORCES = re.compile(r"[kmM]?N\s?[*·.]?\s?(m|cm|mm)?|lbf")
 SWINGS = 1.5  # times its range: a smooth column that goes so far in all has turned back
+NOISE = "noise from sample to sample, as an excitation may be; what drives nothing is to be removed"
 AN_UNKNOWN = "an amount? order 2 for a position; what drives goes to [inputs]"
 BY_NAME = "a position, by its name; order 1 for an amount"
+VELOCITIES = re.compile(r"(.*_)?(v|vel|velocity|speed|omega|rate|dot)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE)
+A_TIME = re.compile(r".*(/ ?(s|sec|min|h|hr|d|day)|\b(s|min|h|d)(\^?-1|⁻¹)|rpm|Hz)")
 SPEEDS = frozenset({"m/s", "mm/s", "km/h", "rad/s", "deg/s", "°/s", "rpm", "1/min"})
 
 
@@ -86,15 +91,19 @@ def look(records: Records, headings: Mapping[str, Heading]) -> tuple[Seen, ...]:
     moving = {name: own for name, own in columns.items() if name not in useless}
     turns = {name: _wraps(own) for name, own in moving.items()}
     held = {name for name, own in moving.items() if _held(own)}
-    named = {name for name in moving if COMMANDS.fullmatch(headings[name].name)}
+    wanted = {name for name in moving if WANTED & set(headings[name].name.casefold().split("_"))}
+    named = wanted | {name for name in moving if COMMANDS.fullmatch(headings[name].name)}
     geometric = {name for name in moving if turns[name] is not None or _is_geometric(headings[name])}
     driving = {name for name in moving if _drives(headings[name])}
-    commands = (held | named | driving) - geometric
+    white = {name for name, own in moving.items() if _is_white(own)} - held
+    # Where a rig rests for long its position does, too, and goes on from there; a command goes anywhere.
+    jumps = {name for name in held if turns[name] is None and not _follows(moving[name])}
+    commands = ((held | named | driving) - geometric) | wanted | white | jumps
     if not set(moving) - commands:  # something is to be explained: what nothing but its heading makes a command
         commands = held
     smooth = [name for name in moving if name not in commands and turns[name] is None]
     filtered = _filtered(records, smooth)
-    rates = _rates(filtered)
+    rates = _rates(filtered, headings)
     found = []
     for name in columns:
         heading = headings[name]
@@ -104,7 +113,8 @@ def look(records: Records, headings: Mapping[str, Heading]) -> tuple[Seen, ...]:
             found.append(Seen(name, heading, "neither", f"the rate of {rates[name]}, which is found from it"))
         elif name in commands:
             by_heading = "a command, by its name" if name in named else "a force or torque, by its unit"
-            why = "held between its samples, as a command is" if name in held else by_heading
+            why = NOISE if name in white - named - driving else by_heading
+            why = "held between its samples, as a command is" if name in held else why
             found.append(Seen(name, heading, "input", why, held=name in held))
         else:
             seen = _coordinate(name, heading, turns[name], set(rates.values()))
@@ -156,7 +166,13 @@ def _held(own: Sequence[FloatArray]) -> bool:
     # The steps of a coarse encoder are of one or two sizes, all of the least.
     coarse = np.mean(jumps[jumps > 0.0] < 2.5 * jumps[jumps > 0.0].min()) > HELD
     levels = len(np.unique(np.concatenate(own)))
-    return bool(repeats > HELD and (levels <= 2 or not coarse) and not (is_slow(own) and _follows(own)))
+    return bool(repeats > HELD and (levels <= 2 or not (_follows(own) and (coarse or is_slow(own)))))
+
+
+def _is_white(own: Sequence[FloatArray]) -> bool:
+    """Tell whether a column is noise: whatever moves goes on from one sample to the next."""
+    steps = np.concatenate([np.diff(part) for part in own])
+    return len(steps) >= WHITE_FROM and bool(np.mean(steps**2) > WHITE * np.concatenate(own).var())
 
 
 def _follows(own: Sequence[FloatArray]) -> bool:
@@ -190,7 +206,7 @@ def _swings(name: str, filtered: Filtered) -> bool:
     return way > SWINGS * sum(float(np.ptp(y)) for y in own)
 
 
-def _rates(filtered: Filtered) -> dict[str, str]:
+def _rates(filtered: Filtered, headings: Mapping[str, Heading]) -> dict[str, str]:
     """Return the columns that hold the rate of another, in whatever unit, and of which."""
     joined = {n: np.concatenate(own, axis=1) for n, own in filtered.items()}
     given = dict[str, str]()
@@ -198,9 +214,23 @@ def _rates(filtered: Filtered) -> dict[str, str]:
         best = A_RATE
         for other in joined:
             slope, share = slope_and_share(joined[other][1], joined[name][0])
-            if other != name and slope > 0.0 and share > best and given.get(other) != name:
+            told = other != name and slope > 0.0 and share > best and given.get(other) != name
+            if told and _may_be_rate(headings[name], headings[other], slope):
                 given[name], best = other, share
     return given
+
+
+def _may_be_rate(rate: Heading, of: Heading, slope: float) -> bool:
+    """Tell whether a column may be a velocity, and not an amount whose rate of change another is in proportion to.
+
+    Args:
+        rate: its heading.
+        of: that of the other.
+        slope: of the rate of the other on the column.
+    """
+    if rate.unit is not None:
+        return rate.unit != of.unit and A_TIME.fullmatch(rate.unit) is not None
+    return of.unit is not None or VELOCITIES.fullmatch(rate.name) is not None or abs(slope - 1.0) < NEAR_ONE
 
 
 def _drives(heading: Heading) -> bool:

@@ -139,9 +139,7 @@ def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColum
         if (heading.unit is not None and time_unit(label) is None) or _goes_back(columns[label]):
             continue
         if label not in dated and (TIMES.fullmatch(heading.name) or (time_unit(label) and heading.unit is None)):
-            unit, doubt = time_unit(label), doubtful_time_unit(label)
-            why = f"in seconds? Its heading says {doubt}: say which in time_unit" if doubt else ""
-            return ClockColumn(label, unit or "s", why if unit in (None, "s") else f"its heading says {unit}")
+            return _clock(label)
     days = [label for label in dated if not np.any(np.mod(columns[label], DAY))]
     for label in sorted((m for m in moving if m in dated), key=days.__contains__):  # a column of days alone comes last
         clock = len(days) == 1 and label not in days and columns[label].max() < DAY
@@ -149,8 +147,16 @@ def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColum
     for label, values in columns.items():
         steps = np.diff(values)
         if len(steps) and np.all(steps > 0.0) and steps.max() < STEADY * np.median(steps) and values[0] == 0.0:
-            return ClockColumn(label, time_unit(label) or "s", "it grows in even steps")
+            return _clock(label, "it grows in even steps")
     return ClockColumn(None, "s", "")
+
+
+def _clock(label: str, why: str = "") -> ClockColumn:
+    """Return the column of the time; `why` is what makes it that, where its heading does not say its unit."""
+    unit, doubt = time_unit(label), doubtful_time_unit(label) or next(iter({"d", "day"} & {label.casefold()}), None)
+    if doubt:
+        why = f"in seconds? Its heading says {doubt}: say which in time_unit"
+    return ClockColumn(label, unit or "s", why if unit in (None, "s") else f"its heading says {unit}")
 
 
 def _goes_back(values: FloatArray) -> bool:

@@ -289,3 +289,39 @@ def test_of_several_files_the_one_that_was_looked_at_is_named(here, odescope):
         write(name, {"t": T, "x": motion(1)})
     assert odescope("init", "a.csv", "b.csv", "--out", "both.toml").code == 0
     assert "# a.csv: 1500 samples in 1 recording" in Path("both.toml").read_text()
+
+
+def stepped(seed, levels, rows=150):
+    return np.repeat(np.random.default_rng(seed).choice(levels, 10), rows)
+
+
+def test_a_command_is_one_in_any_unit_and_by_however_few_steps(here):
+    """A rudder's angle, and doses of some tens: their steps are as alike as those of an encoder, and go anywhere."""
+    noisy = RNG.normal(size=len(T))
+    columns = {"t": T, "psi (deg)": 20.0 * motion(7), "rudder (deg)": stepped(1, np.linspace(-25.0, 25.0, 40))}
+    study, text = drafted(
+        columns | {"dose": stepped(2, [10.0, 20.0, 30.0, 40.0]), "spare": noisy, "T_ambient": motion(8)}
+    )
+    assert list(study.coordinates) == ["psi"]
+    assert {name: i.hold for name, i in study.inputs.items()} == {
+        "rudder": "zero", "dose": "zero", "spare": "auto", "T_ambient": "auto",
+    }  # fmt: skip
+    assert "noise from sample to sample" in text
+
+
+def test_an_amount_that_another_is_made_from_is_no_rate(here):
+    """What recovers is in proportion to who is ill, as a velocity is to itself."""
+    ill = np.exp(-0.5 * ((T - 6.0) / 2.0) ** 2) + 0.05 * np.sin(2.0 * T)
+    well = 0.3 * np.cumsum(ill) * 0.01
+    made = {"t": T, "ill": ill, "well": well}
+    assert list(drafted(made)[0].coordinates) == ["ill", "well"]
+    assert list(drafted({"t": T, "a (mol/L)": ill, "b (mol/L)": well / 0.3})[0].coordinates) == ["a", "b"]
+    assert list(drafted({"t": T, "speed": ill, "way": well})[0].coordinates) == ["way"]
+    assert list(drafted({"t": T, "a (mm/s)": ill, "b (m)": well})[0].coordinates) == ["b"]
+    assert list(drafted({"t": T, "a": ill, "b": well / 0.3})[0].coordinates) == ["b"]
+
+
+@pytest.mark.parametrize("label", ["day", "hours", "minutes"])
+def test_a_clock_whose_heading_is_no_more_than_a_unit_is_asked_about(here, label):
+    _, text = drafted({label: T, "x": motion(9)})
+    assert f"in seconds? Its heading says {label}: say which in time_unit" in text

@@ -71,6 +71,9 @@ def test_names_that_formulae_can_use():
         ("time µs", "us"),
         ("milliseconds", "ms"),
         ("t (min)", "min"),
+        ("t/min", "min"),
+        ("Zeit / h", "h"),
+        ("n/min", None),
         ("time [days]", "d"),
         ("t_min", None),  # the least of t
         ("t_h", None),
@@ -87,7 +90,7 @@ def test_the_unit_of_time_in_a_label(label, unit):
         ("t", None),
         ("time (ms)", None),
         ("t_ms", None),
-        ("minutes", None),
+        ("minutes", "minutes"),
         ("time_of_day", None),
         ("time_hours", "hours"),
         ("t_min", "min"),
