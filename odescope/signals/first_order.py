@@ -16,7 +16,7 @@ STRETCHES = 25  # of each record: a transient that is over soon is in several
 FOLDS = 5  # of stretches, which are held out in turn
 ROWS_A_TERM, MOST_TERMS = 8, 120  # of a polynomial: of more, or of fewer rows, a line has to do
 MOST_ROWS = 20_000  # that are fitted
-DEGREES = (1, 3)
+DEGREES = (1, 2, 3)  # products of two are what amounts react by
 UNEXPLAINED, FOLLOWS = 0.5, 0.95  # part of a rate that a law of order 1 has to explain more of, one of order 2 at least
 
 
@@ -36,7 +36,7 @@ def rate_explained(rate: Sequence[FloatArray], values: Sequence[FloatArray]) -> 
     target, z, fold = np.concatenate(rate)[::step], np.concatenate(values, axis=1)[:, ::step], fold[::step]
     z = (z - z.mean(axis=1, keepdims=True)) / np.maximum(z.std(axis=1, keepdims=True), 1e-300)
     found = 0.0
-    for degree in DEGREES:
+    for degree in DEGREES if len(z) > 1 else (1, 3):
         if degree == 1 or comb(len(z) + degree, degree) <= min(len(target) / ROWS_A_TERM, MOST_TERMS):
             found = max(found, explained(target, _held_out(_polynomials(z, degree), target, fold)))
     return found
