@@ -22,6 +22,7 @@ from odescope.pipeline.filtering import Filtered, Prepared
 from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
 from odescope.pipeline.joint_models import adopt, determined
+from odescope.pipeline.modulated import with_modulated
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at
 from odescope.pipeline.suspicion import with_suspected
@@ -208,6 +209,7 @@ def _with_more(
         refinement: the model so far, if there is one.
     """
     suspicions = tuple[SuspicionScore, ...]()
+    refinement = with_modulated(work, filtered, regressed, refinement)  # products are simpler than functions
     if refinement is not None:
         refinement, suspicions = with_suspected(work, filtered, posed, refinement)
     higher = with_higher_degree(work, filtered, regressed, refinement)

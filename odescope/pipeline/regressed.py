@@ -18,7 +18,7 @@ from odescope.pipeline.constants import Substituted
 from odescope.pipeline.joint_models import Search, forward, of_degree, plain, rival
 from odescope.pipeline.reduce import Whole
 from odescope.regression.problem import Problem
-from odescope.selection.ranking import Candidate
+from odescope.selection.ranking import Candidate, criteria
 
 LOW = (0, 1, 2)  # degrees of libraries that few rows may still decide between
 SHORT = 3  # terms of a forward selection that a search adds to
@@ -68,6 +68,15 @@ class Regressed:
     def forward(self) -> list[Relation]:
         """A forward selection for every target."""
         return [forward(p) for p in self.problems]
+
+    @property
+    def explicit(self) -> float:
+        """What ranks the forward selections, which hold their targets bare."""
+        supports = [
+            tuple(sorted(p.terms.index(t.product) for t in r.terms))
+            for p, r in zip(self.problems, self.forward, strict=True)
+        ]
+        return sum(float(criteria(p, [s])[0]) for p, s in zip(self.problems, supports, strict=True))
 
     @property
     def short(self) -> list[Relation]:

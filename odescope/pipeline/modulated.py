@@ -1,0 +1,94 @@
+"""Products with inputs and of more rates under angles, where those of the default library do not follow the record.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import msgspec
+
+from odescope.events import Progress
+from odescope.library.candidates import Library
+from odescope.library.rules import Identity
+from odescope.likelihood.alternatives import EVIDENT
+from odescope.likelihood.refine import Refinement
+from odescope.likelihood.search import WIDTHS
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import relations_form
+from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.stages import refine_form
+from odescope.pipeline.wider import LEAST, regressed_with, within
+from odescope.pipeline.work import Work
+from odescope.study.options import Study
+
+WIDER = ((2, 0), (3, 0), (2, 2), (3, 2))  # degrees of the products, and of the sines and cosines with them
+NO_WORSE = 1.1  # times the error of free runs: over stretches of one record errors differ by as much and mean nothing
+
+
+def with_modulated(
+    work: Work, filtered: Filtered, regressed: Regressed, refinement: Refinement | None
+) -> Refinement | None:
+    """Return the model with inputs that multiply rates, themselves and each other, where that is evidently better.
+
+    Beside angles the default library holds inputs to the first power, which nothing but sines and cosines multiply, and
+    two rates at most: neither a brake whose damping goes with its current, nor a pendulum on what turns at a speed that
+    was recorded, nor the cubic drag of a ship. Nothing is tried where a model follows the record, or a library was
+    written by hand.
+
+    Args:
+        work: whose study says whether more than its library may be looked for.
+        filtered: the records and their signals.
+        regressed: what regression in the default library found.
+        refinement: the model so far, if there is one.
+    """
+    study, own = work.study, work.study.library
+    by_hand = own.basis is not None or own.terms is not None or own.extra or own.preset != "default"
+    angles = any(c.angle for c in filtered.signals.coordinates)
+    if by_hand or not angles or not study.suspects or not filtered.sample.complete:
+        return refinement
+    if refinement is not None and refinement.exact:
+        return refinement
+    wides = [_with_extra(work, extra) for extra in products_of(study)]
+    regressions = [(wide, found) for wide in wides if (found := regressed_with(wide, filtered)) is not None]
+    if not regressions:
+        return refinement
+    wide, found = min(regressions, key=lambda tried: _promise(tried[1]))
+    if not _promise(found) < _promise(regressed) - EVIDENT:
+        return refinement
+    work.monitor.tell(Progress("suspicion", "search with inputs that multiply rates", 0, 1))
+    wide = within(wide, LEAST if refinement is None else max(LEAST, refinement.spent))
+    other = refine_form(wide, filtered, relations_form(wide.study, (found,), lambda _: found))
+    return other if other is not None and _replaces(other, refinement) else refinement
+
+
+def _replaces(other: Refinement, before: Refinement | None) -> bool:
+    """Say whether a model replaces the one before: it follows the record in one piece, and runs freely as well."""
+    whole = other.exact and other.outcome.width <= WIDTHS[-1]
+    return whole and (before is None or other.free_run_error <= NO_WORSE * before.free_run_error)
+
+
+def _promise(found: Regressed) -> float:
+    """Return what ranks the best that regression finds in a library, by whatever is left on the left-hand side."""
+    return min(found.criterion, found.explicit)
+
+
+def _with_extra(work: Work, extra: tuple[str, ...]) -> Work:
+    """Return the work for a study with these candidates beside those of its library."""
+    library = msgspec.structs.replace(work.study.library, extra=extra)
+    return replace(work, study=msgspec.structs.replace(work.study, library=library))
+
+
+def products_of(study: Study) -> Iterator[tuple[str, ...]]:
+    """Yield products of rates, positions and inputs with sines and cosines, the fewest first."""
+    coordinates, scope = study.measured(), study.scope()
+    free = {c.name for c in coordinates if c.angle or c.cyclic}
+    names = [n for c in coordinates for n in c.states if n not in free]
+    moving = Library.of([*names, *(i for i in study.inputs if i not in study.clocks)], scope)
+    angles = [c.name for c in coordinates if c.angle]
+    turning = Library.of([f"{f}({a})" for a in angles for f in ("sin", "cos")], scope)
+    for degree, harmonics in WIDER:
+        trigonometric = turning.powers(harmonics).thin([Identity(f"sin({a})") for a in angles], scope)
+        yield tuple(term.text for term in moving.powers(degree) * trigonometric)

@@ -1,0 +1,62 @@
+"""Inputs that multiply rates, themselves and each other beside angles, where the default library lacks them."""
+
+import numpy as np
+import pytest
+from logs import smooth, solved
+
+from odescope.pipeline.identification import identify
+from odescope.pipeline.modulated import products_of
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured, Study
+
+T = 0.02 * np.arange(600)
+
+BRAKE = (lambda s, u: [s[1], -9.0 * np.sin(s[0]) - (0.1 + 0.6 * u**2) * s[1]], [2.4, 0.0], 0.5, 0.9)
+HOOP = (lambda s, u: [s[1], np.sin(s[0]) * (u**2 * np.cos(s[0]) - 15.0) - 0.3 * s[1]], [1.2, 0.0], 3.0, 1.5)
+
+
+def logged(system, seed=0):
+    """The angle of a pendulum, noisy, and what was done to it."""
+    rate, start, mean, size = system
+    rng = np.random.default_rng(seed)
+    u = mean + smooth(rng, len(T), 0.02, 0.4, size)
+    angle = solved(rate, start, T, u)[:, 0]
+    return {"t": T, "phi": angle + 0.003 * rng.standard_normal(len(T)), "u": u}
+
+
+def study(**library):
+    phi, u = Measured(order=2, angle=True), Driven(hold="linear")
+    return Study(data=Data(time="t"), coordinates={"phi": phi}, inputs={"u": u}, library=Candidates(**library))
+
+
+def terms(log, **library):
+    relation = identify(study(**library), log).model.relations[0]
+    return {t.product.text for t in relation.terms if t.product.factor is None}
+
+
+def test_what_is_tried_are_products_of_rates_and_inputs_with_harmonics_of_the_angle():
+    tried = [set(texts) for texts in products_of(study())]
+    assert [len(texts) for texts in tried] == [6, 10, 30, 50]  # of v, u; each with 1, s, c, s c, c^2
+    assert {"phi_dot*u", "u**2"} <= tried[0] < tried[1]
+    assert "phi_dot*u**2" in tried[1] - tried[0]
+    assert tried[0] < tried[2] < tried[3]
+    assert tried[1] < tried[3]
+    assert not any(text == "phi" or text.startswith(("phi*", "phi**")) for text in tried[3])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize(
+    ("system", "law"),
+    [
+        (BRAKE, {"sin(phi)", "phi_dot", "phi_dot*u**2"}),
+        (HOOP, {"sin(phi)", "phi_dot", "u**2*cos(phi)*sin(phi)"}),
+    ],
+)
+def test_products_with_inputs_are_found(system, law, seed):
+    assert terms(logged(system, seed)) == law
+
+
+@pytest.mark.slow
+def test_a_library_without_suspicion_stays_as_it_is():
+    assert "phi_dot*u**2" not in terms(logged(BRAKE), suspect=False)
