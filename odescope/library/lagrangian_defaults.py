@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import combinations_with_replacement, islice, product
+from itertools import combinations, combinations_with_replacement, islice, product
 
 from odescope.library.friction import friction_rates
 from odescope.recordings.coordinate import Coordinate, Input
@@ -24,9 +24,11 @@ def default_energies(coordinates: Sequence[Coordinate]) -> tuple[tuple[str, ...]
     """Return the default terms of the kinetic energy and of the potential.
 
     Kinetic: every product of two rates times every h to degree 2. Potential: every h to degree 2 but the constant, and
-    products of powers of positions to degree 4. Where these are more than 250, the degrees are lowered step by step:
-    first the products of two rates keep the functions of their own two coordinates only, then the powers of the
-    potential fall to 3 and 2, then the functions of the kinetic energy to degree 1 and 0, at last the potential to 1.
+    products of powers of positions to degree 4; for x*y and x**3*y of two positions in one unit stand the second and
+    the fourth power of their difference, as springs between them have it. Where these are more than 250, the degrees
+    are lowered step by step: first the products of two rates keep the functions of their own two coordinates only,
+    then the powers of the potential fall to 3 and 2, then the functions of the kinetic energy to degree 1 and 0, at
+    last the potential to 1.
     """
     kinetic, potential = tuple[str, ...](), tuple[str, ...]()
     for degree, own, powers in _LADDER:
@@ -69,10 +71,23 @@ def _kinetic(coordinates: Sequence[Coordinate], degree: int, own: bool) -> Itera
 
 
 def _potential(coordinates: Sequence[Coordinate], powers: int) -> Iterator[str]:
-    low = tuple(h for h in _configuration(coordinates, min(2, powers)) if h != "1")
-    yield from low
+    low, between = tuple(h for h in _configuration(coordinates, min(2, powers)) if h != "1"), _between(coordinates)
+    yield from (between.get(h, h) for h in low)
     positions = [c for c in coordinates if not c.angle]
-    yield from (h for h in _configuration(positions, powers) if h != "1" and h not in low)
+    yield from (between.get(h, h) for h in _configuration(positions, powers) if h != "1" and h not in low)
+
+
+def _between(coordinates: Sequence[Coordinate]) -> dict[str, str]:
+    """Return what springs between two positions store, linear and hardening, by the product that each stands for.
+
+    Together with the others they span the same: one coefficient where the products need three and five.
+    """
+    found = dict[str, str]()
+    for a, b in combinations([c for c in coordinates if not (c.angle or c.cyclic)], 2):
+        if a.unit == b.unit:
+            difference = " - ".join(sorted((a.name, b.name)))
+            found |= {f"{a.name}*{b.name}": f"({difference})**2", f"{a.name}**3*{b.name}": f"({difference})**4"}
+    return found
 
 
 def _configuration(coordinates: Sequence[Coordinate], degree: int) -> Iterator[str]:

@@ -1,7 +1,8 @@
 from itertools import combinations
 
+import numpy as np
 import pytest
-from mechanics import ARMS, CART, ELASTIC, FORCE, MASSES, arms, positions, scope_of
+from mechanics import ARMS, CART, ELASTIC, FORCE, MASSES, arms, names_of, positions, scope_of, values_of
 
 from odescope.library.candidates import Library
 from odescope.library.expansion import expanded
@@ -10,6 +11,7 @@ from odescope.library.friction import default_friction
 from odescope.library.lagrangian import lagrangian
 from odescope.library.lagrangian_defaults import default_dissipation, default_energies, default_forces
 from odescope.library.parse import parse_term
+from odescope.library.tape import evaluate, write_tape
 from odescope.recordings.coordinate import Coordinate
 
 CONFIGURATIONS = ("1", "cos(phi)", "sin(phi)", "cos(2*phi)", "sin(2*phi)")
@@ -56,8 +58,20 @@ def test_positions_enter_by_powers_beside_harmonics():
         "cos(phi)", "sin(phi)", "cos(2*phi)", "sin(2*phi)", "r*cos(phi)", "r*sin(phi)", "r", "r**2", "r**3", "r**4",
     }  # fmt: skip
     _, potential = default_energies(MASSES)
-    assert {"x", "x*y", "x**2*y**2", "x*y**3", "y**4"} <= set(potential)
+    assert {"x", "(x - y)**2", "x**2*y**2", "(x - y)**4", "x*y**3", "y**4"} <= set(potential)
     assert len(potential) == 14
+
+
+def test_springs_between_positions_span_what_their_products_do():
+    """Of positions in different units differences say nothing."""
+    _, potential = default_energies(MASSES)
+    apart = [Coordinate(c.name, 2, unit=unit) for c, unit in zip(MASSES, ("m", "C"), strict=True)]
+    _, products = default_energies(apart)
+    assert {"x*y", "x**3*y"} == set(products) - set(potential)
+    terms = [[parse_term(text, scope_of(MASSES)) for text in texts] for texts in (potential, products)]
+    columns = [evaluate(write_tape(names_of(MASSES), own), values_of(MASSES)).T for own in terms]
+    ranks = [np.linalg.matrix_rank(c) for c in (*columns, np.hstack(columns))]
+    assert ranks == [14, 14, 14]
 
 
 @pytest.mark.parametrize("flags", [(False, False), (True, True), (False, True)])
