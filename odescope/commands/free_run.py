@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,14 @@ from odescope.export.model_file import read_model
 from odescope.model.gate import counting_for
 from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
-from odescope.model.recorded import TimeColumns, lacking_columns, layout_for, model_columns, read_for
+from odescope.model.recorded import (
+    TimeColumns,
+    lacking_columns,
+    layout_for,
+    model_columns,
+    read_for,
+    recording_column,
+)
 from odescope.model.simulation import Trajectory, simulate
 from odescope.recordings.readers import read_times
 from odescope.recordings.record import Record, Records
@@ -59,7 +66,7 @@ def free_runs(
         data_path: the recordings whose inputs drive it.
         time: column that holds the time in seconds; by default as identified, else t, time and the like.
         sample_period: in seconds, where no column holds the time.
-        recording: column that splits the file into recordings.
+        recording: column that splits the file into recordings; by default as identified, where it is there.
         initial: NAME=VALUE of states at the first sample.
 
     Raises:
@@ -67,6 +74,8 @@ def free_runs(
             coordinates nor options say where a run begins.
     """
     model, columns = read_model(model_path), TimeColumns(time, sample_period, recording)
+    recording = recording_column(model, data_path, columns)
+    columns = replace(columns, recording=recording)
     given = named_numbers("--initial", initial, model.states, "state")
     records, measured, told = _recordings(model, data_path, columns, given)
     out, notes, runs = io.StringIO(), [], list[Trajectory]()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from odescope.commands.model_data import Sensors, TimeCells, label_of, named_numbers, units_told
 from odescope.export.model_file import read_model
 from odescope.model.model import Model
-from odescope.model.recorded import TimeColumns, read_for
+from odescope.model.recorded import TimeColumns, read_for, recording_column
 from odescope.observer.estimate import StateEstimates, estimate_states
 from odescope.observer.noise import FIT, ProcessNoise, measurement_noise
 from odescope.recordings.record import Records
@@ -56,6 +56,7 @@ def filtered(
     model = read_model(model_path)
     noise, process = measurement_noise(model, options.measurement(model)), options.of_targets(model)
     names = [c.name for c in model.coordinates] + [i.name for i in model.inputs]
+    columns = replace(columns, recording=recording_column(model, data_path, columns))
     records = read_for(model, [data_path], columns, names)
     found = estimate_states(model, records, noise, process, smooth)
     time_cells = TimeCells.of(model, data_path, columns)

@@ -176,9 +176,27 @@ def _layout(model: Model, tables: Sequence[TableLabels], given: TimeColumns, nam
         degrees=frozenset(((in_degrees(model) & set(names)) | headed) - radians),
         held=frozenset(i.name for i in model.inputs if i.hold == "zero" and i.name in names),
         inputs=frozenset(i.name for i in model.inputs if i.name in names),
-        recording=given.recording and (find_label(given.recording, first.labels, first.source) or given.recording),
+        recording=_recording(model, first, given),
         time_unit="s" if time is None else _time_unit(model, time),
     )
+
+
+def recording_column(model: Model, file: Path, given: TimeColumns) -> str | None:
+    """Return the column of a file that tells recordings apart: as is said, else as identified where it is there.
+
+    Args:
+        model: that knows where it was.
+        file: of data.
+        given: what is said.
+    """
+    return given.recording or _recording(model, _of_file(file), given)
+
+
+def _recording(model: Model, table: TableLabels, given: TimeColumns) -> str | None:
+    if given.recording is not None:
+        return find_label(given.recording, table.labels, table.source) or given.recording
+    known = model.provenance.get("recording")
+    return known if isinstance(known, str) and known in table.labels else None
 
 
 def _places(model: Model, table: TableLabels, given: TimeColumns) -> dict[str, str]:

@@ -116,6 +116,17 @@ def dense(model, values):
 
 
 @needs_compiler
+def test_a_compiler_takes_it_as_it_is_set(tmp_path):
+    """Without an option for the dialect, where libraries declare names of their own beside those of C."""
+    for name in ("cart", "slider", "reactor"):
+        for file, text in to_c(ALL[name], "plant").files.items():
+            (tmp_path / file).write_text(text)
+        sources = [str(path) for path in tmp_path.glob("*.c")]
+        done = subprocess.run([COMPILER, "-fsyntax-only", *sources], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+
+
+@needs_compiler
 @pytest.mark.parametrize("name", ALL)
 def test_the_right_hand_side_and_its_jacobian_are_those_of_the_relations(name, compiled):
     model, rng = ALL[name], np.random.default_rng(3)

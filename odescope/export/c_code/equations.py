@@ -30,9 +30,9 @@ MATH_ERRNO MATH_ERREXCEPT math_errhandling M_E M_PI M_PI_2 M_PI_4 M_LN2 M_LN10 N
 TLOSS
 """
 _OWN = """
-N M T K ode_x ode_u ode_s ode_a ode_b ode_y ode_d sign_of whole_power relations slopes solve finite following derivative
-jacobian edges along nearness driven lasts settle runge_kutta slope_of_step between advance contacts stages SWEEPS CUTS
-NOTICED BALANCED SLACK NEAR NOTHING LOCATED
+N M T K ode_x ode_u ode_s ode_a ode_b ode_y ode_d sign_of whole_power relations slopes solve all_finite following
+derivative jacobian edges along nearness driven lasts settle runge_kutta slope_of_step between advance contacts stages SWEEPS
+CUTS NOTICED BALANCED SLACK NEAR NOTHING LOCATED
 """
 C_NAMES = Names(frozenset((_KEYWORDS + _MATHEMATICS + _OWN).split()))
 _FUNCTIONS = {"abs": "fabs", "sign": "sign_of"}
