@@ -31,8 +31,8 @@ TLOSS
 """
 _OWN = """
 N M T K ode_x ode_u ode_s ode_a ode_b ode_y ode_d sign_of whole_power relations slopes solve all_finite following
-derivative jacobian edges along nearness driven lasts settle runge_kutta slope_of_step between advance contacts stages SWEEPS
-CUTS NOTICED BALANCED SLACK NEAR NOTHING LOCATED
+derivative jacobian edges along nearness driven lasts settle runge_kutta slope_of_step between advance contacts stages
+SWEEPS CUTS NOTICED BALANCED SLACK NEAR NOTHING LOCATED
 """
 C_NAMES = Names(frozenset((_KEYWORDS + _MATHEMATICS + _OWN).split()))
 _FUNCTIONS = {"abs": "fabs", "sign": "sign_of"}
