@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from odescope.model.scores import FreeRun
+from odescope.model.scores import FreeRun, Likelihood
 
+JOINED = 0.01  # standard deviations of the states, that pieces of the model's trajectory differ by at their joints
 MANY = 4  # coordinates whose fits are told one by one
 
 
@@ -21,6 +22,23 @@ def free_run_sentences(runs: Sequence[FreeRun]) -> Iterator[str]:
         if run.ended:
             which = "The free run" if len(runs) == 1 else f"The free run over recording {run.recording}"
             yield f"{which} ended early: {run.ended}."
+
+
+def parting_sentences(runs: Sequence[FreeRun], judged: Likelihood | None) -> Iterator[str]:
+    """Yield why free runs of a model that follows its record part from it, which says little against it.
+
+    Args:
+        runs: from the starts of the recordings.
+        judged: how the likelihood judged the model, where it ran.
+    """
+    exact = judged is not None and judged.follows and not judged.process_noise
+    lost = [run.valid_time for run in runs if not run.stays]
+    if lost and exact and judged is not None and judged.gap is not None and judged.gap <= JOINED:
+        yield (
+            f"piece joined to piece the model follows the record to within its noise; freely it parts from it after"
+            f" {min(lost):.2g} s, as any law does where errors grow by themselves: in chaos, and in a machine that only"
+            " its controller keeps from falling. Predictions of a few steps judge it (odescope validate: many starts)"
+        )
 
 
 def _length(run: FreeRun) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from odescope.model.choice_notes import TOLD, findings, listed, unsettled
-from odescope.model.free_run_notes import free_run_sentences
+from odescope.model.free_run_notes import free_run_sentences, parting_sentences
 from odescope.model.scores import (
     Conserved,
     Doubts,
@@ -109,7 +109,8 @@ def notes_of(
     """
     said = [*_left_out(dependent)]
     if scores is not None:
-        said += [*findings(scores), *warnings_of(scores, doubts), *_of_the_data(scores)]
+        said += [*findings(scores), *parting_sentences(scores.free_runs, scores.likelihood)]
+        said += [*warnings_of(scores, doubts), *_of_the_data(scores)]
     return tuple(dict.fromkeys(said))
 
 

@@ -320,3 +320,19 @@ def test_inputs_that_moved_in_their_gaps_are_warned_of(off, warned):
     told = [n for n in warnings_of(ModelScores(time=time), NONE) if "u lacks up to 20 samples in a row" in n]
     assert bool(told) is warned
     assert all('gaps = "split"' in n and "4.00 %" in n for n in told)
+
+
+@pytest.mark.parametrize(
+    ("stays", "gap", "process_noise", "told"),
+    [
+        (False, 0.001, None, True),
+        (True, 0.001, None, False),
+        (False, 1.0, None, False),
+        (False, None, {"x": 0.1}, False),
+    ],
+)
+def test_a_free_run_that_parts_from_a_record_which_the_model_follows_is_explained(stays, gap, process_noise, told):
+    runs = (FreeRun(10.0, 10.0), FreeRun(10.0, 10.0 if stays else 0.25, recording=2))
+    judged = msgspec.structs.replace(JUDGED, gap=gap, process_noise=process_noise)
+    notes = notes_of(ModelScores(likelihood=judged, free_runs=runs), (), None)
+    assert any("parts from it after 0.25 s" in note for note in notes) == told
