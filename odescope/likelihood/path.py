@@ -27,7 +27,8 @@ QUICK = 2  # steps of a fit without a mechanism, which are enough
 FORETOLD = 1.1  # if they raise the cost by no more than so many times its Wald statistic, as in a linear model
 FAR = 10  # steps of other fits where they are rough, and
 NEAR = 0.01  # of what the cost is above that of the longest: how near they come
-THIN = 4.0  # times its price: where the misfit is white, a mechanism that earns more stays, whatever free runs say
+THIN = 4.0  # times its price: where the misfit is white, a mechanism that earns more stays unless runs are near anyway
+HALVES = 1.0  # times the samples: without what has such a Wald statistic, what is unexplained has twice the variance
 LOST = 0.5  # standard deviations of what was measured: further away a free run follows nothing,
 KEPT = 0.25  # and where a longer model was nearer than this, no shorter one than a lost one is worth its fit
 
@@ -105,20 +106,30 @@ class ModelPath:
 
     @property
     def keeping_sure(self) -> ModelPath:
-        """The path with no model chosen that lacks what earned more than four times its price in a longer one."""
-        lost = [s.dropped is not None and s.statistic > THIN * self._price(s.dropped) for s in self.steps]
-        return replace(self, chosen=min(self.chosen, lost.index(True) - 1 if True in lost else self.chosen))
+        """The path with no model chosen that lacks what earned more than four times its price in a longer one.
 
-    def _price(self, dropped: Mechanism) -> float:
-        """Return what a mechanism has to earn."""
-        return float(self.space.penalty[self.space.mechanisms.index(dropped)])
+        Unless its runs are near enough: a misfit of thousandths may look white, and holds ever more that is sure.
+        """
+        price = self.space.penalty
+        sure = self._last_with(lambda dropped: THIN * float(price[self.space.mechanisms.index(dropped)]))
+        near = max((k for k in range(len(self.steps)) if near_enough(self.steps, k)), default=0)
+        return replace(self, chosen=min(self.chosen, max(sure, near)))
 
     @property
     def at_knee(self) -> ModelPath:
-        """The path with the shortest model chosen that runs freely no worse than the best, or near enough."""
+        """The path with the shortest model chosen that runs freely no worse than the best, or near enough.
+
+        None that lacks what halves the variance of what is unexplained: that is physics, however near runs are.
+        """
         over = stretches(self.space.segments)
         pieces, unseen = self._telling(min(high - low for low, high in over))
-        return replace(self, chosen=knee(self.steps, unseen, lambda step: _errors(self.space, step.fit, over, pieces)))
+        steps = self.steps[: 1 + self._last_with(lambda _: HALVES * self.space.segments.samples)]
+        return replace(self, chosen=knee(steps, unseen, lambda step: _errors(self.space, step.fit, over, pieces)))
+
+    def _last_with(self, enough: Callable[[Mechanism], float]) -> int:
+        """Return the number of the last model that has all whose Wald statistic is more than enough."""
+        lost = (s.dropped is not None and s.statistic > enough(s.dropped) for s in self.steps)
+        return next((k - 1 for k, lacks in enumerate(lost) if lacks), len(self.steps) - 1)
 
     def _telling(self, length: int) -> tuple[int, list[FloatArray]]:
         """Return the errors of every model over what is held out, in free runs so short that the best one follows.
@@ -163,14 +174,18 @@ def knee(steps: Sequence[PathStep], unseen: Sequence[FloatArray], anywhere: Call
         unseen: errors (n,) of each in free runs over what is held out.
         anywhere: returns those of one over the whole record (m,).
     """
-    enough = min(FAITHFUL, WORTH * min(s.error for s in steps))
     best = min(range(len(steps)), key=lambda k: _rms(unseen[k]))
     of_the_best = anywhere(steps[best])
     return max(
         k
         for k, s in enumerate(steps)
-        if s.error - s.spread <= enough or (_no_worse(unseen[k], unseen[best]) and _no_worse(anywhere(s), of_the_best))
+        if near_enough(steps, k) or (_no_worse(unseen[k], unseen[best]) and _no_worse(anywhere(s), of_the_best))
     )
+
+
+def near_enough(steps: Sequence[PathStep], k: int) -> bool:
+    """Say whether free runs of a model, but for their spread, are so near that none can be nearer by what matters."""
+    return steps[k].error - steps[k].spread <= min(FAITHFUL, WORTH * min(s.error for s in steps))
 
 
 def _no_worse(errors: FloatArray, best: FloatArray) -> bool:

@@ -111,3 +111,22 @@ def test_beside_white_noise_what_earned_four_times_its_price_stays(statistics, l
     earned = zip(dropped, statistics, prices, strict=True)
     models = [PathStep(None, COMMON, None, 0.0, 8), *(PathStep(None, COMMON, m, s * p, 7) for m, s, p in earned)]
     assert ModelPath(it, tuple(models), 3).keeping_sure.chosen == left
+
+
+@pytest.mark.parametrize(("error", "left"), [(0.004, 3), (0.04, 1)])
+def test_what_looks_white_keeps_nothing_sure_beside_runs_that_are_near_without(error, left):
+    it = spring(1)
+    sure = [(m, 100.0 * p) for m, p in zip(it.mechanisms[4:6], it.penalty[4:6], strict=True)]
+    longest = PathStep(None, np.full(3, 0.5 * error), None, 0.0, 8)
+    thin = PathStep(None, np.full(3, 0.5 * error), it.mechanisms[3], 0.0, 7)
+    models = longest, thin, *(PathStep(None, np.full(3, error), m, s, 6) for m, s in sure)
+    assert ModelPath(it, models, 3).keeping_sure.chosen == left
+
+
+@pytest.mark.parametrize(("share", "left"), [(0.5, 2), (2.0, 1)])
+def test_what_halves_the_unexplained_variance_stays_however_near_runs_are(share, left):
+    it = spring(1)
+    near, statistic = np.array([0.001, 0.0012, 0.0011]), share * it.segments.samples
+    dropped = (None, 0.0), (it.mechanisms[5], 3.0), (it.mechanisms[3], statistic)
+    models = tuple(PathStep(fitted(it), near, m, s, 5 - k) for k, (m, s) in enumerate(dropped))
+    assert ModelPath(it, models, 0).at_knee.chosen == left
