@@ -200,11 +200,10 @@ def _judged(
     workers: Workers,
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
-    fine = space
+    space = space.with_constants(best.constants)
     if joined(best):
-        fine, best = with_steps_settled(space.with_constants(best.constants), best, begun, workers)
-        space = space.finer(fine.evaluator.substeps)
-        fine, best = with_narrow_friction(fine, without_negligible(fine, best))
+        space, best = with_steps_settled(space, best, begun, workers)
+        space, best = with_narrow_friction(space, without_negligible(space, best))
     process, adopted = None, False
     chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
     if not joined(best) or best.scale > WHITE + chance:
@@ -218,13 +217,13 @@ def _judged(
     else:
         path = _path(space, best)
         if path is not None and terms is not None:
-            path, best = _shortened(fine, best, path.chosen_at(terms))
-        found, last, evidence = best.fit, fine, _evidence(fine, best)
+            path, best = _shortened(space, best, path.chosen_at(terms))
+        found, last, evidence = best.fit, space, _evidence(space, best)
         covariance = found.covariance * best.scale
     return Refinement(
-        relations=space.relations_of(found, covariance),
-        mechanisms=space.mechanisms_of(found, covariance),
-        settings=space.settings_of(found, covariance),
+        relations=last.relations_of(found, covariance),
+        mechanisms=last.mechanisms_of(found, covariance),
+        settings=last.settings_of(found, covariance),
         covariance=covariance,
         outcome=best,
         process=process if adopted else None,

@@ -157,6 +157,8 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
             space, refitted = narrowed(space, refitted, segments.spread * width)
         here = _settle(space, refitted, width, trail)
         scale = _scale(space, here, width)
+        if np.isinf(width):
+            space, here, scale = _with_narrow_friction(space, here, scale, trail)
         if width != widths[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or torn(space, here)):
             break
         best, constants = (here, float(width), scale), space.frame.constants
@@ -168,6 +170,29 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
     found = best[0]
     prices = space.penalty[found.free], space.price(found)
     return Outcome(*best, *prices, tuple(trail), not budget.over, budget.late, budget.spent, constants)
+
+
+def _with_narrow_friction(
+    space: SearchSpace, here: Fit, scale: float, trail: list[Move]
+) -> tuple[SearchSpace, Fit, float]:
+    """Return space, fit and residual variance where open segments show the width of dry friction, searched again.
+
+    A record of little noise does: what creeps where the joint sticks then asks for terms, and none explains it.
+
+    Args:
+        space: data, candidates and constants.
+        here: where a search in open segments ended, off the record.
+        scale: its residual variance over the noise variance.
+        trail: of moves, which grows.
+    """
+    loose = space.segments.spread * np.inf
+    while scale > WHITE and not space.budget.over:
+        narrower, found = narrowed(space, here, loose)
+        if narrower is space:
+            break
+        space, here = narrower, _settle(narrower, found, np.inf, trail)
+        scale = _scale(space, here, np.inf)
+    return space, here, scale
 
 
 def in_whole(space: SearchSpace, outcome: Outcome) -> Outcome | None:

@@ -135,8 +135,9 @@ def _open(space: SearchSpace, outcome: Outcome) -> bool:
 
 def _from_short(space: SearchSpace, near: Outcome | None) -> Outcome | None:
     """Return the end of a search that goes on from one in short segments, None where that was lost in those, too."""
-    followed = near is not None and near.width < TIED[0] and joined(near)
-    return search(space, near.fit.theta) if near is not None and followed else None
+    if near is None or near.width >= TIED[0] or not joined(near):
+        return None
+    return search(space.with_constants(near.constants), near.fit.theta)
 
 
 def from_nothing(space: SearchSpace) -> Outcome | None:
