@@ -25,6 +25,7 @@ WIDTHS = (np.inf, 1.0, 0.1, 0.01, 0.001)  # of the defects, in smoothing errors 
 TIED = (5.0, *WIDTHS[1:])  # the same for short segments, of which one alone says next to nothing
 NEAR_NOISE = 2.0  # residual variance over noise variance above which continuity is not tightened
 TRIALS = 3  # mechanisms tried by refitting before a move is given up
+TELLING = 0.9  # of what a residual variance has beside the noise: narrower friction that leaves more explains nothing
 WHITE = 1.1  # residual variance over noise variance of a model that lacks nothing
 THIN = 4.0  # times its penalty: a term that earns less may be due to what else was chosen
 LOOK_BACK = 0.1  # width of the defects from which on the search looks back
@@ -188,7 +189,7 @@ def _with_narrow_friction(
     loose = space.segments.spread * np.inf
     while scale > WHITE and not space.budget.over:
         narrower, found = narrowed(space, here, loose)
-        if narrower is space:
+        if _scale(narrower, found, np.inf) - 1.0 > TELLING * (scale - 1.0):
             break
         space, here = narrower, _settle(narrower, found, np.inf, trail)
         scale = _scale(space, here, np.inf)
