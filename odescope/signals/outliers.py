@@ -18,6 +18,7 @@ from odescope.recordings.record import Record, Records, Stretch
 from odescope.signals.appearance import appearance
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.filling import filled
+from odescope.signals.relative_noise import usual_deviations
 
 FAR = 5.0  # standard deviations beyond which a sample says nothing of the signal
 STEPS = 0.25  # root mean squares of the motion from sample to sample: what is nearer may be a kink of the signal
@@ -63,7 +64,12 @@ def settle_clipping(records: Records, coordinates: Sequence[Coordinate], differe
 
 
 def _robustly_filtered(
-    records: Records, coordinate: Coordinate, differentiator: Differentiator, rounds: int, clipped: list[FloatArray]
+    records: Records,
+    coordinate: Coordinate,
+    differentiator: Differentiator,
+    rounds: int,
+    clipped: list[FloatArray],
+    growing: bool = False,
 ) -> tuple[tuple[tuple[float, float], ...], list[FloatArray]]:
     """Return cutoff and bound of every round of clipping, at most so many, and the filtered signal of the last.
 
@@ -73,6 +79,7 @@ def _robustly_filtered(
         differentiator: filters it.
         rounds: at most.
         clipped: (N,) the samples of every record that the first round filters.
+        growing: whether the bound may grow with the signal.
     """
     recorded = [run.column(coordinate.name) for run in records]
     measured = [run.counted(coordinate.name) > 0.0 for run in records]
@@ -85,7 +92,12 @@ def _robustly_filtered(
         if bound == 0.0:  # more than half of the samples are on the filtered signal: nothing says what is usual
             break
         taken.append((found.cutoff, bound))
-        again = [_clipped(y, s, bound) for y, s in zip(recorded, smooth, strict=True)]
+        if growing:
+            width = usual_deviations(rest, np.concatenate([s[n] for s, n in zip(smooth, measured, strict=True)]))
+            grown = [BEND * width(s) for s in smooth]
+        else:
+            grown = [np.full(len(s), bound) for s in smooth]
+        again = [_clipped(y, s, b) for y, s, b in zip(recorded, smooth, grown, strict=True)]
         moved = max(float(np.abs(a - b).max()) for a, b in zip(again, clipped, strict=True))
         clipped = again
         if moved < 0.01 * bound:
@@ -167,26 +179,30 @@ def _far(records: Records, coordinate: Coordinate, differentiator: Differentiato
     recorded = [run.column(coordinate.name) for run in records]
     saturated = _saturated(recorded)
     # A wrong sample pulls a filter that is not robust: where even then none is off its share, none is far.
-    _, limit, rest = _residuals(records, coordinate, differentiator, 1, PULLED * STEPS)
-    if not any((np.abs(r) > limit).any() for r in rest):
+    _, limits, rest = _residuals(records, coordinate, differentiator, 1, PULLED * STEPS)
+    if not any((np.abs(r) > limit).any() for r, limit in zip(rest, limits, strict=True)):
         return saturated
-    bound, limit, rest = _residuals(records, coordinate, differentiator, ROUNDS, STEPS)
+    bound, limits, rest = _residuals(records, coordinate, differentiator, ROUNDS, STEPS)
     if _left_signal([np.clip(r, -bound, bound) for r in rest]) > SIGNAL_LEFT:
         return saturated
-    return [f | (np.abs(r) > limit) for f, r in zip(saturated, rest, strict=True)]
+    return [f | (np.abs(r) > limit) for f, r, limit in zip(saturated, rest, limits, strict=True)]
 
 
 def _residuals(
     records: Records, coordinate: Coordinate, differentiator: Differentiator, rounds: int, steps: float
-) -> tuple[float, float, list[FloatArray]]:
-    """Return the bound of the last round of clipping, the residual from which on a sample is far, and residuals."""
+) -> tuple[float, list[FloatArray], list[FloatArray]]:
+    """Return the bound of the last round of clipping, the residuals from which on samples are far, and residuals."""
     recorded = [run.column(coordinate.name) for run in records]
-    taken, smooth = _robustly_filtered(records, coordinate, differentiator, rounds, _without_spikes(recorded))
+    taken, smooth = _robustly_filtered(records, coordinate, differentiator, rounds, _without_spikes(recorded), True)
     bound = taken[-1][1] if taken else 0.0
     motion = np.concatenate([np.diff(s) for s in smooth])
-    limit = max(FAR * bound / BEND, steps * float(np.sqrt(np.mean(motion**2)))) if taken else np.inf
     rest = [y - s for y, s in zip(recorded, smooth, strict=True)]
-    return bound, limit, rest
+    if not taken:
+        return bound, [np.full(len(r), np.inf) for r in rest], rest
+    measured = [run.counted(coordinate.name) > 0.0 for run in records]
+    there = [np.concatenate([v[n] for v, n in zip(values, measured, strict=True)]) for values in (rest, smooth)]
+    width, least = usual_deviations(*there), steps * float(np.sqrt(np.mean(motion**2)))
+    return bound, [np.maximum(FAR * width(s), max(FAR * bound / BEND, least)) for s in smooth], rest
 
 
 def _left_signal(rest: Sequence[FloatArray]) -> float:
@@ -256,7 +272,7 @@ def count_clipped(
     return {c.name: sum(int((a.column(c.name) != b.column(c.name)).sum()) for a, b in pairs) for c in coordinates}
 
 
-def _clipped(recorded: FloatArray, smooth: FloatArray, bound: float) -> FloatArray:
+def _clipped(recorded: FloatArray, smooth: FloatArray, bound: float | FloatArray) -> FloatArray:
     residual = recorded - smooth
     clipped: FloatArray = np.where(np.abs(residual) > bound, smooth + np.sign(residual) * bound, recorded)
     return clipped
