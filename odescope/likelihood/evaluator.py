@@ -152,7 +152,9 @@ class Evaluator:
             integrated: what `integrate` returned at the same place, if it was called before.
         """
         sums = self.integrate(program, theta, free, x0) if integrated is None else integrated
-        if not np.isfinite(sums.cost.sum()) or not np.all(np.isfinite(sums.last)):
+        with np.errstate(over="ignore"):  # of a segment that ran away
+            total = sums.cost.sum()
+        if not np.isfinite(total) or not np.all(np.isfinite(sums.last)):
             return None
         defects, information, reduced, factor, border, carry, log_det, ok = eliminate(
             sums, x0, self._joined(defect_std), defect_std, damping

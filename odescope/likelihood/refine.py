@@ -36,6 +36,7 @@ from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.searches import JOINED_SHARE, joined, searches
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
 from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
+from odescope.likelihood.settled_noise import with_noise_settled
 from odescope.likelihood.steps import with_fine_steps, with_narrow_friction
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
@@ -89,6 +90,11 @@ class Refinement:
     def exact(self) -> bool:
         """Whether the model follows the record to within its noise, without any of the process."""
         return self.process is None and joined(self.outcome)
+
+    @property
+    def lacks_nothing(self) -> bool:
+        """Whether what such a model leaves is no more than the noise and chance."""
+        return self.exact and self.outcome.scale <= WHITE + CHANCE * np.sqrt(2.0 / self.space.segments.samples)
 
     @property
     def free_run_error(self) -> float:
@@ -150,7 +156,7 @@ def refine(
         outcomes += searches(seen, begun[:1], None, monitor, workers)
         seen, outcomes, gains = _held(cut, seen, begun, outcomes, held, monitor, workers)
     budget.spent += sum(o.spent for o in outcomes)
-    space, best = _best(cut, space, seen, outcomes)
+    space, best = with_noise_settled(*_best(cut, space, seen, outcomes), begun, workers)
     if best is None:
         return None
     floor = np.array([c.floor for c in signals.channels]) / np.sqrt(space.segments.block)
@@ -335,7 +341,9 @@ def _path(space: SearchSpace, outcome: Outcome) -> ModelPath | None:
     if not len(seen.segments.start):
         return None
     defect_std = space.segments.spread * outcome.width
-    found = seen.again(outcome.fit, seen.segments.initial, defect_std)
+    # From where the model stands: it may run away from a smoothed state that is on the wrong side of nothing.
+    x0 = outcome.fit.x0[np.isin(space.segments.start, seen.segments.start)]
+    found = seen.again(outcome.fit, x0, defect_std)
     return None if found is None else ModelPath.back(seen, found, defect_std, rough=True)
 
 

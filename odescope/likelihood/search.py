@@ -30,6 +30,7 @@ WHITE = 1.1  # residual variance over noise variance of a model that lacks nothi
 THIN = 4.0  # times its penalty: a term that earns less may be due to what else was chosen
 LOOK_BACK = 0.1  # width of the defects from which on the search looks back
 PATIENCE = 4  # rounds a relation after which a search ends
+CHANCE = 2.0  # standard deviations by which the defects may be larger than their width by chance alone
 MOST_TERMS = 15  # a relation: a search that wants more is explaining something that is not in the library
 ROUNDS = 40  # additions and drops at one width
 
@@ -62,7 +63,7 @@ class Outcome:
     what they had to together; `spent` the units of budget that it took; not `finished` if the budget ended it, `late`
     if that was the clock. `constants` are those of the space where it ended, with dry friction as narrow as it became.
     `loose` are coefficients (mechanisms,) of models that follow the record in segments whose ends stay open: what they
-    lack may be noise of the process.
+    lack may be noise of the process. `log_noise` is that of the segments it was searched in.
     """
 
     fit: Fit
@@ -76,6 +77,12 @@ class Outcome:
     spent: float
     constants: Mapping[str, Constant] = field(default_factory=dict)
     loose: tuple[FloatArray, ...] = ()
+    log_noise: float = 0.0
+
+    @property
+    def surprise(self) -> float:
+        """-2 ln(likelihood) plus the penalties: comparable between models under different noises."""
+        return self.penalised + self.log_noise
 
     @property
     def penalised(self) -> float:
@@ -169,8 +176,10 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
             break
     budget = space.budget
     found = best[0]
-    prices = space.penalty[found.free], space.price(found)
-    return Outcome(*best, *prices, tuple(trail), not budget.over, budget.late, budget.spent, constants)
+    prices, log_noise = (space.penalty[found.free], space.price(found)), segments.log_noise
+    return Outcome(
+        *best, *prices, tuple(trail), not budget.over, budget.late, budget.spent, constants, log_noise=log_noise
+    )
 
 
 def _with_narrow_friction(
@@ -236,14 +245,15 @@ def fitted_again(space: SearchSpace, outcome: Outcome, found: Fit) -> Outcome:
         outcome: of the search.
         found: the fit.
     """
+    scale, noise = _scale(space, found, outcome.width), space.segments.log_noise
     prices = space.penalty[found.free], space.price(found)
-    return replace(outcome, fit=found, scale=_scale(space, found, outcome.width), penalties=prices[0], price=prices[1])
+    return replace(outcome, fit=found, scale=scale, penalties=prices[0], price=prices[1], log_noise=noise)
 
 
 def torn(space: SearchSpace, found: Fit) -> bool:
-    """Say whether the defects are larger than their width: the record does not support a tighter one."""
+    """Say whether the defects are larger than their width, and by chance: the record does not support a tighter one."""
     defects = int(space.segments.joined.sum()) * found.x0.shape[1]
-    return bool(defects > 0 and found.cost - found.data_cost > defects)
+    return bool(defects > 0 and found.cost - found.data_cost > defects + CHANCE * np.sqrt(2.0 * defects))
 
 
 def full(space: SearchSpace, found: Fit) -> bool:

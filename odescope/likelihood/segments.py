@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from odescope.recordings.coordinate import Hold, Input
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.estimate import Signals
+from odescope.signals.filling import BANDS
+from odescope.signals.relative_noise import RelativeNoise, relative_noise
 
 OVERSAMPLING = 8  # block averages a period of the highest cutoff
 SEGMENT = 25  # block averages a segment
@@ -28,6 +31,7 @@ SHORT = 6  # block averages of a segment in which a model that lacks most is not
 LEAST_SEGMENT = 4
 FEW = 50  # averages in all: of fewer the residual variance, by which a model is judged, scatters by more than a fifth
 DIFFERENCE = 0.02  # samples: of the difference quotient that says how an input changes with its delay
+SINGLE = 1000  # samples of a log, at most, that is not averaged where noise grows: each has a weight of its own
 LARGEST = 60_000  # averages in all: of longer logs the likelihood takes the first part of every record, to bound memory
 
 
@@ -83,7 +87,9 @@ class Segments:
     standard deviation of an average, spread (n,) that of the smoothing error of each state; step in
     seconds; runs the first average of every record and the one after its last; weight (N, c) by what 1 / noise of an
     average is multiplied, 0 where nothing was measured, None for 1 throughout; driven the samples that inputs follow
-    from, None where none can be late.
+    from, None where none can be late; share (N, c) that of `weight` which follows from the number of samples alone, the
+    rest from noise that grows with the readings; steady the channels whose noise cannot; floor (c,) what it is at
+    least, None for nothing.
     """
 
     measured: FloatArray
@@ -99,6 +105,9 @@ class Segments:
     runs: tuple[tuple[int, int], ...]
     weight: FloatArray | None = None
     driven: SampledInputs | None = None
+    share: FloatArray | None = None
+    steady: tuple[int, ...] = ()
+    floor: FloatArray | None = None
 
     @cached_property
     def counted(self) -> IntArray:
@@ -109,6 +118,15 @@ class Segments:
         there = np.concatenate([np.zeros((1, channels), dtype=np.int64), np.cumsum(self.weight > 0.0, axis=0)])
         counted: IntArray = (there[self.start + self.count] - there[self.start]).sum(axis=0)
         return counted
+
+    @property
+    def log_noise(self) -> float:
+        """-2 ln of what the density of the averages has before its exponential, but for a constant."""
+        total = float(2.0 * np.sum(self.counted * np.log(self.noise)))
+        if self.weight is None:
+            return total
+        kept = [self.weight[s : s + n] for s, n in zip(self.start, self.count, strict=True)]
+        return total - 2.0 * sum(float(np.log(w[w > 0.0]).sum()) for w in kept)
 
     @property
     def samples(self) -> int:
@@ -159,39 +177,93 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
         differentiator: that found them; it gives the smoothed states.
         length: averages a segment.
     """
-    period, channels = records.runs[0].sample_period, signals.channels
-    block = _block(records, signals, period)
-    share = min(1.0, LARGEST * block / sum(len(r) for r in records))
-    measured, weight, centres, filtered, runs, total = [], [], [], [], list[tuple[int, int]](), 0
-    for run in records:
-        y, w, centre, x = _averages(run, signals, differentiator, period, block)
-        kept = max(round(share * len(y)), min(len(y), LEAST_SEGMENT))
-        measured.append(y[:kept])
-        weight.append(w[:kept])
-        centres.append(centre[:kept])
-        filtered.append(x[:kept])
-        runs.append((total, total + len(y[:kept])))
-        total = runs[-1][1]
-    y, weights = np.concatenate(measured), np.concatenate(weight)
+    period, block = records.runs[0].sample_period, _block(records, signals, records.runs[0].sample_period)
+    seen = _seen(records, signals, differentiator, block)
+    growth = _growth(seen, signals, period)
+    if block > 1 and records.samples <= SINGLE and any(g is not None for g in growth):
+        block, seen = 1, _seen(records, signals, differentiator, 1)
+        growth = _growth(seen, signals, period)
+    y, share, smooth, runs = seen.measured, seen.share, seen.filtered, seen.runs
+    noise = _noise(signals, y)
+    largest, weights = noise.copy(), share.copy()
+    for k, grows in enumerate(growth):
+        if grows is not None:
+            there = share[:, k] > 0.0
+            noise[k] *= grows.level
+            largest[k] = noise[k] * grows.deviations[there].max()
+            weights[there, k] /= grows.deviations[there]
     unequal = None if np.all(weights == 1.0) else weights
     start, count, joined = _cut(runs, length, unequal)
-    driven = _driven(records, signals.inputs, centres, block)
-    noise = np.array([max(c.noise, 1e-12 * float(np.ptp(y[:, k]))) for k, c in enumerate(channels)])
+    driven = _driven(records, signals.inputs, seen.centres, block)
     return Segments(
         measured=y,
         inputs=driven.nodes([0.0] * len(driven.holds)),
-        filtered=np.concatenate(filtered),
+        filtered=smooth,
         start=start,
         count=count,
         joined=joined,
         noise=noise / np.sqrt(block),
-        spread=_smoothing_error(signals, noise, period),
+        spread=_smoothing_error(signals, largest, period),
         step=block * period,
         block=block,
-        runs=tuple(runs),
+        runs=runs,
         weight=unequal,
+        share=share,
+        steady=_steady(signals),
+        floor=np.array([c.floor for c in signals.channels]) / np.sqrt(block),
         driven=driven,
     )
+
+
+class _Seen(NamedTuple):
+    """What `_averages` gives of all records, end to end, and the first average of every record and the one after."""
+
+    measured: FloatArray
+    share: FloatArray
+    centres: tuple[IntArray, ...]
+    filtered: FloatArray
+    runs: tuple[tuple[int, int], ...]
+
+
+def _seen(records: Records, signals: Signals, differentiator: Differentiator, block: int) -> _Seen:
+    """Return the averages of records over so many samples, of a log that is too long those of the first parts."""
+    period, total = records.runs[0].sample_period, 0
+    share = min(1.0, LARGEST * block / sum(len(r) for r in records))
+    parts, runs = [], list[tuple[int, int]]()
+    for run in records:
+        found = _averages(run, signals, differentiator, period, block)
+        kept = max(round(share * len(found[0])), min(len(found[0]), LEAST_SEGMENT))
+        parts.append([values[:kept] for values in found])
+        runs.append((total, total + len(parts[-1][0])))
+        total = runs[-1][1]
+    y, w, centres, x = zip(*parts, strict=True)
+    return _Seen(np.concatenate(y), np.concatenate(w), centres, np.concatenate(x), tuple(runs))
+
+
+def _noise(signals: Signals, measured: FloatArray) -> FloatArray:
+    """Return the standard deviation of a sample of every channel, no less than the digits of the averages (N, c)."""
+    return np.array([max(c.noise, 1e-12 * float(np.ptp(measured[:, k]))) for k, c in enumerate(signals.channels)])
+
+
+def _growth(seen: _Seen, signals: Signals, period: float) -> list[RelativeNoise | None]:
+    """Return for every channel how its noise grows with its readings, None where it does not."""
+    error, steady = _smoothing_error(signals, _noise(signals, seen.measured), period), _steady(signals)
+    found = list[RelativeNoise | None]()
+    for k, c in enumerate(signals.coordinates):
+        row, share = signals.states.index(c.name), seen.share[:, k]
+        smooth = seen.filtered[:, row]
+        rest = share * (seen.measured[:, k] - smooth)
+        # Only where half of the band of what was measured is above the cutoff is what the filter leaves noise for sure.
+        noisy = np.sum(share**2) > BANDS * signals.channels[k].cutoff * period * len(share)
+        grows = k not in steady and noisy
+        found.append(relative_noise(rest, smooth, share > 0.0, float(error[row])) if grows else None)
+    return found
+
+
+def _steady(signals: Signals) -> tuple[int, ...]:
+    """Return the channels whose noise cannot grow with their readings: angles, and what a solver or a step leaves."""
+    both = zip(signals.coordinates, signals.channels, strict=True)
+    return tuple(k for k, (c, channel) in enumerate(both) if c.angle or channel.noise <= channel.floor)
 
 
 def _driven(records: Records, inputs: Sequence[Input], centres: Sequence[IntArray], block: int) -> SampledInputs:

@@ -44,12 +44,13 @@ def with_angles(
     by_hand = study.library.basis is not None or study.library.extra
     if by_hand or not angles or not filtered.sample.complete:
         return refinement, ()
-    if refinement is not None and refinement.exact and not suspected:
+    settled = refinement is not None and refinement.lacks_nothing
+    if settled and not suspected:
         return refinement, ()
     wide = with_basis(work, _basis(signals, angles), DEGREE)
     found = regressed_with(wide, filtered)
-    # Regression decides cheaply, and cannot where the model before does not follow the record.
-    if found is None or (refinement is not None and refinement.exact and not promises(found, regressed)):
+    # Regression decides cheaply, and cannot where the model before does not follow the record, or not quite.
+    if found is None or (settled and not promises(found, regressed)):
         return refinement, ()
     work.monitor.tell(Progress("suspicion", "search with sines and cosines of what may be angles", 0, 1))
     spent = LEAST if refinement is None else max(LEAST, TIMES * refinement.spent)
@@ -71,7 +72,7 @@ def _scores(
     found: Refinement, before: Refinement | None, angles: Sequence[str], signals: Signals
 ) -> Sequence[SuspicionScore]:
     """Return what was found, by target and angle."""
-    gain = before.outcome.penalised - found.outcome.penalised if before is not None and before.exact else None
+    gain = before.outcome.surprise - found.outcome.surprise if before is not None and before.exact else None
     scores = []
     for r, target in enumerate(signals.targets):
         parts = [p for k in found.fit.present for p in found.space.mechanisms[k].parts if p.relation == r]

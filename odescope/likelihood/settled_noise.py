@@ -1,0 +1,147 @@
+"""Searches once more with the noise that their model leaves of a short record, where smoothing had shown another.
+
+docs/method.md, Noise that grows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from odescope.arrays import BoolArray, FloatArray
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.search import Outcome
+from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.searches import SHORT_RECORD, joined, searches
+from odescope.likelihood.segments import Segments
+from odescope.parallel.workers import Workers
+from odescope.signals.noise import SOLVER
+from odescope.signals.relative_noise import SURE, relative_noise
+
+ROUNDS = 4  # searches anew, at most
+SMOOTH = 0.5  # correlation of neighbours, above which what a model leaves is no noise
+
+
+def with_noise_settled(
+    space: SearchSpace, best: Outcome | None, begun: Sequence[FloatArray], workers: Workers
+) -> tuple[SearchSpace, Outcome | None]:
+    """Return space and end of the searches with the noise that their model leaves.
+
+    Of few samples no filter tells noise from signal well. With too much noise terms are missed, with too little, or
+    with the same everywhere where it grows with the readings, others come in to follow it. Where no model follows the
+    record under noise that grows, what the filter left may not have been noise: it is then the same everywhere.
+
+    Args:
+        space: with the noise that the filter left.
+        best: the best end of the searches, if one could be followed.
+        begun: (mechanisms,) coefficients of each start.
+        workers: where it is searched.
+    """
+    if space.segments.samples > SHORT_RECORD:
+        return space, best
+    if best is None or not joined(best):
+        even = with_even_noise(space)
+        other, again = (space, None) if even is None else _searched(space.on(even), begun, workers)
+        if again is None:
+            return space, best
+        space, best = other, again
+    for _ in range(ROUNDS):
+        segments = None if space.budget.over else with_noise_left(space, best.fit)
+        starts = [best.fit.theta, *begun]
+        other, again = (space, None) if segments is None else _searched(space.on(segments), starts, workers)
+        if again is None:
+            break
+        space, best = other, again
+    return space, best
+
+
+def _searched(space: SearchSpace, begun: Sequence[FloatArray], workers: Workers) -> tuple[SearchSpace, Outcome | None]:
+    """Return the space and the best end of searches in it, None where that does not follow the record."""
+    outcomes = searches(space, begun, None, space.budget.monitor, workers)
+    space.budget.spent += sum(o.spent for o in outcomes)
+    best = min(outcomes, key=lambda o: o.rank, default=None)
+    return space, best if best is not None and joined(best) else None
+
+
+def with_even_noise(space: SearchSpace) -> Segments | None:
+    """Return the segments with noise that is the same everywhere, None where it is."""
+    segments, share, weight = space.segments, space.segments.share, space.segments.weight
+    if weight is None or share is None or np.array_equal(weight, share):
+        return None
+    # In units of its root mean square noise is largest where the weight falls most short of the number of samples.
+    largest = np.divide(share, weight, out=np.zeros_like(share), where=share > 0.0).max(axis=0)
+    return replace(segments, weight=share, spread=_spread(space, 1.0 / largest))
+
+
+def _spread(space: SearchSpace, ratio: FloatArray) -> FloatArray:
+    """Return the smoothing errors (n,) of all states where the noise of each channel (c,) is so many times as large."""
+    spread = space.segments.spread.copy()
+    for state, times in zip(space.frame.measured.tolist(), ratio.tolist(), strict=True):
+        while state >= 0:
+            spread[state] *= times
+            state = int(space.frame.following[state])
+    return spread
+
+
+def with_noise_left(space: SearchSpace, found: Fit) -> Segments | None:
+    """Return the segments with the noise that a fit leaves, None where they are as likely with that which they have.
+
+    Args:
+        space: of the fit.
+        found: it follows the record.
+    """
+    segments, (signal, seen) = space.segments, followed(space, found)
+    share = np.ones_like(segments.measured) if segments.share is None else segments.share
+    weight = np.ones_like(share) if segments.weight is None else segments.weight
+    # A log that was solved for and not measured may be off by so much, and a filter has hidden that.
+    least = np.maximum(0.0 if segments.floor is None else segments.floor, SOLVER * segments.measured.std(axis=0))
+    taken = len(found.free) + found.x0.shape[1] * (1 + int((~segments.joined).sum()))
+    free = max(segments.samples - taken, 1) / segments.samples
+    noise, weights, ratio, gain = segments.noise.copy(), weight.copy(), np.ones(len(segments.noise)), 0.0
+    for c in range(len(noise)):
+        there = seen & (share[:, c] > 0.0)
+        rest = share[:, c] * (segments.measured[:, c] - signal[:, c])
+        before = segments.noise[c] * share[there, c] / weight[there, c]
+        level = max(float(np.sqrt(np.mean(rest[there] ** 2) / free)), float(least[c]))
+        if level < segments.noise[c] and _smooth(rest[there]):
+            return None
+        grows = None
+        if c not in segments.steady:
+            grows = relative_noise(rest, signal[:, c], there, level * np.sqrt(1.0 - free))
+        after = np.full(len(before), level) if grows is None else level * grows.level * grows.deviations[there]
+        noise[c] = level * (1.0 if grows is None else grows.level)
+        weights[there, c] = share[there, c] * noise[c] / after
+        ratio[c] = after.max() / before.max()
+        gain += float(np.sum(2.0 * np.log(before / after) + (rest[there] / before) ** 2 - (rest[there] / after) ** 2))
+    if gain < SURE:
+        return None
+    return replace(segments, noise=noise, weight=weights, spread=_spread(space, ratio))
+
+
+def _smooth(rest: FloatArray) -> bool:
+    """Say whether a residual (n,) is no noise: what solvers, filters and steps of integration err by is smooth."""
+    return bool(rest[1:] @ rest[:-1] > SMOOTH * (rest @ rest))
+
+
+def followed(space: SearchSpace, found: Fit) -> tuple[FloatArray, BoolArray]:
+    """Return what a fit says of every average (N, c), and which of these (N,) are in a segment.
+
+    Args:
+        space: of the fit.
+        found: it.
+    """
+    segments, count = space.segments, space.segments.count
+    states, seen = np.zeros((len(segments.measured), found.x0.shape[1])), np.zeros(len(segments.measured), np.bool_)
+    seen[segments.start], states[segments.start] = True, found.x0
+    # A run to every average from the start of its segment: the kernel gives the end of each.
+    owner = np.repeat(np.arange(len(count)), count - 1)
+    steps = np.concatenate([np.arange(1, n) for n in count])
+    runs = replace(segments, start=segments.start[owner], count=steps, joined=np.zeros(len(owner), np.bool_))
+    program, none = space.program(found.present), np.zeros(0, dtype=np.int64)
+    theta = found.theta[found.present]
+    at = segments.start[owner] + steps
+    states[at], seen[at] = space.on(runs).evaluator.integrate(program, theta, none, found.x0[owner]).last, True
+    offsets = program.offsets
+    return states[:, space.frame.measured] + np.where(offsets < 0, 0.0, theta[offsets]), seen
