@@ -182,15 +182,14 @@ def marginal_cost(space: SearchSpace, found: Fit) -> float:
     return np.inf if point is None else point.marginal
 
 
-def estimate_noise(space: SearchSpace, found: Fit, floor: FloatArray | None = None) -> tuple[SearchSpace, Fit, float]:
-    """Estimate both noises around a structure; return space, fit and marginal cost.
+def estimate_noise(space: SearchSpace, found: Fit) -> tuple[SearchSpace, Fit, float]:
+    """Estimate both noises around a structure, not below the floor of the segments; return space, fit, marginal cost.
 
     Args:
         space: data and candidates, with a first guess of the noise.
         found: the structure, fitted with that.
-        floor: (c,) least standard deviations of an average; a small part of the first guess by default.
     """
-    channels = len(space.segments.noise)
+    channels, floor = len(space.segments.noise), space.segments.floor
     least = _logs(space) + np.log(LEAST_NOISE)
     if floor is not None:
         least[:channels] = np.maximum(least[:channels], np.log(np.maximum(floor, 1e-300)))

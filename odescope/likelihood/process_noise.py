@@ -136,9 +136,7 @@ def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
     return marginal_cost(strict, found) + space.price(found)
 
 
-def in_pieces(
-    cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[FloatArray], floor: FloatArray | None = None
-) -> SearchSpace:
+def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[FloatArray]) -> SearchSpace:
     """Return the space on segments so short that shorter ones would describe a first start hardly better.
 
     Noise that acts within a segment would be taken for measurement noise, and bias the coefficients as errors in
@@ -148,7 +146,6 @@ def in_pieces(
         cut: cuts the data into segments of so many averages.
         space: candidates.
         starts: as for the search; the first that can be followed is judged.
-        floor: (c,) least standard deviations of an average.
     """
     best, least = None, np.inf
     for length in PIECES:
@@ -160,7 +157,7 @@ def in_pieces(
         fits = (pieces.begin(theta, whole.spread) for theta in starts)
         found, cost = next((f for f in fits if f is not None), None), np.inf
         if found is not None:
-            _, found, cost = estimate_noise(pieces, found, floor)
+            _, found, cost = estimate_noise(pieces, found)
             starts = [found.theta, *starts]
         if best is not None and not cost < least - WORTH_FINER * pieces.segments.samples:
             break
@@ -172,7 +169,7 @@ def in_pieces(
 
 
 def search_with_process_noise(
-    space: SearchSpace, starts: Sequence[FloatArray], terms: int | None = None, floor: FloatArray | None = None
+    space: SearchSpace, starts: Sequence[FloatArray], terms: int | None = None
 ) -> Noisy | None:
     """Return the best model with process noise that searches end at, or None where none can start.
 
@@ -185,13 +182,12 @@ def search_with_process_noise(
         space: data cut into short segments (`in_pieces`), and candidates.
         starts: (mechanisms,) coefficients to begin with.
         terms: number of mechanisms to stop at, where that is given.
-        floor: (c,) least standard deviations of an average.
     """
     open_ = without_held_out(space.segments)
     seen = space.on(thinned(open_))
     ends = []
     for here in _able(seen, starts):
-        ends.append(_search(seen, here, floor))
+        ends.append(_search(seen, here))
         seen = ends[-1][0]  # the next start begins with the noise that this one found
         if space.budget.over:
             break
@@ -199,7 +195,7 @@ def search_with_process_noise(
         return None
     seen, longest, _, trail = min(ends, key=lambda end: end[2])
     if len(open_.start) > len(seen.segments.start):
-        seen, longest, trail = _searched_on(space.on(open_), seen, longest, trail, floor)
+        seen, longest, trail = _searched_on(space.on(open_), seen, longest, trail)
     way = ModelPath.back(seen.within(seen.budget.part(PATH_SHARE)), longest, seen.segments.spread)
     way = way.chosen_at(terms) if terms is not None else way.at_knee
     known = robust_evidence(seen, longest) if terms is None else None
@@ -211,9 +207,9 @@ def search_with_process_noise(
     if found is None:
         return None
     if sure and way.chosen == 0:  # nothing had to be held out: all of the record says what is in the model
-        begun, found, _, more = _search(begun, found, floor)
+        begun, found, _, more = _search(begun, found)
         trail += more
-    end = _without_worthless(begun, found, floor)
+    end = _without_worthless(begun, found)
     if end is None:
         return None
     fitted, found, marginal, evidence, dropped = end
@@ -221,22 +217,22 @@ def search_with_process_noise(
 
 
 def _without_worthless(
-    space: SearchSpace, found: Fit, floor: FloatArray | None
+    space: SearchSpace, found: Fit
 ) -> tuple[SearchSpace, Fit, float, Evidence, tuple[Move, ...]] | None:
     """Return space, fit, marginal cost and evidence without what is not worth its penalty or next to nothing, and how.
 
     None where there is no evidence.
     """
-    fitted, found, marginal = estimate_noise(space, found, floor)
+    fitted, found, marginal = estimate_noise(space, found)
     evidence, trail = robust_evidence(fitted, found), list[Move]()
     lean = None if evidence is None else _without_idle(fitted, found, evidence)
     if lean is not None:
-        fitted, found, marginal = estimate_noise(fitted, lean, floor)
+        fitted, found, marginal = estimate_noise(fitted, lean)
         evidence = robust_evidence(fitted, found)
     if evidence is None:
         return None
     while (leaner := one_less(fitted, found, evidence.wald, fitted.segments.spread)) is not None:
-        refitted, less, cost = estimate_noise(fitted, leaner[0], floor)
+        refitted, less, cost = estimate_noise(fitted, leaner[0])
         rest = robust_evidence(refitted, less)
         if rest is None:
             break
@@ -260,14 +256,14 @@ def _without_idle(space: SearchSpace, found: Fit, evidence: Evidence) -> Fit | N
 
 
 def _searched_on(
-    whole: SearchSpace, seen: SearchSpace, longest: Fit, trail: tuple[Move, ...], floor: FloatArray | None
+    whole: SearchSpace, seen: SearchSpace, longest: Fit, trail: tuple[Move, ...]
 ) -> tuple[SearchSpace, Fit, tuple[Move, ...]]:
     """Return where a search on part of the record ends on the whole, as fitted to that part: space, fit, trail."""
     more = with_noise(whole, seen.segments.noise, seen.segments.spread)
     begun = None if whole.budget.over else more.again(longest, more.segments.initial, more.segments.spread)
     if begun is None:
         return seen, longest, trail
-    _, found, _, moves = _search(more, begun, floor)
+    _, found, _, moves = _search(more, begun)
     if np.array_equal(found.present, longest.present):
         return seen, longest, trail
     again = seen.again(found, seen.segments.initial, seen.segments.spread)
@@ -286,13 +282,11 @@ def _able(seen: SearchSpace, starts: Sequence[FloatArray]) -> list[Fit]:
     return able
 
 
-def _search(
-    seen: SearchSpace, start: Fit, floor: FloatArray | None
-) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]]:
+def _search(seen: SearchSpace, start: Fit) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]]:
     """Return the end of one search: the space with its noise, the fit, its penalised cost, the trail."""
     here, trail = start, list[Move]()
     for _ in range(ALTERNATIONS):
-        seen, here, marginal = estimate_noise(seen, here, floor)
+        seen, here, marginal = estimate_noise(seen, here)
         before = here.present
         here = _settle(seen, here, trail)
         if np.array_equal(before, here.present) or seen.budget.over:

@@ -31,7 +31,7 @@ from odescope.likelihood.process_noise import (
     search_with_process_noise,
 )
 from odescope.likelihood.program import Frame
-from odescope.likelihood.search import WHITE, LikelihoodSearch, Outcome, fitted_again, in_whole
+from odescope.likelihood.search import CHANCE, WHITE, LikelihoodSearch, Outcome, fitted_again, in_whole
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.searches import JOINED_SHARE, joined, searches
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
@@ -50,7 +50,6 @@ THREADS = Threads()
 HOLDINGS = 2  # searches anew, at most, under other holds of inputs
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
 WELL = 0.1  # error of free runs, in standard deviations, of a model that leaves another little to find
-CHANCE = 2.0  # standard deviations of a residual variance that are no reason to look for process noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +158,8 @@ def refine(
     space, best = with_noise_settled(*_best(cut, space, seen, outcomes), begun, workers)
     if best is None:
         return None
-    floor = np.array([c.floor for c in signals.channels]) / np.sqrt(space.segments.block)
     near, there = [theta for o in outcomes for theta in o.loose], partial(cut, holds_of(space))
-    return _judged(there, space, begun, near, best, len(outcomes), gains, options.terms, floor, workers)
+    return _judged(there, space, begun, near, best, len(outcomes), gains, options.terms, workers)
 
 
 def _constants(space: SearchSpace, outcomes: Sequence[Outcome]) -> dict[str, float]:
@@ -202,7 +200,6 @@ def _judged(
     searches: int,
     hold_gains: Mapping[str, float],
     terms: int | None,
-    floor: FloatArray,
     workers: Workers,
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
@@ -214,7 +211,7 @@ def _judged(
     chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
     if not joined(best) or best.scale > WHITE + chance:
         space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
-        process, adopted = _with_process_noise(cut, space, best, begun, near, terms, floor)
+        process, adopted = _with_process_noise(cut, space, best, begun, near, terms)
     evidence: Evidence | None
     path: ModelPath | None
     if process is not None and adopted:
@@ -306,7 +303,6 @@ def _with_process_noise(
     begun: Sequence[FloatArray],
     near: Sequence[FloatArray],
     terms: int | None,
-    floor: FloatArray,
 ) -> tuple[Noisy | None, bool]:
     """Return the model with process noise, None where no start can be followed, and whether the record needs it.
 
@@ -317,14 +313,13 @@ def _with_process_noise(
         begun: what these began from.
         near: models that they found to follow it in open segments alone, if any did: nothing is nearer.
         terms: number of mechanisms to stop at, where that is given.
-        floor: (c,) least standard deviations of an average.
     """
     # What a search has found is nearest, should the budget end the others.
     starts = near or [best.fit.theta, *begun]
     # Where there is process noise no search without it comes to an end: they leave a share of the budget.
     own = space.budget.rest(1.0 - JOINED_SHARE)
-    pieces = in_pieces(cut, space.within(own), starts, floor)
-    process = search_with_process_noise(pieces, starts, terms, floor)
+    pieces = in_pieces(cut, space.within(own), starts)
+    process = search_with_process_noise(pieces, starts, terms)
     space.budget.spent += own.spent
     if process is None:
         return None, False

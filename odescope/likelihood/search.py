@@ -30,7 +30,7 @@ WHITE = 1.1  # residual variance over noise variance of a model that lacks nothi
 THIN = 4.0  # times its penalty: a term that earns less may be due to what else was chosen
 LOOK_BACK = 0.1  # width of the defects from which on the search looks back
 PATIENCE = 4  # rounds a relation after which a search ends
-CHANCE = 2.0  # standard deviations by which the defects may be larger than their width by chance alone
+CHANCE = 2.0  # standard deviations of defects or of a residual variance that are no reason to take them for more
 MOST_TERMS = 15  # a relation: a search that wants more is explaining something that is not in the library
 ROUNDS = 40  # additions and drops at one width
 
@@ -80,7 +80,7 @@ class Outcome:
     log_noise: float = 0.0
 
     @property
-    def surprise(self) -> float:
+    def deviance(self) -> float:
         """-2 ln(likelihood) plus the penalties: comparable between models under different noises."""
         return self.penalised + self.log_noise
 

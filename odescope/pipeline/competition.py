@@ -240,7 +240,7 @@ def best_of(contenders: Sequence[Contender]) -> Contender:
     """Return the one to keep: by likelihood among those that follow the record to its noise, else by free runs."""
     exact = [c for c in contenders if c.exact]
     if exact:
-        return min(exact, key=lambda c: np.inf if c.refinement is None else c.refinement.outcome.surprise)
+        return min(exact, key=lambda c: np.inf if c.refinement is None else c.refinement.outcome.deviance)
     able = [c for c in contenders if c.follows] or list(contenders)
     least = min(c.free_run for c in able)
     return min((c for c in able if c.free_run <= SPREAD * least), key=lambda c: (c.coefficients, c.free_run))

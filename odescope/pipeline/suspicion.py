@@ -79,7 +79,7 @@ def replaces(other: Refinement, refinement: Refinement) -> bool:
     if not other.exact:
         return False
     if refinement.exact:
-        return other.outcome.surprise < refinement.outcome.surprise
+        return other.outcome.deviance < refinement.outcome.deviance
     return other.free_run_error <= refinement.free_run_error
 
 

@@ -78,5 +78,5 @@ def evidently_better(other: Refinement, before: Refinement | None) -> bool:
         return False
     if before is None:
         return other.exact
-    apart = before.outcome.surprise - other.outcome.surprise
+    apart = before.outcome.deviance - other.outcome.deviance
     return replaces(other, before) and (not before.exact or apart > EVIDENT)

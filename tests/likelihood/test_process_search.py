@@ -325,7 +325,8 @@ def test_measurement_noise_does_not_fall_below_its_floor():
     it = spring(2, sigma=0.003)
     free, _, least = estimate_noise(it, fitted(it))
     assert free.segments.noise[0] < 0.004
-    bound, _, cost = estimate_noise(it, fitted(it), np.array([0.006]))
+    bounded = it.on(replace(it.segments, floor=np.array([0.006])))
+    bound, _, cost = estimate_noise(bounded, fitted(bounded))
     assert bound.segments.noise[0] == pytest.approx(0.006)
     assert cost > least + 10.0
 

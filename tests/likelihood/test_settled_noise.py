@@ -62,7 +62,7 @@ def test_costs_under_two_noises_compare_with_what_their_densities_have_before_th
         return float(np.sum((rest / noise) ** 2 + 2.0 * np.log(noise)))
 
     expected = dense(2.0 * NOISE) - dense(left.noise[0])
-    assert end.surprise - right.surprise == pytest.approx(expected, abs=1.0)
+    assert end.deviance - right.deviance == pytest.approx(expected, abs=1.0)
     assert end.penalised < right.penalised  # what these say of it
 
 

@@ -115,9 +115,9 @@ def test_what_is_fixed_by_name_is_not_suspected():
     assert parse_study(study_toml(study(suspect=False))) == study(suspect=False)
 
 
-def ending(exact, surprise, error):
+def ending(exact, deviance, error):
     """Return what the choice between two ends of a likelihood stage looks at."""
-    return SimpleNamespace(exact=exact, outcome=SimpleNamespace(surprise=surprise), free_run_error=error)
+    return SimpleNamespace(exact=exact, outcome=SimpleNamespace(deviance=deviance), free_run_error=error)
 
 
 @pytest.mark.parametrize(
