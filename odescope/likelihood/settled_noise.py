@@ -1,6 +1,6 @@
 """Searches once more with the noise that their model leaves of a short record, where smoothing had shown another.
 
-docs/method.md, Noise that grows.
+docs/method.md, Structure by likelihood.
 """
 
 from __future__ import annotations

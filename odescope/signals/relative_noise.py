@@ -1,6 +1,6 @@
 """Noise of a short record as its model leaves it, and noise that grows with what is measured.
 
-docs/method.md, Relative noise.
+docs/method.md, Structure by likelihood.
 """
 
 from __future__ import annotations
