@@ -179,8 +179,10 @@ def _best(
     """Return the best end of searches in what was seen of a record, as it is in the whole of it, and that space."""
     space = space if holds_of(seen) == holds_of(space) else seen.on(cut(holds_of(seen), SEGMENT))
     best = min(outcomes, key=lambda o: o.rank, default=None)
-    thin = len(seen.segments.start) < len(space.segments.start)
-    return space, in_whole(space.with_constants(best.constants), best) if best is not None and thin else best
+    if best is None:
+        return space, None
+    space = space.with_constants(best.constants)
+    return space, in_whole(space, best) if len(seen.segments.start) < len(space.segments.start) else best
 
 
 def _cut(
@@ -203,7 +205,6 @@ def _judged(
     workers: Workers,
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
-    space = space.with_constants(best.constants)
     if joined(best):
         space, best = with_steps_settled(space, best, begun, workers)
         space, best = with_narrow_friction(space, without_negligible(space, best))

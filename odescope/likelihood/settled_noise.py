@@ -62,7 +62,9 @@ def _searched(space: SearchSpace, begun: Sequence[FloatArray], workers: Workers)
     outcomes = searches(space, begun, None, space.budget.monitor, workers)
     space.budget.spent += sum(o.spent for o in outcomes)
     best = min(outcomes, key=lambda o: o.rank, default=None)
-    return space, best if best is not None and joined(best) else None
+    if best is None or not joined(best):
+        return space, None
+    return space.with_constants(best.constants), best
 
 
 def with_even_noise(space: SearchSpace) -> Segments | None:
