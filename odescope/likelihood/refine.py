@@ -93,7 +93,7 @@ class Refinement:
     @property
     def lacks_nothing(self) -> bool:
         """Whether what such a model leaves is no more than the noise and chance."""
-        return self.exact and self.outcome.scale <= WHITE + CHANCE * np.sqrt(2.0 / self.space.segments.samples)
+        return self.process is None and _leaves_noise(self.space, self.outcome)
 
     @property
     def free_run_error(self) -> float:
@@ -209,8 +209,7 @@ def _judged(
         space, best = with_steps_settled(space, best, begun, workers)
         space, best = with_narrow_friction(space, without_negligible(space, best))
     process, adopted = None, False
-    chance = CHANCE * np.sqrt(2.0 / space.segments.samples)  # of white residuals alone
-    if not joined(best) or best.scale > WHITE + chance:
+    if not _leaves_noise(space, best):
         space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
         process, adopted = _with_process_noise(cut, space, best, begun, near, terms)
     evidence: Evidence | None
@@ -242,6 +241,11 @@ def _judged(
         spent=space.budget.spent,
         hold_gains=hold_gains,
     )
+
+
+def _leaves_noise(space: SearchSpace, outcome: Outcome) -> bool:
+    """Say whether what a model leaves of the record that it follows is no more than white noise and chance."""
+    return joined(outcome) and outcome.scale <= WHITE + CHANCE * float(np.sqrt(2.0 / space.segments.samples))
 
 
 def _first_held(
