@@ -18,9 +18,8 @@ from odescope.recordings.record import Record, Records, Stretch
 from odescope.signals.appearance import appearance
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.filling import filled
-from odescope.signals.relative_noise import usual_deviations
+from odescope.signals.relative_noise import FAR, usual_deviations
 
-FAR = 5.0  # standard deviations beyond which a sample says nothing of the signal
 STEPS = 0.25  # root mean squares of the motion from sample to sample: what is nearer may be a kink of the signal
 SIGNAL_LEFT = 0.5  # correlation of neighbours in what a filter leaves, beyond which that is no noise
 PULLED = 0.25  # of what it is off, that a wrong sample is at least off a filter that is not robust

@@ -1,4 +1,4 @@
-"""Noise of a short record as its model leaves it, and noise that grows with what is measured.
+"""Noise that grows with what is measured.
 
 docs/method.md, Structure by likelihood.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray, robust_deviation
 
 SHARES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)  # of the mean variance that does not grow with the reading
-FAR = 5.0  # standard deviations beyond which a reading is no usual one
+FAR = 5.0  # standard deviations beyond which a sample says nothing of the signal
 SURE = 10.0  # fall of -2 ln(likelihood) that is asked for: odds of 150 to 1
 WORTH = 1.2  # times the information that constant noise leaves, at least
 
