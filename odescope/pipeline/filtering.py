@@ -26,6 +26,7 @@ from odescope.recordings.coordinate import Input
 from odescope.recordings.periods import at_one_period
 from odescope.recordings.readers import records_from
 from odescope.recordings.record import Records, in_radians, less_offsets
+from odescope.recordings.tables import on_uniform_time
 from odescope.regression.problem import pose
 from odescope.selection.ranking import rank
 from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
@@ -76,9 +77,8 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         if data is None:
             sample = open_recordings(study.data, study.layout(), None if store is None else kept_in(store, study))
         else:
-            own = data if isinstance(data, Records) else records_from(data, study.layout())
-            sample = Sample(Records.of(in_radians(run, study.degrees) for run in own))
-        sample = replace(sample, records=at_one_period(sample.records, study.layout().held))
+            sample = Sample(_in_memory(study, data))
+        sample = replace(sample, records=at_one_period(sample.records, study.layout()))
         check_channels(sample.records, study.measured(), study.driven())
     with work.stage("library"):
         mechanisms: dict[Form, Mechanisms] = {
@@ -93,6 +93,13 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
                     f" {c.target}: record longer, or shrink the library ([library] degree, basis or rules)"
                 )
     return Prepared(sample, libraries, mechanisms)
+
+
+def _in_memory(study: Study, data: Records | Table | Sequence[Table]) -> Records:
+    layout = study.layout()
+    if not isinstance(data, Records):
+        return records_from(data, layout)
+    return on_uniform_time(Records.of(in_radians(run, study.degrees) for run in data), layout)
 
 
 def kept_in(folder: Path, study: Study) -> Store:

@@ -109,7 +109,7 @@ def reduce(task: Task, plan: Plan) -> Reduced:
 
 def _signals(chunk: Chunk, plan: Plan) -> tuple[Signals, int]:
     """Return the signals of a chunk, and how many recordings begin in it."""
-    read = [stretch_at_period(s, plan.period, plan.layout.held) for s in read_chunk(chunk, plan.layout)]
+    read = [stretch_at_period(s, plan.period, plan.layout) for s in read_chunk(chunk, plan.layout)]
     least = [max(plan.shortest, s.record.sample_period) for s in read]
     stretches = tuple(
         s for s, short in zip(read, least, strict=True) if s.cut or remaining(s.record, plan.lead) >= short

@@ -9,7 +9,7 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray, true_ranges
 from odescope.errors import InputError
-from odescope.recordings.record import UNREPAIRED, Repairs, check_finite, within
+from odescope.recordings.record import UNREPAIRED, Record, Repairs, check_finite, within
 
 Gaps = Literal["bridge", "split", "refuse"]
 
@@ -36,6 +36,14 @@ class RawRun:
     labels: tuple[str, ...]
     counts: FloatArray | None = None
     repairs: Repairs = UNREPAIRED
+
+    @classmethod
+    def of(cls, record: Record) -> RawRun:
+        """Return a record as one that was read, what was not measured missing again."""
+        values = record.values if record.counts is None else np.where(record.counts > 0.0, record.values, np.nan)
+        rows = np.arange(1, len(record) + 1)
+        named = record.names, record.units, record.source
+        return cls(record.t, values, *named, rows, record.names, record.counts, record.repairs)
 
     def take(self, samples: IntArray) -> RawRun:
         """Return some samples (n,), by their indices."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from odescope.recordings.gaps import RawRun
+from odescope.recordings.layout import Layout
 from odescope.recordings.record import Record, Records, Stretch
 from odescope.recordings.uniform import on_grid
 
@@ -27,33 +28,33 @@ def sampled_alike(records: Records) -> bool:
     return max(periods) - min(periods) <= PERIODS_DIFFER * min(periods)
 
 
-def at_one_period(records: Records, held: frozenset[str]) -> Records:
+def at_one_period(records: Records, layout: Layout) -> Records:
     """Return uniform records on grids of one period, those that are sampled alike as they are.
 
     Records that last less than one such period are left out.
 
     Args:
         records: each on a uniform grid of its own.
-        held: names of the columns that keep a value until the next one.
+        layout: says which columns hold a value until the next one, and which are commanded.
     """
     if sampled_alike(records):
         return records
     period = common_period(records)
-    return Records(tuple(_at_period(run, period, held) for run in records if run.duration >= period))
+    return Records(tuple(_at_period(run, period, layout) for run in records if run.duration >= period))
 
 
-def stretch_at_period(stretch: Stretch, period: float, held: frozenset[str]) -> Stretch:
+def stretch_at_period(stretch: Stretch, period: float, layout: Layout) -> Stretch:
     """Return a uniform stretch on a grid of another period, if it is sampled otherwise.
 
     Args:
         stretch: on a uniform grid of its own.
         period: of the new grid, in the unit of time.
-        held: names of the columns that keep a value until the next one.
+        layout: says which columns hold a value until the next one, and which are commanded.
     """
     run = stretch.record
     if run.duration < period:
         return stretch
-    moved = _at_period(run, period, held)
+    moved = _at_period(run, period, layout)
     if moved is run:
         return stretch
     edges = np.append(run.t, run.t[-1] + run.sample_period)[[stretch.first, stretch.stop]] - 0.5 * run.sample_period
@@ -61,13 +62,10 @@ def stretch_at_period(stretch: Stretch, period: float, held: frozenset[str]) -> 
     return replace(stretch, record=moved, first=first, stop=stop if stretch.stop < len(run) else len(moved))
 
 
-def _at_period(run: Record, period: float, held: frozenset[str]) -> Record:
+def _at_period(run: Record, period: float, layout: Layout) -> Record:
     """Return a uniform record on a grid of another period: every sample goes to the nearest point."""
     if abs(run.sample_period - period) <= PERIODS_DIFFER * period:
         return run
     points = np.rint((run.t - run.t[0]) / period).astype(np.int64)
     grid = run.t[0] + period * np.arange(points[-1] + 1)
-    values = run.values if run.counts is None else np.where(run.counts > 0.0, run.values, np.nan)
-    rows = np.arange(1, len(run) + 1)
-    raw = RawRun(run.t, values, run.names, run.units, run.source, rows, run.names, run.counts, run.repairs)
-    return on_grid(raw, run.t, grid, points, held)[0]
+    return on_grid(RawRun.of(run), run.t, grid, points, layout.held, layout.inputs)[0]

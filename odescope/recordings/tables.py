@@ -16,7 +16,7 @@ from odescope.recordings.columns import Columns, numbers, recording_codes, row_s
 from odescope.recordings.disorder import in_order
 from odescope.recordings.gaps import SHORTEST_RUN, RawRun, check_cells, pieces
 from odescope.recordings.layout import Layout
-from odescope.recordings.record import Stretch
+from odescope.recordings.record import Record, Records, Stretch
 from odescope.recordings.uniform import uniform
 
 
@@ -49,6 +49,26 @@ def stretches(columns: Columns, layout: Layout, source: str, chunk: Chunk | None
         labels = [labels[codes[group[0]]] for group in groups]
     for run in _raw_runs(columns, layout, source, zip(labels, groups, strict=True), chunk.window[0]):
         yield from _between_gaps(run, chunk, layout)
+
+
+def on_uniform_time(records: Records, layout: Layout) -> Records:
+    """Return records of one's own making as files are read: cut at gaps, angles unwrapped, time uniform.
+
+    Args:
+        records: with any stamps; a value of which nothing was measured is missing.
+        layout: what their columns mean; they bear its names.
+
+    Raises:
+        InputError: the stamps do not serve, or the gaps are refused.
+    """
+    runs = (RawRun.of(record) for record in records)
+    return Records(tuple(_made_uniform(run.take(p), layout)[0] for run in runs for p in pieces(run, layout.gaps)))
+
+
+def _made_uniform(run: RawRun, layout: Layout) -> tuple[Record, IntArray]:
+    """Return the record of a run without gaps, and the grid point (n,) of each of its rows."""
+    unwrapped = unwrap(run, layout.angles.intersection(run.names))
+    return uniform(unwrapped, layout.jitter, layout.held, layout.inputs)
 
 
 def check_rows(rows: int, source: str) -> None:
@@ -128,7 +148,7 @@ def _between_gaps(run: RawRun, chunk: Chunk, layout: Layout) -> Iterator[Stretch
     run = in_order(run)
     rows = run.rows - 1
     for samples in pieces(run, layout.gaps, partial=cut_before or cut_after):
-        record, points = uniform(unwrap(run.take(samples), layout.angles), layout.jitter, layout.held, layout.inputs)
+        record, points = _made_uniform(run.take(samples), layout)
         first, last = _own(rows[samples], points, chunk, len(record))
         if first < last:
             begins, ends = not (cut_before and samples[0] == 0), not (cut_after and samples[-1] + 1 == len(rows))

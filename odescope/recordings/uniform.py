@@ -10,7 +10,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
 from odescope.recordings.between_samples import looks_held, on_polygon
 from odescope.recordings.clock import EXACT_PERIODS, read_clock, whole_steps
-from odescope.recordings.gaps import RawRun
+from odescope.recordings.gaps import GAP_PERIODS, RawRun
 from odescope.recordings.local_spline import fit_smooth
 from odescope.recordings.lost_rows import sample_numbers
 from odescope.recordings.record import Record, within
@@ -97,7 +97,8 @@ def on_grid(
         else:
             values[:, k] = _assigned(*own, grid, points[there])
             if name in inputs:
-                values[:, k] = _in_lines(*own[:2], grid, np.where(counts[:, k] > 0.0, np.nan, values[:, k]))
+                between = _between_coarse(*own[:2], grid) if _coarse(own[0], grid) else values[:, k]
+                values[:, k] = _in_lines(*own[:2], grid, np.where(counts[:, k] > 0.0, np.nan, between))
     some = counts > 0.0
     first, stop = int(some.argmax(axis=0).max()), len(grid) - int(some[::-1].argmax(axis=0).max())
     record = Record(grid, values, run.names, run.units, run.source, counts, run.repairs).part(first, stop)
@@ -124,6 +125,23 @@ def _assigned(t: FloatArray, values: FloatArray, weights: FloatArray, grid: Floa
     # Between samples that are far apart beside others that are close a cubic may go anywhere.
     between = np.clip(curve, values.min() - np.ptp(values), values.max() + np.ptp(values))
     return np.where(there > 0.0, total / np.maximum(there, 1.0), between)
+
+
+def _coarse(t: FloatArray, grid: FloatArray) -> bool:
+    return float(np.median(np.diff(t))) > GAP_PERIODS * float(grid[1] - grid[0])
+
+
+def _between_coarse(t: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
+    """Return an input (N,) between samples (n,) that are all further apart than the grid's points, free of overshoot.
+
+    A spline swings about every switch; this is nearly as close to what is smooth.
+    """
+    from scipy.interpolate import Akima1DInterpolator
+
+    if len(t) < 3:
+        return np.interp(grid, t, values)
+    curve: FloatArray = Akima1DInterpolator(t, values, method="makima")(np.clip(grid, t[0], t[-1]))
+    return curve
 
 
 def _in_lines(t: FloatArray, values: FloatArray, grid: FloatArray, between: FloatArray) -> FloatArray:

@@ -100,7 +100,7 @@ def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
         raise InputError("; ".join([said, *_told(refusals)]))
     layout = _layout(clock, recording, headings)
     records = Records(tuple(stretch.record for chunk in chunks for stretch in read_chunk(chunk, layout)))
-    seen = look(at_one_period(records, frozenset()), headings)
+    seen = look(at_one_period(records, layout), headings)
     if not chunks[0].whole:
         at_rest = {n for n in records.names if all(np.ptp(run.column(n)) == 0.0 for run in records)}
         seen = tuple(_seldom(s, file, layout) if s.name in at_rest else s for s in seen)

@@ -1,10 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from odescope.recordings.layout import Layout
 from odescope.recordings.periods import at_one_period, common_period, stretch_at_period
 from odescope.recordings.record import Record, Records, Stretch
 
 NOISE = 1e-3
+PLAIN = Layout(time="t", columns=(("x", "x"), ("u", "u")))
 
 
 def moving(t):
@@ -19,7 +23,7 @@ def sampled(period, count, seed=0, start=0.0):
 
 def test_records_that_are_sampled_alike_stay_as_they_are():
     records = Records((sampled(0.002, 500), sampled(0.002 * (1 + 5e-5), 700)))
-    assert at_one_period(records, frozenset()) is records
+    assert at_one_period(records, PLAIN) is records
 
 
 def test_the_period_is_the_median_of_all_steps():
@@ -30,7 +34,7 @@ def test_the_period_is_the_median_of_all_steps():
 @pytest.mark.parametrize("period", [0.00200039, 0.0015, 0.0031, 0.02])
 def test_noise_about_the_truth_stays_white_on_another_grid(period):
     runs = (sampled(0.00200014, 6000), sampled(period, 5000, seed=1, start=0.7))
-    found = at_one_period(Records(runs), frozenset({"u"})).runs
+    found = at_one_period(Records(runs), replace(PLAIN, held=frozenset({"u"}))).runs
     assert found[0] is runs[0]
     run = found[1]
     assert run.sample_period == pytest.approx(0.00200014, rel=1e-9)
@@ -48,8 +52,17 @@ def test_noise_about_the_truth_stays_white_on_another_grid(period):
 
 def test_what_counts_of_a_stretch_is_the_same_time_on_another_grid():
     run = sampled(0.0015, 4000)
-    found = stretch_at_period(Stretch(run, 1000, 3000, begins=False, ends=False), 0.002, frozenset())
+    found = stretch_at_period(Stretch(run, 1000, 3000, begins=False, ends=False), 0.002, PLAIN)
     assert found.record.t[found.first] == pytest.approx(run.t[1000], abs=0.001)
     assert found.record.t[found.stop] == pytest.approx(run.t[3000], abs=0.001)
-    whole = stretch_at_period(Stretch.whole(run), 0.002, frozenset())
+    whole = stretch_at_period(Stretch.whole(run), 0.002, PLAIN)
     assert (whole.first, whole.stop) == (0, len(whole.record))
+
+
+def test_an_input_runs_in_lines_on_another_grid_as_well():
+    fine, coarse = sampled(0.002, 4000), sampled(0.0071, 1000)
+    driven = [np.column_stack([run.column("x"), np.sign(np.sin(5.0 * run.t))]) for run in (fine, coarse)]
+    square = Records(tuple(replace(run, values=values) for run, values in zip((fine, coarse), driven, strict=True)))
+    found = at_one_period(square, replace(PLAIN, inputs=frozenset({"u"}))).runs[1]
+    away = np.abs(np.sin(5.0 * found.t)) > 5.0 * 0.0142  # two samples
+    assert np.allclose(found.column("u")[away], np.sign(np.sin(5.0 * found.t))[away], atol=0.02)

@@ -144,6 +144,7 @@ def test_a_run_outlives_its_server_and_is_stopped_by_keys_alone(chromium, tmp_pa
 
 def press_until(page, label):
     """Go from control to control by the tabulator to the button of a label, and press it by Enter."""
+    page.wait_for_function("window.did_handshake")  # until then the page drops what is pressed
     page.evaluate("document.activeElement.blur()")
     for _ in range(80):
         page.keyboard.press("Tab")
