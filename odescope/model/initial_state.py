@@ -94,7 +94,7 @@ def _size(record: Record, name: str) -> float:
 def _fit(
     misfit: Callable[[FloatArray], FloatArray], state: FloatArray, size: float, evaluations: int
 ) -> tuple[FloatArray, float]:
-    """Return the state of least misfit and its root mean square, infinite where the run cannot be followed.
+    """Return the state of least misfit and its root mean square, infinite where the run or nothing can be followed.
 
     Args:
         misfit: of a state (n,), in standard deviations; not finite where the free run from there ends early.
@@ -116,7 +116,7 @@ def _fit(
             raise _NotFollowedError
         return np.column_stack(columns)
 
-    if not np.all(np.isfinite(last)):
+    if not len(last) or not np.all(np.isfinite(last)):
         return state, np.inf
     try:
         found = least_squares(followed, state, slopes, x_scale="jac", ftol=CONVERGED, max_nfev=evaluations)

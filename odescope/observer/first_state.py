@@ -54,16 +54,19 @@ def first_state(model: Model, record: Record) -> FirstState:
 
 
 def _even(model: Model, record: Record) -> Record:
-    """Return the first stretch of a record on a uniform grid, filled in where nothing was measured."""
+    """Return the first stretch of a record on a uniform grid, filled in where nothing was measured.
+
+    A coordinate of which it holds no sample at all stays as the record has it.
+    """
     part = record.part(0, min(len(record), LONGEST))
     grid = np.linspace(part.t[0], part.t[-1], len(part))
     steps = np.diff(part.t)
     uniform = float(np.ptp(steps)) <= 1e-6 * float(steps.mean())
-    measured = [c.name for c in model.coordinates]
     if uniform and part.counts is None:
         return part
+    filled_in = [c.name for c in model.coordinates if part.counted(c.name).any()]
     columns = []
     for name in part.names:
-        there = part.counted(name) > 0.0 if name in measured else np.ones(len(part), dtype=np.bool_)
+        there = part.counted(name) > 0.0 if name in filled_in else np.ones(len(part), dtype=np.bool_)
         columns.append(np.interp(grid, part.t[there], part.column(name)[there]))
     return replace(part, t=grid, values=np.column_stack(columns), counts=None)

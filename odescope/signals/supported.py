@@ -23,9 +23,9 @@ SAME = 1e-9  # of the largest singular value
 
 
 def bears_fits(counts: Sequence[FloatArray]) -> bool:
-    """Say whether fits to the measured samples are needed, and not too large, given the counts (N,) of records."""
+    """Say whether fits to the measured samples are needed, and neither too large nor of none: counts (N,) of records."""
     measured, points = sum(int(np.count_nonzero(n)) for n in counts), sum(map(len, counts))
-    return measured < min(LOST * points, MANY)
+    return 0 < measured < min(LOST * points, MANY)
 
 
 def supported_cutoff(channel: Sequence[FloatArray], counts: Sequence[FloatArray], period: float, most: float) -> float:

@@ -19,7 +19,7 @@ from odescope.observer.noise import measurement_noise
 from odescope.recordings.record import Record, Recorded, Records
 from odescope.validation.agreement import Agreement, Pair, agreement
 from odescope.validation.domain import outside_domain
-from odescope.validation.free_runs import FreeRunOf, beside, run_freely
+from odescope.validation.free_runs import FreeRunOf, beside, counting, run_freely
 
 STARTS = 20  # runs in all, spread over the recordings by their lengths
 LEAST_STARTS = 2  # of a recording that is long enough
@@ -142,13 +142,15 @@ def _measured(model: Model) -> tuple[str, ...]:
 
 
 def _many(model: Model, record: Record, records: Records) -> Iterator[tuple[Record, Trajectory]]:
-    """Yield free runs over the pieces of a record."""
+    """Yield free runs over the pieces of a record, but for those without a sample of what the record has samples of."""
+    there = [counted for c in model.coordinates if (counted := counting(model, c, record)).any()]
     share = max(LEAST_STARTS, round(STARTS * len(record) / records.samples))
     count = max(1, min(share, len(record) // SHORTEST))
     edges = np.linspace(0, len(record), count + 1).astype(np.int64).tolist()
     for first, stop in pairwise(edges):
-        part = record.part(first, stop)
-        yield part, run_freely(model, part)
+        if all(counted[first:stop].any() for counted in there):
+            part = record.part(first, stop)
+            yield part, run_freely(model, part)
 
 
 def _label(number: int, record: Record) -> str:
@@ -163,10 +165,16 @@ def _rows(
     runs: list[list[tuple[Record, Trajectory]]],
     noise: Mapping[str, float],
 ) -> Iterator[ValidationRow]:
-    """Yield the rows of free runs, given those of every recording, and the noise of what is known of it."""
+    """Yield the rows of free runs, given those of every recording, and the noise of what is known of it.
+
+    A recording that holds no sample of a coordinate has no row of it.
+    """
     for c in model.coordinates:
         every, times = list[Pair | None](), list[tuple[float, float]]()
-        for number, own in enumerate(runs, 1):
+        for number, everything in enumerate(runs, 1):
+            own = [(record, run) for record, run in everything if counting(model, c, record).any()]
+            if not own:
+                continue
             pieces, spans = list[Pair](), list[tuple[float, float]]()
             for record, run in own:
                 pair, valid = beside(model, c, FreeRunOf(name, number, record, run), noise.get(c.name, 0.0))
@@ -183,9 +191,9 @@ def _rows(
 
 
 def _agreed(pairs: list[Pair | None]) -> Agreement | None:
-    """Return the agreement of some recordings together, None where a run of one ended early."""
+    """Return the agreement of some recordings together, None where there is none or a run of one ended early."""
     whole = [pair for pair in pairs if pair is not None]
-    return agreement(whole) if len(whole) == len(pairs) else None
+    return agreement(whole) if whole and len(whole) == len(pairs) else None
 
 
 def _row(

@@ -150,3 +150,21 @@ def test_records_of_which_half_are_far_off_count_as_they_are():
         t, np.column_stack([np.clip(3.0 * np.sin(2.0 * t), -1.0, 1.0), rng.standard_normal(400)]), ("x", "u")
     )
     assert any(note.startswith("all samples count: ") for note in validate(TRUE, saturated).notes)
+
+
+def test_stretches_without_a_sample_of_a_coordinate_have_no_part():
+    whole = record(0, 2000)
+    counts = np.ones(whole.values.shape)
+    counts[300:700, 0] = 0.0  # a sensor that said nothing for longer than a piece lasts
+    found = validate({"true": TRUE}, [replace(whole, counts=counts)])
+    many = of(found, recording=ALL, prediction="many starts")
+    assert many.rmse == pytest.approx(NOISE, rel=0.1)
+    assert many.valid_time == pytest.approx(many.duration)
+
+
+def test_a_recording_without_a_sample_of_a_coordinate_has_no_row_of_it():
+    first, second = record(0, 600), record(1, 600)
+    lost = replace(second, counts=np.column_stack([np.zeros(600), np.ones(600)]))
+    found = validate({"true": TRUE}, [first, lost])
+    assert {r.recording for r in found.rows if r.prediction == "free run"} == {"run 0", ALL}
+    assert of(found, recording=ALL, prediction="free run").rmse == pytest.approx(NOISE, rel=0.1)
