@@ -58,7 +58,7 @@ _HOMES = {
     "export.programs.modelica": ("to_modelica",),
     "export.model_file": ("from_json", "read_model", "to_json", "write_model"),
     "study.library_options": ("Candidates",),
-    "study.options": ("Data", "Driven", "Filtering", "Measured", "Regression", "Study"),
+    "study.options": ("Data", "Driven", "Filtering", "Measured", "Random", "Regression", "Study"),
     "study.toml": ("read_study",),
     "pipeline.joint_models": ("Search", "to_relation"),
     "pipeline.identification": ("Identification", "identify"),

@@ -85,6 +85,7 @@ from odescope.study.options import Data as Data
 from odescope.study.options import Driven as Driven
 from odescope.study.options import Filtering as Filtering
 from odescope.study.options import Measured as Measured
+from odescope.study.options import Random as Random
 from odescope.study.options import Regression as Regression
 from odescope.study.options import Study as Study
 from odescope.study.toml import read_study as read_study

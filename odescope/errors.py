@@ -61,10 +61,13 @@ def as_path(given: object, what: str) -> Path:
     """Return a path that a caller gave as such or as text; `what` says what of.
 
     Raises:
-        InputError: it is neither.
+        InputError: it is neither, or no file can be called so.
     """
     if isinstance(given, str | os.PathLike):
-        return Path(os.fspath(given))
+        path = Path(os.fspath(given))
+        if "\0" in str(path):
+            raise InputError(f"{what} cannot be called {str(path)!r}: no name of a file holds a zero character")
+        return path
     raise InputError(f"{what} is named by its path, as text or pathlib.Path; {said(given)} came")
 
 

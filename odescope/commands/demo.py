@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.commands.files import check_writable
+from odescope.commands.files import MARKS, WRITTEN, check_writable, refuse_foreign
 from odescope.events import FilesWritten, Monitor, StageBegan
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
@@ -34,10 +34,12 @@ START = (0.0, 30.0 * np.pi / 32.0, 0.0, 0.0)
 NOISE = {1: (0.0005, 0.0025), 2: (0.005, 0.0025), 3: (0.05, 0.025), 4: (0.5, 0.25)}  # metres, radians
 PAPER_JOINT_FRICTION = 0.01
 
-STUDY = """# The paper's pendulum on a cart; see the README.
+LOG, STUDY_FILE = "log.csv", "demo.toml"
+STUDY_HEAD = "# The paper's pendulum on a cart; see the README."
+STUDY = """{head}
 
 [data]
-files = ["log.csv"]
+files = ["{log}"]
 time = "t"
 
 [coordinates.x]
@@ -123,11 +125,12 @@ def run_demo(out: Path, seed: int, level: int, joint_friction: float, monitor: M
     from odescope.commands.run import Reference, run_study
 
     check_writable(out)
+    refuse_foreign(out, (*WRITTEN, LOG, STUDY_FILE), (*MARKS, (STUDY_FILE, STUDY_HEAD.encode())))
     out.mkdir(parents=True, exist_ok=True)
     monitor.tell(StageBegan("simulating the pendulum on a cart"))
     log = simulate_log(seed, level, joint_friction)
     study = write_log(out, log, seed)
-    monitor.tell(FilesWritten(out, ("log.csv", study.name)))
+    monitor.tell(FilesWritten(out, (LOG, STUDY_FILE)))
     truth = Reference(
         lambda: true_signals(log, joint_friction), lambda model: table_two(cart_pendulum(joint_friction), model)
     )
@@ -189,14 +192,14 @@ def write_log(folder: Path, log: SimulatedLog, seed: int) -> Path:
     """
     columns = np.column_stack([log.t, log.measured, log.force])
     rows = [",".join(map(repr, row)) for row in columns.tolist()]
-    partial = folder / ".log.csv.partial"
+    partial = folder / f".{LOG}.partial"
     try:
         partial.write_text("\n".join(["t,x,phi,u", *rows, ""]), encoding="utf-8", newline="\n")
-        partial.replace(folder / "log.csv")
+        partial.replace(folder / LOG)
     finally:
         partial.unlink(missing_ok=True)
-    (folder / "demo.toml").write_text(STUDY.format(seed=seed), encoding="utf-8")
-    return folder / "demo.toml"
+    (folder / STUDY_FILE).write_text(STUDY.format(head=STUDY_HEAD, log=LOG, seed=seed), encoding="utf-8")
+    return folder / STUDY_FILE
 
 
 # Table 2 of the paper, its model normalised to a denominator 1 + q cos^2(phi).

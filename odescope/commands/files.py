@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from odescope.errors import InputError
@@ -163,7 +164,7 @@ def check_writable(folder: Path) -> None:
         raise InputError(f"cannot write to {folder}: {error.strerror or error}") from error
 
 
-def refuse_foreign(folder: Path, written: Iterable[str]) -> None:
+def refuse_foreign(folder: Path, written: Iterable[str], marks: Sequence[tuple[str, bytes]] = MARKS) -> None:
     """Refuse, before anything is computed, a folder with files that are no results and whose place results would take.
 
     A folder with earlier results is theirs: new ones replace them. In any other, which may be that of a project, files
@@ -172,11 +173,12 @@ def refuse_foreign(folder: Path, written: Iterable[str]) -> None:
     Args:
         folder: for results.
         written: names of files that are to come; of folders in it, patterns.
+        marks: files, and what they begin with, that say that the folder is one with earlier results.
 
     Raises:
         InputError: such files are there.
     """
-    if any(_holds(folder / name, mark) for name, mark in MARKS):
+    if any(_holds(folder / name, mark) for name, mark in marks):
         return
     foreign = sorted({path.relative_to(folder).as_posix() for name in written for path in folder.glob(name)})
     if foreign:
@@ -208,7 +210,7 @@ def refuse_overwriting(targets: Iterable[Path], sources: Iterable[Path]) -> None
 
 
 def write_results(folder: Path, files: Mapping[str, str | bytes]) -> None:
-    """Write the files of a result, and remove what an earlier run left of a longer path or of no model.
+    """Write the files of a result, and remove what an earlier run left of a path or of no model.
 
     Raises:
         InputError: the folder cannot be written.
@@ -219,5 +221,9 @@ def write_results(folder: Path, files: Mapping[str, str | bytes]) -> None:
         for model in folder.glob(PATH_MODELS):
             if f"{PATH}/{model.name}" not in files:
                 model.unlink()
+        if PATH_TABLE not in files:
+            (folder / PATH_TABLE).unlink(missing_ok=True)
+            with suppress(OSError):  # something else is in it
+                (folder / PATH).rmdir()
     except OSError as error:
         raise InputError(f"cannot write to {folder}: {error.strerror or error}") from error

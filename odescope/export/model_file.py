@@ -21,6 +21,7 @@ from odescope.model.scores import ModelScores
 from odescope.recordings.coordinate import Coordinate, Input
 
 OPTIONAL = ("delay", "offset")  # keys of an input and of a coordinate that a file may leave out
+NAMED = "named_terms"  # key of the provenance: the terms that hold a constant, with its name in them
 LONGEST_EXPLICIT = 2000  # characters: a longer fraction is for nobody to read
 
 
@@ -43,12 +44,11 @@ class _Mechanism(msgspec.Struct, forbid_unknown_fields=True):
     std_error: float | None
 
 
-class _Parameter(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+class _Parameter(msgspec.Struct, forbid_unknown_fields=True):
     name: str
     value: float
     std_error: float | None
     terms: list[str]
-    written: list[str] = []
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
@@ -96,9 +96,8 @@ def to_json(model: Model) -> str:
     if model.mechanisms:
         file["mechanisms"] = [_Mechanism(m.name, m.kind, m.term, m.coefficient, m.std_error) for m in model.mechanisms]
     if model.parameters:
-        file["parameters"] = [
-            _Parameter(p.name, p.value, p.std_error, list(p.terms), list(p.written)) for p in model.parameters
-        ]
+        file["parameters"] = [_Parameter(p.name, p.value, p.std_error, list(p.terms)) for p in model.parameters]
+        file["provenance"] = {**model.provenance, NAMED: {p.name: p.written for p in model.parameters if p.written}}
     return msgspec.json.format(msgspec.json.encode(file), indent=2).decode() + "\n"
 
 
@@ -163,7 +162,8 @@ def from_json(data: bytes | str) -> Model:
     scope = Scope.of([n for c in coordinates for n in c.states] + [i.name for i in inputs])
     relations = tuple(Relation(tuple(_read_term(t, scope) for t in r.terms)) for r in file.relations)
     mechanisms = tuple(_read_mechanism(m) for m in file.mechanisms)
-    parameters = tuple(_read_parameter(p) for p in file.parameters)
+    named = _named_terms(file.provenance.pop(NAMED, {}))
+    parameters = tuple(_read_parameter(p, named.get(p.name, ())) for p in file.parameters)
     scores = None if file.scores == ModelScores() else file.scores
     model = Model(coordinates, inputs, relations, scores, file.domain, file.provenance, mechanisms, parameters)
     for what, came, expected in (("states", file.states, model.states), ("targets", file.targets, model.targets)):
@@ -195,9 +195,16 @@ def _read_mechanism(m: _Mechanism) -> FoundMechanism:
     return FoundMechanism(m.name, m.kind, m.term, m.coefficient, m.std_error)
 
 
-def _read_parameter(p: _Parameter) -> FoundParameter:
+def _named_terms(found: object) -> dict[str, tuple[str, ...]]:
+    try:
+        return msgspec.convert(found, dict[str, tuple[str, ...]])
+    except msgspec.ValidationError as error:
+        raise InputError(f"its provenance holds {NAMED!r}, which is no lists of terms: {error}") from error
+
+
+def _read_parameter(p: _Parameter, written: tuple[str, ...]) -> FoundParameter:
     _check_numbers(p.name, p.value, p.std_error)
-    return FoundParameter(p.name, p.value, p.std_error, tuple(p.terms), tuple(p.written))
+    return FoundParameter(p.name, p.value, p.std_error, tuple(p.terms), written)
 
 
 def _check_numbers(what: str, coefficient: float, std_error: float | None) -> None:

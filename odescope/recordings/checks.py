@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import BoolArray, FloatArray
 from odescope.errors import InputError
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.headings import is_unit
@@ -18,6 +18,7 @@ LENGTHS = frozenset(
 )
 RADIANS = frozenset({"", "1", "-", "rad", "rads", "radian", "radians"})
 DEGREES = frozenset({"deg", "degs", "degree", "degrees", "°"})
+ISOLATED = 3  # samples in a row, at most, that are taken for outliers
 TURNS = 2.0  # that an angle in radians spans, from which on it may be one in degrees
 
 
@@ -79,15 +80,31 @@ def _check_angle(angle: Coordinate, records: Records) -> None:
 
 
 def _check_wraps(coordinate: Coordinate, records: Records) -> None:
-    """Refuse a coordinate that jumps by 2 pi and otherwise moves in small steps: an angle nobody declared."""
+    """Refuse a coordinate that jumps by 2 pi and otherwise moves in small steps: an angle nobody declared.
+
+    What has the unit of something else is none; jumps to a few samples and back are outliers or lost readings.
+    """
+    from scipy.ndimage import median_filter
+
+    for unit in (coordinate.unit, records.runs[0].units[records.names.index(coordinate.name)]):
+        if unit is not None and unit.strip().casefold() not in RADIANS and is_unit(unit):
+            return
     for run in records:
-        jumps = np.abs(np.diff(run.column(coordinate.name)))
-        wraps = np.abs(jumps - 2.0 * np.pi) < 0.5
-        if wraps.any() and not np.any(jumps[~wraps] > 0.25 * np.pi):
-            raise InputError(
-                f"coordinate {coordinate.name!r} jumps by about 2 pi{within(run.source)} ({int(wraps.sum())} times), so"
-                " it looks like a wrapped angle: declare it with angle = true (on the command line NAME:angle)"
-            )
+        column = run.column(coordinate.name)
+        if not _wraps(column).any() or not (wraps := _wraps(median_filter(column, 2 * ISOLATED + 1))).any():
+            continue
+        raise InputError(
+            f"coordinate {coordinate.name!r} jumps by about 2 pi{within(run.source)} ({int(wraps.sum())} times), so it"
+            " looks like a wrapped angle: declare it with angle = true (on the command line NAME:angle), or give the"
+            " unit of what it is"
+        )
+
+
+def _wraps(column: FloatArray) -> BoolArray:
+    """Return which steps (N - 1,) of a column (N,) are about 2 pi long, none where others are long, too."""
+    jumps = np.abs(np.diff(column))
+    wraps: BoolArray = np.abs(jumps - 2.0 * np.pi) < 0.5
+    return wraps & ~np.any(jumps[~wraps] > 0.25 * np.pi)
 
 
 def check_radians(name: str, column: FloatArray, source: str) -> None:

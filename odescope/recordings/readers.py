@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -152,12 +153,19 @@ def find_files(files: Path | str | Sequence[Path | str]) -> tuple[Path, ...]:
 
 
 def _matching(path: Path) -> list[Path]:
-    if path.exists() or not any(sign in path.name for sign in "*?"):
+    if not any(sign in path.name for sign in "*?"):
         return [path]
-    found = sorted(path.parent.glob(path.name))
+    found = matches(path)
     if not found:
         raise InputError(f"no file matches {path.name!r} in {path.parent}")
     return found
+
+
+def matches(path: Path) -> list[Path]:
+    """Return the files that a path or a pattern stands for, in order; none where there are none."""
+    if path.exists():
+        return [path]
+    return sorted(path.parent.glob(re.sub(r"\*+", "*", path.name)))  # of "**" pathlib makes folders, or an error
 
 
 def _dataset(folder: Path) -> list[Path]:

@@ -10,6 +10,7 @@ import msgspec
 import tomli_w
 
 from odescope.errors import InputError, as_path
+from odescope.recordings.readers import matches
 from odescope.study.messages import explained
 from odescope.study.options import Study
 from odescope.study.pieces import own_pieces, put_in, tables
@@ -34,7 +35,7 @@ def read_study(path: Path | str) -> Study:
         raise InputError(f"{path.name}: {error}") from error
     beside = with_whole_paths(study, path.parent).data.files
     files = tuple(
-        whole if Path(whole).exists() or any(Path(whole).parent.glob(Path(whole).name)) else file
+        whole if matches(as_path(whole, "a data file")) else file
         for file, whole in zip(study.data.files, beside, strict=True)
     )
     return msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, files=files))

@@ -7,10 +7,13 @@ from odescope.commands.demo import (
     PAPER_TABLE,
     START,
     cart_pendulum,
+    run_demo,
     simulate_log,
     table_two,
     write_demo,
 )
+from odescope.errors import InputError, Stopped
+from odescope.events import Monitor
 from odescope.library.tape import evaluate, write_tape
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
@@ -165,3 +168,18 @@ def test_the_written_files_are_the_log_to_the_last_digit(log, tmp_path):
     # The library is the paper's: 35 candidates a target.
     assert [len(study.candidates(c.target)) for c in study.measured()] == [35, 35]
     assert "preset" in study_toml(study)
+
+
+def test_a_demo_leaves_the_logs_of_others_alone_and_goes_on_in_its_own_folder(tmp_path):
+    def demo(folder, **how):
+        return run_demo(folder, 0, 1, 0.01, Monitor(**how))
+
+    mine = tmp_path / "log.csv"
+    mine.write_text("mine")
+    with pytest.raises(InputError, match=r"holds log\.csv and no results of odescope"):
+        demo(tmp_path)
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("log.csv", "mine")]
+    write_demo(tmp_path, 1, 1, 0.01)  # a demo that was stopped
+    with pytest.raises(Stopped):
+        demo(tmp_path, stop=lambda: True)
+    assert "seed = 0" in (tmp_path / "demo.toml").read_text()

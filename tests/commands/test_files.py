@@ -123,6 +123,12 @@ def test_models_of_a_longer_path_go_and_nothing_else_does(tmp_path):
     assert found == {"path/notes.txt": "old", "9_terms.json": "old", **newer}
 
 
+def test_a_path_of_an_earlier_run_goes_where_a_later_one_has_none(tmp_path):
+    write_results(tmp_path, dict.fromkeys(("model.json", "path.csv", "path/2_terms.json"), "old"))
+    write_results(tmp_path, {"model.json": "new"})
+    assert os.listdir(tmp_path) == ["model.json"]
+
+
 def test_results_have_the_permissions_that_the_user_set(tmp_path):
     before = os.umask(0o027)
     try:

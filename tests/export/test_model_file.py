@@ -9,7 +9,7 @@ from hand_models import MODELS
 
 from odescope.errors import InputError
 from odescope.export.model_file import from_json, read_model, to_json
-from odescope.model.relation import FoundMechanism
+from odescope.model.relation import FoundMechanism, FoundParameter
 from odescope.model.scores import ModelScores, TargetScore
 
 TOP = {
@@ -36,6 +36,18 @@ def refused(content):
 
 
 # writing
+
+
+def test_a_constant_within_functions_has_the_keys_of_the_contract_and_is_shown_by_name_when_read_back():
+    held, shown = ("x/(2.0 + x)",), ("x/(K + x)",)
+    model = replace(MODELS["rational"], parameters=(FoundParameter("K", 2.0, 0.1, held, shown),))
+    file = json.loads(to_json(model))
+    assert file["parameters"] == [{"name": "K", "value": 2.0, "std_error": 0.1, "terms": list(held)}]
+    assert file["provenance"]["named_terms"] == {"K": list(shown)}
+    back = from_json(json.dumps(file))
+    assert (back.parameters, back.provenance) == (model.parameters, model.provenance)
+    file["provenance"]["named_terms"] = {"K": "x"}
+    assert "named_terms" in refused(file)
 
 
 @pytest.mark.parametrize("name", MODELS)

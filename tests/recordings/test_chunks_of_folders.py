@@ -74,11 +74,14 @@ def test_a_pattern_stands_for_the_files_that_match_in_order(tmp_path):
     for name in ("run10.csv", "run02.csv", "run1.csv", "other.csv"):
         (tmp_path / name).touch()
     assert [f.name for f in find_files([tmp_path / "run*.csv"])] == ["run02.csv", "run1.csv", "run10.csv"]
+    assert [f.name for f in find_files([tmp_path / "run**.csv"])] == ["run02.csv", "run1.csv", "run10.csv"]
     assert [f.name for f in find_files([tmp_path / "run?.csv", tmp_path / "other.csv"])] == ["run1.csv", "other.csv"]
     (tmp_path / "run*.csv").touch()  # a file of that very name is meant itself
     assert find_files([tmp_path / "run*.csv"]) == (tmp_path / "run*.csv",)
     with pytest.raises(InputError, match=r"no file matches 'walk\*\.csv' in "):
         find_files([tmp_path / "walk*.csv"])
+    with pytest.raises(InputError, match=r"a data file cannot be called 'run\\x00\.csv'"):
+        find_files(["run\0.csv"])
 
 
 def test_a_folder_names_the_recording_of_a_whole_file(tmp_path):

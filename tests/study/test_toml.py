@@ -189,6 +189,7 @@ def test_reading_a_file_names_it(tmp_path):
         (None, ["cannot read the study", "No such file"]),
         (b"\xff\xfe[", ["cannot read the study", "decode"]),
         (PLAIN.replace("time", "tme").encode(), ["my study.toml: unknown key 'tme'"]),
+        (b'[data]\ntime = "t"\nfiles = ["a\\u0000b.csv"]\n[coordinates.x]\n', ["a data file cannot be called"]),
     ):
         if content is not None:
             path.write_bytes(content)
