@@ -106,7 +106,7 @@ def run_study(
             placed = _placed(study, folder)
             result = identify(placed, watch=watch.tell, stop=monitor.stop, cluster=cluster, store=out / FACTORS)
             monitor.tell(StageBegan("report"))
-            report = summary(result, title, dict(reference.signals()), reference.table(result.model), watch.known)
+            report = summary(result, title, dict(reference.signals()), reference.table(result.model), watch.seen_in(result))
             files = report_files(report, painter.paint(pictures(report)))
             monitor.check()
             written = result_files(result, moved(result.study, Path(), out), files)
@@ -133,7 +133,7 @@ class _Watch:
         painter: draws figures.
         monitor: whom to tell.
         progress: what was told of it.
-        known: what the report says of the record, if it was made early.
+        drafts: that were told, and what the report says of the record of each.
     """
 
     title: str
@@ -142,19 +142,32 @@ class _Watch:
     painter: Painters
     monitor: Monitor
     progress: list[Progress] = field(default_factory=list)
-    known: Observed | None = None
+    drafts: list[tuple[Identification, Observed]] = field(default_factory=list)
 
     def tell(self, event: Event) -> None:
         """Hear an event of the run."""
         if isinstance(event, DraftReady):
-            self.known = observed(event.result, dict(self.reference.signals()))
-            self.painter.begin(early_pictures(self.known, searched(event.result)))
+            known = observed(event.result, dict(self.reference.signals()))
+            self.drafts.append((event.result, known))
+            self.painter.begin(early_pictures(known, searched(event.result)))
         elif isinstance(event, Progress):
             self.progress.append(event)
         self.monitor.tell(event)
         if isinstance(event, NothingFound):
             write_files(self.out, {NO_MODEL: no_model_html(event, self.title, self.painter.paint)})
             self.monitor.tell(FilesWritten(self.out, (NO_MODEL,)))
+
+
+    def seen_in(self, result: Identification) -> Observed | None:
+        """Return what was said early of the record that a result is of; None where that was another, or none.
+
+        Versions of inputs and forcings compete, so that the last draft may be of a study that lost.
+        """
+        for draft, known in self.drafts:
+            same = draft.signals is result.signals and draft.searched == result.searched and draft.study == result.study
+            if same:
+                return known
+        return None
 
 
 def draw_again(folder: Path, out: Path, monitor: Monitor = SILENT) -> None:

@@ -17,7 +17,16 @@ from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import refine_form
-from odescope.pipeline.wider import LEAST, TIMES, evidently_better, promises, regressed_with, with_basis, within
+from odescope.pipeline.wider import (
+    LEAST,
+    TIMES,
+    basis_of,
+    evidently_better,
+    promises,
+    regressed_with,
+    with_basis,
+    within,
+)
 from odescope.pipeline.work import Work
 from odescope.signals.estimate import Signals
 
@@ -41,13 +50,12 @@ def with_angles(
     """
     study, signals = work.study, filtered.signals
     angles = [n for n in study.suspects if n in signals.states and may_be_angle(signals.joined()[signals.row(n)])]
-    by_hand = study.library.basis is not None or study.library.extra
-    if by_hand or not angles or not filtered.sample.complete:
+    if study.library.by_hand or not angles or not filtered.sample.complete:
         return refinement, ()
     settled = refinement is not None and refinement.lacks_nothing
     if settled and not suspected:
         return refinement, ()
-    wide = with_basis(work, _basis(signals, angles), DEGREE)
+    wide = with_basis(work, basis_of(study, angles), DEGREE)
     found = regressed_with(wide, filtered)
     # Regression decides cheaply, and cannot where the model before does not follow the record, or not quite.
     if found is None or (settled and not promises(found, regressed)):
@@ -61,11 +69,6 @@ def with_angles(
     if other is None or not evidently_better(other, refinement):
         return refinement, ()
     return other, tuple(_scores(other, refinement, angles, signals))
-
-
-def _basis(signals: Signals, angles: Sequence[str]) -> tuple[str, ...]:
-    names = (*signals.states, *(i.name for i in signals.inputs))
-    return (*names, *(f"{function}({name})" for name in angles for function in ("sin", "cos")))
 
 
 def _scores(

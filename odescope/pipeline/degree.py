@@ -12,7 +12,7 @@ from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import refine_form
-from odescope.pipeline.wider import LEAST, evidently_better, promises, regressed_with, with_basis, within
+from odescope.pipeline.wider import LEAST, basis_of, evidently_better, promises, regressed_with, with_basis, within
 from odescope.pipeline.work import Work
 
 DEGREES = (6, 5, 4)  # the highest with no more than so many candidates is taken:
@@ -34,14 +34,12 @@ def with_higher_degree(
         refinement: the model so far, if there is one.
     """
     study, signals = work.study, filtered.signals
-    by_hand = study.library.basis is not None or study.library.extra
     angles = any(c.angle for c in signals.coordinates)
-    if by_hand or angles or not study.suspects or not filtered.sample.complete:
+    if study.library.by_hand or angles or not study.suspects or not filtered.sample.complete:
         return refinement
     if refinement is not None and refinement.exact and not _quotient(refinement):
         return refinement
-    names = (*signals.states, *(i.name for i in signals.inputs))
-    wides = (with_basis(work, names, degree) for degree in DEGREES)
+    wides = (with_basis(work, basis_of(study), degree) for degree in DEGREES)
     wide, found = next(
         ((w, f) for w in wides if (f := regressed_with(w, filtered, FEW_ENOUGH)) is not None), (work, None)
     )

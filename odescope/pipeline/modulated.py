@@ -44,10 +44,9 @@ def with_modulated(
         regressed: what regression in the default library found.
         refinement: the model so far, if there is one.
     """
-    study, own = work.study, work.study.library
-    by_hand = own.basis is not None or own.terms is not None or own.extra or own.preset != "default"
+    study = work.study
     angles = any(c.angle for c in filtered.signals.coordinates)
-    if by_hand or not angles or not study.suspects or not filtered.sample.complete:
+    if study.library.by_hand or not angles or not study.suspects or not filtered.sample.complete:
         return refinement
     if refinement is not None and refinement.exact:
         return refinement

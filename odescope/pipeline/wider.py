@@ -27,6 +27,17 @@ LEAST = 1.0  # units of budget, where the search before cost next to nothing,
 TIMES = 2.0  # and times what it cost
 
 
+def basis_of(study: Study, turning: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the basis of another library: what the study leaves free, and sines and cosines of its angles.
+
+    Args:
+        study: a cyclic coordinate, an angle itself and the time have no part in its default library, nor in another.
+        turning: states that nobody called angles, and that may be some.
+    """
+    angles = [*(c.name for c in study.measured() if c.angle), *turning]
+    return (*study.suspects, *(f"{function}({name})" for name in angles for function in ("sin", "cos")))
+
+
 def with_basis(work: Work, basis: Sequence[str], degree: int) -> Work:
     """Return the work for a study with another library.
 

@@ -23,7 +23,7 @@ SAME = 1e-9  # of the largest singular value
 
 
 def bears_fits(counts: Sequence[FloatArray]) -> bool:
-    """Say whether fits to the measured samples are needed, and neither too large nor of none: counts (N,) of records."""
+    """Say whether fits to the measured samples are needed, and neither of none nor too large; counts (N,) a record."""
     measured, points = sum(int(np.count_nonzero(n)) for n in counts), sum(map(len, counts))
     return 0 < measured < min(LOST * points, MANY)
 

@@ -112,6 +112,11 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             raise InputError(f"rules do not apply to {fixed}; leave them out, or name a basis")
 
     @property
+    def by_hand(self) -> bool:
+        """Whether a user chose candidates: what was left out is not to be put in again."""
+        return self.basis is not None or self.terms is not None or bool(self.extra) or self.preset != "default"
+
+    @property
     def own_form(self) -> Form | None:
         """The form that the library asks for by name or by what it gives; None where it leaves that open."""
         if self.form != "auto":

@@ -18,6 +18,7 @@ from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageB
 from odescope.export.model_file import read_model
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.pipeline.identification import DraftReady, EquationsReady
+from odescope.report.assemble import observed
 from odescope.selection.ranking import Ranking
 from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Driven, Measured, Study
@@ -74,6 +75,18 @@ def test_files_of_several_folders_are_named_from_the_one_that_holds_them_all(fol
     study = structs.replace(STUDY, data=Data(files=("logs/run.csv", "more/run.csv"), time="t"))
     run = run_study(study, folder, folder / "out")
     assert parse_study(run.report.reproduce.study).data.files == ("logs/run.csv", "more/run.csv")
+
+
+def test_the_report_is_of_the_columns_that_the_model_is_of(folder):
+    """Of columns that compete the one that drove the record comes first, and loses its draft to the last."""
+    log = oscillator()
+    other = np.random.default_rng(0).standard_normal(len(log["u"]))
+    write(folder / "logs/run.csv", {**log, "other": other})
+    study = structs.replace(STUDY, inputs={"u": Driven(column=("u", "other"))})
+    run = run_study(study, folder, folder / "out")
+    assert run.result.study.inputs["u"].column == "u"
+    assert [i.column for i in run.report.observed.recorded.inputs] == ["u"]
+    assert run.report.observed == observed(run.result)
 
 
 @pytest.mark.parametrize("at", ["records", "regression", "likelihood", EquationsReady, "report"])
