@@ -1,4 +1,4 @@
-"""Files, written so that a stop in the middle leaves no half one."""
+"""Files: written so that a stop in the middle leaves no half one, and named so that they are told apart."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from odescope.errors import InputError
@@ -81,3 +81,13 @@ def write_file(path: Path, text: str) -> None:
             partial.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def shortest_ends(paths: Sequence[Path]) -> tuple[str, ...]:
+    """Return the shortest ends of paths that tell them apart, their names if these do; a path given twice is not."""
+    whole = [path.absolute().parts for path in paths]
+    depth, names = 1, tuple(path.name for path in paths)
+    while len(set(names)) < len(set(whole)):
+        depth += 1
+        names = tuple("/".join(parts[-depth:]) for parts in whole)
+    return names

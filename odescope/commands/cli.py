@@ -206,7 +206,7 @@ def filter_(
         list[str] | None,
         typer.Option(
             metavar="COORDINATE=NUMBER",
-            help="Standard deviation of a sample; repeat for more.",
+            help="Standard deviation of a sample, in the unit of its column; repeat for more.",
             show_default="as identified",
         ),
     ] = None,
@@ -249,7 +249,7 @@ def validate(
         list[str] | None,
         typer.Option(
             metavar="COORDINATE=NUMBER",
-            help="Standard deviation of a sample, for one-step predictions; repeat for more.",
+            help="Standard deviation of a sample in the unit of its column, for one-step predictions; repeat for more.",
             show_default="as identified",
         ),
     ] = None,

@@ -113,6 +113,28 @@ def units_told(model: Model, time: TimeCells) -> list[str]:
     return [f"columns: {', '.join([time.told, *known])}"] if known or time.told != f"{time.label} in s" else []
 
 
+def column_units(model: Model) -> dict[str, float]:
+    """Return what one unit of the column of each coordinate, and of its target, is in the units of the model."""
+    degrees = in_degrees(model)
+    names = ((name, c.name in degrees) for c in model.coordinates for name in (c.name, c.target))
+    return {name: np.pi / 180.0 if turned else 1.0 for name, turned in names}
+
+
+def given_noise(model: Model, texts: Sequence[str]) -> dict[str, float]:
+    """Return the noise of coordinates in the units of the model, given as NAME=NUMBER in those of the columns.
+
+    Args:
+        model: whose coordinates are meant.
+        texts: of `--noise`.
+
+    Raises:
+        InputError: see `named_numbers`.
+    """
+    given = named_numbers("--noise", texts, [c.name for c in model.coordinates], "coordinate")
+    units = column_units(model)
+    return {name: number * units[name] for name, number in given.items()}
+
+
 @dataclass(frozen=True, eq=False)
 class Sensors:
     """What sensors read of states (n,): `offset` more, in units of `unit` radians or of one."""

@@ -4,36 +4,51 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from odescope.commands.model_data import Sensors, TimeCells, label_of, named_numbers, units_told
+from odescope.commands.model_data import (
+    Sensors,
+    TimeCells,
+    column_units,
+    given_noise,
+    label_of,
+    named_numbers,
+    units_told,
+)
 from odescope.export.model_file import read_model
 from odescope.model.model import Model
 from odescope.model.recorded import TimeColumns, read_for, recording_column
 from odescope.observer.estimate import StateEstimates, estimate_states
-from odescope.observer.noise import FIT, ProcessNoise, measurement_noise
+from odescope.observer.noise import FIT, ObserverNoise, ProcessNoise, measurement_noise
 from odescope.recordings.record import Records
 
 
 @dataclass(frozen=True)
 class NoiseOptions:
-    """NAME=NUMBER of coordinates and of targets as they are given; in place of targets "fit" asks for a fit."""
+    """NAME=NUMBER of coordinates and of targets as they are given; in place of targets "fit" asks for a fit.
+
+    They are in the units of the columns: of an angle that was recorded in degrees, degrees.
+    """
 
     noise: tuple[str, ...] = ()
     process: tuple[str, ...] = ()
 
     def measurement(self, model: Model) -> dict[str, float]:
         """Return the noise of coordinates, as far as it is given."""
-        return named_numbers("--noise", self.noise, [c.name for c in model.coordinates], "coordinate")
+        return given_noise(model, self.noise)
 
     def of_targets(self, model: Model) -> ProcessNoise:
         """Return the process noise of targets, None where nothing is given."""
         if self.process == (FIT,):
             return FIT
-        return named_numbers("--process-noise", self.process, model.targets, "target") if self.process else None
+        if not self.process:
+            return None
+        given, units = named_numbers("--process-noise", self.process, model.targets, "target"), column_units(model)
+        return {target: number * units[target] for target, number in given.items()}
 
 
 def filtered(
@@ -61,7 +76,23 @@ def filtered(
     found = estimate_states(model, records, noise, process, smooth)
     time_cells = TimeCells.of(model, data_path, columns)
     text = _csv(model, data_path, columns, time_cells, found, records)
-    return text, (*found.lines, *units_told(model, time_cells))
+    return text, (*_in_columns(found, column_units(model)).lines, *units_told(model, time_cells))
+
+
+def _in_columns(found: StateEstimates, units: Mapping[str, float]) -> StateEstimates:
+    """Return estimates whose noise and innovations are in the units of the columns, for what is said of them.
+
+    Args:
+        found: in the units of the model.
+        units: of the columns, in these.
+    """
+    measured, left_out = (
+        {name: number / units[name] for name, number in noise.items()}
+        for noise in (found.noise.measurement, found.noise.process)
+    )
+    checked = tuple(replace(w, rms=w.rms / units[w.coordinate]) for w in found.consistency.coordinates)
+    consistency = replace(found.consistency, coordinates=checked)
+    return replace(found, noise=ObserverNoise(measured, left_out), consistency=consistency)
 
 
 def _csv(

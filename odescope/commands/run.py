@@ -106,7 +106,9 @@ def run_study(
             placed = _placed(study, folder)
             result = identify(placed, watch=watch.tell, stop=monitor.stop, cluster=cluster, store=out / FACTORS)
             monitor.tell(StageBegan("report"))
-            report = summary(result, title, dict(reference.signals()), reference.table(result.model), watch.seen_in(result))
+            report = summary(
+                result, title, dict(reference.signals()), reference.table(result.model), watch.seen_in(result)
+            )
             files = report_files(report, painter.paint(pictures(report)))
             monitor.check()
             written = result_files(result, moved(result.study, Path(), out), files)
@@ -156,7 +158,6 @@ class _Watch:
         if isinstance(event, NothingFound):
             write_files(self.out, {NO_MODEL: no_model_html(event, self.title, self.painter.paint)})
             self.monitor.tell(FilesWritten(self.out, (NO_MODEL,)))
-
 
     def seen_in(self, result: Identification) -> Observed | None:
         """Return what was said early of the record that a result is of; None where that was another, or none.

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from odescope.commands.model_data import named_numbers
+from odescope.commands.model_data import given_noise
 from odescope.commands.options import model_in
 from odescope.errors import InputError
 from odescope.export.model_file import read_model
+from odescope.files import shortest_ends
 from odescope.model.model import Model
 from odescope.model.recorded import TimeColumns
 from odescope.report.result_names import MODEL
@@ -68,7 +69,7 @@ def validated(
     """
     models = {name: read_model(path) for name, path in _names(files.models).items()}
     first = next(iter(models.values()))
-    given = named_numbers("--noise", noise, [c.name for c in first.coordinates], "coordinate")
+    given = given_noise(first, noise)
     return compare(models, files.data, columns, given), models
 
 
@@ -94,8 +95,7 @@ def validation_files(found: Validation, model: Model) -> dict[str, str | bytes]:
 
 def _names(models: Sequence[Path]) -> dict[str, Path]:
     """Return models by the shortest ends of their paths that tell them apart, without the file's ending."""
-    for depth in range(1, max(len(path.resolve().parts) for path in models) + 1):
-        names = ["/".join(path.resolve().with_suffix("").parts[-depth:]) for path in models]
-        if len(set(names)) == len(names):
-            return dict(zip(names, models, strict=True))
-    raise InputError("a model is named twice")
+    plain = [path.resolve().with_suffix("") for path in models]
+    if len(set(plain)) < len(plain):
+        raise InputError("a model is named twice")
+    return dict(zip(shortest_ends(plain), models, strict=True))

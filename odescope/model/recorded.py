@@ -10,9 +10,11 @@ from pathlib import Path
 from odescope.errors import InputError, nearest, said
 from odescope.model.model import Model
 from odescope.recordings.checks import is_degrees
+from odescope.recordings.formats import PARQUET
 from odescope.recordings.frames import table_names
 from odescope.recordings.headings import UNITS_OF_TIME, Heading, TimeUnit, find_label, time_unit
 from odescope.recordings.layout import Layout
+from odescope.recordings.parquet_files import folder_labels
 from odescope.recordings.readers import column_names, find_files, read_records, records_from
 from odescope.recordings.record import Record, Recorded, Records
 
@@ -65,10 +67,11 @@ def records_for(model: Model, data: Recorded, given: TimeColumns = UNSAID) -> Re
 
 @dataclass(frozen=True)
 class TableLabels:
-    """The labels of the columns of a table, and where that came from, for messages."""
+    """The labels of the columns of a table, where it came from, for messages, and the keys of folders KEY=VALUE."""
 
     labels: tuple[str, ...]
     source: str
+    keys: tuple[str, ...] = ()
 
 
 def model_columns(model: Model) -> dict[str, str]:
@@ -152,7 +155,9 @@ def in_degrees(model: Model) -> frozenset[str]:
 
 
 def _of_file(file: Path) -> TableLabels:
-    return TableLabels(column_names(file), file.name)
+    first = find_files([file])[0]
+    keys = folder_labels(first) if first.name.lower().endswith(PARQUET.endings) else {}
+    return TableLabels(column_names(first), file.name, tuple(keys))
 
 
 def _layout(model: Model, tables: Sequence[TableLabels], given: TimeColumns, names: Sequence[str]) -> Layout:
@@ -196,7 +201,7 @@ def _recording(model: Model, table: TableLabels, given: TimeColumns) -> str | No
     if given.recording is not None:
         return find_label(given.recording, table.labels, table.source) or given.recording
     known = model.provenance.get("recording")
-    return known if isinstance(known, str) and known in table.labels else None
+    return known if isinstance(known, str) and known in (*table.labels, *table.keys) else None
 
 
 def _places(model: Model, table: TableLabels, given: TimeColumns) -> dict[str, str]:

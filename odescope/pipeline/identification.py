@@ -338,6 +338,8 @@ def _identified(
     except NoModelError as failure:
         work.monitor.tell(_nothing_found(work, filtered, regressed, failure))
         raise
+    if (kept := prepared.sample.store) is not None:
+        kept.prune()
     return result(seen, model, winner.refinement, winner.left_out, runs), winner.best
 
 

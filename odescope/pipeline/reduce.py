@@ -227,5 +227,3 @@ def _each(
                     store.write(key, found)
             monitor.tell(Progress("recordings", "chunk", k + 1, len(todo), left))
             yield found
-    if store is not None:
-        store.prune(keys)

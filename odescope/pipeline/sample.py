@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from odescope.errors import InputError
+from odescope.files import shortest_ends
 from odescope.parallel.workers import Threads
 from odescope.pipeline.store import Store
 from odescope.recordings.chunks import Chunk, DataFile, cut
@@ -81,7 +82,8 @@ def open_recordings(data: Data, layout: Layout, store: Store | None) -> Sample:
     if not data.files:
         raise InputError("the study names no files: set files in [data], or pass the recordings")
     paths = find_files([Path(f) for f in data.files])
-    files = tuple(_anywhere(f) for f in Threads().map(survey, paths, layout))
+    surveyed = zip(Threads().map(survey, paths, layout), shortest_ends(paths), strict=True)
+    files = tuple(replace(_anywhere(f), name=name) for f, name in surveyed)
     columns, total = len(layout.used), sum(f.rows for f in files)
     rows = rows_in_memory(data.memory, columns)
     complete = total <= max(rows, LEAST_ROWS)

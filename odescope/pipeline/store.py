@@ -7,7 +7,7 @@ import json
 import os
 import secrets
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -35,11 +35,13 @@ class Reduced:
 class Store:
     """Where factors of finished chunks of a study are kept, so that nothing is done twice.
 
-    Nothing of it is executed when it is read. `study` is a digest of the options.
+    Nothing of it is executed when it is read. `study` is a digest of the options; `served` collects the names of what
+    was read and written.
     """
 
     root: Path
     study: str
+    served: set[str] = field(default_factory=set, compare=False)
 
     @property
     def folder(self) -> Path:
@@ -76,6 +78,7 @@ class Store:
 
     def read(self, key: str) -> Reduced | None:
         """Return what is kept under a name, None where it is not there or damaged."""
+        self.served.add(key)
         try:
             with (self.folder / key).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 return _unpacked(arrays)
@@ -84,11 +87,12 @@ class Store:
 
     def write(self, key: str, reduced: Reduced) -> None:
         """Keep the factors of a chunk."""
+        self.served.add(key)
         self._write(key, lambda path: _save(path, _packed(reduced)))
 
-    def prune(self, keys: Sequence[str]) -> None:
-        """Remove the study's factors that no longer serve."""
-        for name in {path.name for path in self.folder.glob("*.npz")} - set(keys):
+    def prune(self) -> None:
+        """Remove the study's factors that served nothing: a run may read the log several times, each with a plan."""
+        for name in {path.name for path in self.folder.glob("*.npz")} - self.served:
             (self.folder / name).unlink(missing_ok=True)
 
     def _write(self, name: str, write: Callable[[Path], object]) -> None:

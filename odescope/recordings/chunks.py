@@ -15,7 +15,8 @@ class DataFile:
     r"""A data file, and how many rows of data it holds.
 
     `text` and `index` say of a text file what its header means and where its rows are; a file that is not `divisible`
-    (compressed text, text with line ends of "\r" alone, MATLAB) can only be read whole.
+    (compressed text, text with line ends of "\r" alone, MATLAB) can only be read whole. `name` tells it from other
+    files of that name, where there are some.
     """
 
     path: Path
@@ -23,6 +24,12 @@ class DataFile:
     divisible: bool
     text: TextFile | None = None
     index: RowIndex | None = None
+    name: str = ""
+
+    @property
+    def source(self) -> str:
+        """What its recordings are said to be from: its name, or what tells it from other files of that name."""
+        return self.name or self.path.name
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +37,7 @@ class Chunk:
     """Consecutive rows of one file that are worked on at once, and those around them that a filter needs.
 
     Its own rows are [first, stop), counted from 0, of the file's `size`; `before` and `after` of them more are read.
-    `text` is the part of a text file that holds them all.
+    `text` is the part of a text file that holds them all, `source` what the file is called.
     """
 
     path: Path
@@ -39,6 +46,7 @@ class Chunk:
     before: int
     after: int
     size: int
+    source: str
     text: TextFile | None = None
 
     @property
@@ -79,4 +87,4 @@ def _chunk(file: DataFile, first: int, stop: int, overlap: int) -> Chunk:
     text = file.text
     if text is not None and file.index is not None:
         text = part_of(text, file.index, first - before, stop + after)
-    return Chunk(file.path, first, stop, before, after, file.rows, text)
+    return Chunk(file.path, first, stop, before, after, file.rows, file.source, text)

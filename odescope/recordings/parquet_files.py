@@ -87,7 +87,7 @@ def read_parquet_chunk(chunk: Chunk, layout: Layout) -> Columns:
 def _labels(file: ParquetFile, path: Path, layout: Layout) -> list[str]:
     """Return which columns of a Parquet file to read; InputError where one is lacking."""
     names = file.schema_arrow.names
-    in_path = layout.recording not in names and _folder_label(path, layout) is not None
+    in_path = layout.recording not in names and layout.recording in folder_labels(path)
     labels = [label for label in layout.used if not (in_path and label == layout.recording)]
     check_columns(labels, names, path.name)
     return labels
@@ -98,14 +98,12 @@ def _columns(table: Table, path: Path, layout: Layout) -> Columns:
     import pyarrow as pa
 
     if layout.recording is not None and layout.recording not in table.column_names:
-        label = pa.scalar(_folder_label(path, layout), pa.string())
+        label = pa.scalar(folder_labels(path)[layout.recording], pa.string())
         table = table.append_column(layout.recording, pa.repeat(label, len(table)))
     return from_table(table, layout)
 
 
-def _folder_label(path: Path, layout: Layout) -> str | None:
-    """Return what a folder KEY=VALUE on the path says of the recording, None if none does."""
-    for key, equals, value in (part.partition("=") for part in reversed(path.absolute().parent.parts)):
-        if equals and unquote(key) == layout.recording:
-            return "" if value == NO_LABEL else unquote(value)
-    return None
+def folder_labels(path: Path) -> dict[str, str]:
+    """Return what the folders KEY=VALUE on the path of a file say, by key; the innermost one of a key counts."""
+    parts = (part.partition("=") for part in path.absolute().parent.parts)
+    return {unquote(key): "" if value == NO_LABEL else unquote(value) for key, equals, value in parts if equals}

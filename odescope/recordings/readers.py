@@ -11,6 +11,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, as_path
+from odescope.files import shortest_ends
 from odescope.recordings.chunks import Chunk, DataFile
 from odescope.recordings.dates import in_zone, is_dates
 from odescope.recordings.formats import FORMATS, PARQUET, opened
@@ -34,7 +35,8 @@ def read_records(files: Path | str | Sequence[Path | str], layout: Layout) -> Re
     found = find_files(files)
     if not found:
         raise InputError("no data file: expected at least one")
-    return Records(tuple(s.record for file in found for s in _read_file(file, layout)))
+    named = zip(found, shortest_ends(found), strict=True)
+    return Records(tuple(s.record for file, source in named for s in _read_file(file, layout, source)))
 
 
 def records_from(data: object, layout: Layout) -> Records:
@@ -64,17 +66,17 @@ def read_chunk(chunk: Chunk, layout: Layout) -> tuple[Stretch, ...]:
             of its recordings are mixed.
     """
     if chunk.whole:
-        return _read_file(chunk.path, layout)
+        return _read_file(chunk.path, layout, chunk.source)
     with opened(chunk.path) as kind:
         assert kind.read_chunk is not None  # a file that is not divisible is one chunk
         columns = kind.read_chunk(chunk, layout)
-    return tuple(stretches(columns, layout, chunk.path.name, chunk))
+    return tuple(stretches(columns, layout, chunk.source, chunk))
 
 
-def _read_file(path: Path, layout: Layout) -> tuple[Stretch, ...]:
+def _read_file(path: Path, layout: Layout, source: str) -> tuple[Stretch, ...]:
     with opened(path) as kind:
         columns = kind.read(path, layout)
-    return tuple(stretches(columns, layout, path.name))
+    return tuple(stretches(columns, layout, source))
 
 
 def read_times(file: Path, layout: Layout) -> dict[str, FloatArray]:
@@ -86,10 +88,11 @@ def read_times(file: Path, layout: Layout) -> dict[str, FloatArray]:
         InputError: the file is unreadable, or its columns do not serve.
     """
     found: dict[str, FloatArray] = {}
-    for path in find_files([file]):
+    files = find_files([file])
+    for path, named in zip(files, shortest_ends(files), strict=True):
         with opened(path) as kind:
             columns = kind.read(path, layout)
-        for source, t in row_times(columns, layout, path.name):
+        for source, t in row_times(columns, layout, named):
             found[source] = np.concatenate([found[source], t]) if source in found else t
     return found
 

@@ -40,7 +40,7 @@ def stretches(columns: Columns, layout: Layout, source: str, chunk: Chunk | None
     check_rows(count, source)
     labels, codes = recording_codes(columns, layout, source)
     if chunk is None:
-        chunk = Chunk(Path(source), 0, count, 0, 0, count)
+        chunk = Chunk(Path(source), 0, count, 0, 0, count, source)
         groups = np.split(np.argsort(codes, kind="stable"), np.cumsum(np.bincount(codes))[:-1])
     else:
         starts = np.concatenate(([0], np.flatnonzero(np.diff(codes)) + 1))

@@ -56,6 +56,24 @@ def test_an_angle_in_degrees_is_converted_and_simulated_in_degrees(odescope):
     assert own[0, 1:] == pytest.approx(start, abs=3.0)
 
 
+def test_noise_is_given_and_told_in_the_unit_of_the_column(odescope):
+    data, noise = log(), 0.5
+    data["theta"] = data["theta"] + noise * np.random.default_rng(0).standard_normal(len(data["theta"]))
+    write("pend.csv", data)
+    Path("s.toml").write_text(STUDY)
+    assert odescope("identify", "s.toml").code == 0
+    ended = odescope(
+        "filter", "s/model.json", "pend.csv", "--noise", f"theta={noise}", "--process-noise", "theta_ddot=2"
+    )
+    assert "measurement noise: theta 0.5\n" in ended.err
+    assert "theta_ddot 2\n" in ended.err
+    assert "innovations of theta: 0.5" in ended.err
+    squared = ended.err.partition("normalised innovations squared: ")[2].partition(" ")[0]
+    assert float(squared) == pytest.approx(1.0, abs=0.2)
+    checked = odescope("validate", "s/model.json", "--data", "pend.csv", "--noise", f"theta={noise}")
+    assert checked.code == 0
+
+
 def test_the_study_that_was_resolved_says_degrees_again(odescope):
     write("pend.csv", log())
     Path("s.toml").write_text(STUDY)

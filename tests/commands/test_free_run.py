@@ -173,8 +173,18 @@ def test_recordings_in_folders_keep_their_labels(simulated):
         Path(f"log.csv/lap={lap}").mkdir(parents=True)  # the fixture's log: a folder may be called anything
         parquet.write_table(pa.table({"t": t, "c": np.exp(-0.5 * t)}), f"log.csv/lap={lap}/part-0.parquet")
     decay = model([("c", 1)], [[("c_dot", "1", 1.0), (None, "c", 0.5)]])
-    found, _ = simulated(decay, recording="lap")
-    assert list(found["lap"]) == ["(b)"] * 60 + ["7"] * 60
+    for known, told in (({}, {"recording": "lap"}), ({"recording": "lap"}, {})):
+        found, _ = simulated(decay | {"provenance": known}, **told)
+        assert list(found["lap"]) == ["(b)"] * 60 + ["7"] * 60
+
+
+def test_rows_of_files_of_one_name_are_told_apart(simulated):
+    for day, count in (("mon", 60), ("tue", 40)):
+        Path(f"log.csv/{day}").mkdir(parents=True)
+        t = 0.05 * np.arange(count)
+        parquet.write_table(pa.table({"t": t, "c": np.exp(-0.5 * t)}), f"log.csv/{day}/part-0.parquet")
+    found, _ = simulated(model([("c", 1)], [[("c_dot", "1", 1.0), (None, "c", 0.5)]]))
+    assert len(found["t"]) == 100
 
 
 def test_the_time_is_the_column_as_identified_or_t_or_time_or_counted(simulated):

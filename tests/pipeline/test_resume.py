@@ -207,3 +207,17 @@ def test_factors_kept_are_those_computed(tmp_path, folder):
         assert (fold, factor.rows) == (same_fold, same.rows)
         np.testing.assert_array_equal(factor.r, same.r)
         np.testing.assert_array_equal(factor.scale, same.scale)
+
+
+def test_what_served_a_run_stays_whichever_plan_it_was_of_and_nothing_else(tmp_path):
+    """With constants within functions one run reads the log several times, each time with a plan."""
+    empty = Reduced(((),), np.zeros(1), np.ones(1), 10, 1)
+    old = Store(tmp_path, "study")
+    for key in ("kept.npz", "gone.npz"):
+        old.write(key, empty)
+    store = Store(tmp_path, "study")
+    assert store.read("kept.npz") is not None
+    store.write("first plan.npz", empty)
+    store.write("second plan.npz", empty)
+    store.prune()
+    assert {path.name for path in store.folder.iterdir()} == {"kept.npz", "first plan.npz", "second plan.npz"}

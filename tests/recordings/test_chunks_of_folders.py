@@ -51,7 +51,9 @@ def test_folders_stand_for_their_parquet_files(tmp_path):
     assert found == (*(tmp_path / name for name in (names[2], names[1], names[0])), single)
     layout = Layout("t", columns=LAYOUT.columns, recording="lap")
     sources = [run.source for run in read_records([tmp_path / "b"], layout)]
-    assert sources == ["part-0.parquet (lap 1)", "part-1.PQ (lap 1)", "part-0.parquet (lap 2)"]
+    assert sources == [
+        f"lap={n}/{file} (lap {n})" for n, file in ((1, "part-0.parquet"), (1, "part-1.PQ"), (2, "part-0.parquet"))
+    ]
     assert column_names(tmp_path / "b") == ("t", "x", "note", "force")
     with pytest.raises(InputError, match=r"is a directory without data files \(\.csv, .*\.parquet, "):
         find_files([single, tmp_path / "b/_notes/none"])
