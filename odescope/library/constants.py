@@ -11,6 +11,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.expression import ONE, Call, Combination, Term
 from odescope.library.mechanism import Mechanism, merged
+from odescope.library.parse import MAXIMUM_POWER
 from odescope.library.product import Product
 
 ALONE, EACH = 300, 8  # points at most of a constant that is alone, and of each of two
@@ -173,11 +174,23 @@ def _simplified(function: str, argument: Combination) -> tuple[float, Term]:
         return (value if not function else float(getattr(np, function)(value))), ONE
     if not function and len(argument.parts) == 1:
         return argument.parts[0]
-    if function == "exp" and len(argument.parts) == 1:
-        ((power, inner),) = argument.parts
-        if len(inner.factors) == 1 and isinstance(inner.factors[0][0], Call) and inner.factors[0][1] == 1:
-            logarithm = inner.factors[0][0]
-            if logarithm.function == "log" and len(logarithm.argument.parts) == 1:
-                ((scale, base),) = logarithm.argument.parts
-                return scale**power, Term.of((a, p * power) for a, p in base.factors)
+    if function == "exp" and len(argument.parts) == 1 and (found := _power(*argument.parts[0])) is not None:
+        return found
     return 1.0, Term(((Call(function, argument), 1),))
+
+
+def _power(power: float, inner: Term) -> tuple[float, Term] | None:
+    """Return exp(power*log(scale*a)) as scale**power times a**power, None where that is not the same or cannot be read.
+
+    The logarithm of a square, or of minus a number, says that its argument is positive; of a fractional power of what
+    stands there nothing does.
+    """
+    if len(inner.factors) != 1 or inner.factors[0][1] != 1 or abs(power) > MAXIMUM_POWER:
+        return None
+    logarithm = inner.factors[0][0]
+    if not isinstance(logarithm, Call) or logarithm.function != "log" or len(logarithm.argument.parts) != 1:
+        return None
+    ((scale, base),) = logarithm.argument.parts
+    if not scale > 0.0 or len(base.factors) != 1 or base.factors[0][1] != 1:
+        return None
+    return scale**power, Term.of([(base.factors[0][0], power)])

@@ -6,7 +6,7 @@ import ast
 import math
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from odescope.errors import InputError, nearest
 from odescope.library.expression import Atom, Call, Combination, Name, Power, Term
@@ -43,12 +43,14 @@ class Definition:
 class Scope:
     """What a text may name: states, targets and inputs, and definitions beside the built-in functions.
 
-    `constants` are names too, of numbers that are looked for; None where there can be none.
+    `constants` are names too, of numbers that are looked for; None where there can be none. `read` holds the terms that
+    were read, by their texts: rules read theirs for every product of a library.
     """
 
     names: frozenset[str]
     definitions: Mapping[str, Definition]
     constants: frozenset[str] | None = None
+    read: dict[str, Term] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @staticmethod
     def of(
@@ -82,6 +84,8 @@ def parse_term(text: str, scope: Scope) -> Term:
     Raises:
         InputError: the text is too long or too deep, is no such product, or names something unknown.
     """
+    if text in scope.read:
+        return scope.read[text]
     combination = _Walk(text, scope, {}).whole()
     if len(combination.parts) != 1 or combination.parts[0][0] != 1.0:
         raise _refused(
@@ -91,6 +95,7 @@ def parse_term(text: str, scope: Scope) -> Term:
     if term.text != text:
         # What a model file will hold must read back: powers add up and chains grow on the way to canonical order.
         _Walk(term.text, Scope(scope.names, {}, scope.constants), {}).whole()
+    scope.read[text] = term
     return term
 
 

@@ -15,6 +15,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.search import THIN, Outcome, fitted_again
 from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.smoothed_targets import rates
 
 SHARE = 1e-3  # of the largest term of a relation, root mean squares over the record
 RUNS_AS_WELL = 1.01  # mean squared error of free runs over that with the term, and
@@ -73,12 +74,11 @@ def contributions(space: SearchSpace, theta: FloatArray) -> FloatArray:
 
     Root mean squares over the smoothed states; targets are their differences.
     """
-    segments, frame = space.segments, space.frame
+    frame = space.frame
     present = np.flatnonzero(theta)
     owned = [(k, p) for k in present for p in space.mechanisms[k].parts]
     evaluated = space.evaluated([p.product.term for _, p in owned], theta)
-    pace = np.gradient(segments.filtered, segments.step, axis=0)
-    target = {name: pace[:, int(np.flatnonzero(frame.following == -1 - t)[0])] for t, name in enumerate(frame.targets)}
+    target = dict(zip(frame.targets, rates(space), strict=True))
     sizes, largest = np.zeros((len(space.mechanisms), len(frame.targets))), np.zeros(len(frame.targets))
     for (k, part), values in zip(owned, evaluated, strict=True):
         whole = values if part.product.factor is None else values * target[part.product.factor]

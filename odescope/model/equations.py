@@ -14,13 +14,15 @@ from odescope.library.expression import Combination, Term
 from odescope.library.product import Product
 from odescope.model.energy import mass_matrix
 from odescope.model.explicit import Coupled, Quotient, blocks, short_explicit
-from odescope.model.relation import FoundMechanism, Relation
+from odescope.model.relation import FoundMechanism, Relation, RelationTerm
 from odescope.recordings.coordinate import Coordinate, Input
 
 LONGEST = 60  # products in numerator and denominator of a fraction that is shown
 MOST_COUPLED = 3  # targets that share relations and are shown as fractions
 
 Equation = Quotient | Relation
+# Terms with the names of constants by the same with numbers, each as so many times that: (x/K)**n is K**-n times x**n.
+Named = Mapping[Term, tuple[float, Term]]
 
 
 def shown_equations(
@@ -94,25 +96,29 @@ def _in_scale_of_energies(
     return tuple(scaled)
 
 
-def with_names(equation: Equation, written: Mapping[Term, Term]) -> Equation:
+def with_names(equation: Equation, written: Named) -> Equation:
     """Return an equation with the names of constants in its terms.
 
     Args:
         equation: with numbers.
-        written: terms with names, by those with numbers.
+        written: terms with names.
     """
     if not written:
         return equation
     if isinstance(equation, Quotient):
         top, bottom = (
-            Combination(tuple((c, written.get(t, t)) for c, t in part.parts))
+            Combination(tuple((c / share, named) for c, t in part.parts for share, named in [written.get(t, (1.0, t))]))
             for part in (equation.numerator, equation.denominator)
         )
         return replace(equation, numerator=top, denominator=bottom)
     return relation_with_names(equation, written)
 
 
-def relation_with_names(relation: Relation, written: Mapping[Term, Term]) -> Relation:
+def relation_with_names(relation: Relation, written: Named) -> Relation:
     """Return a relation with the names of constants in its terms, as `with_names`."""
-    terms = (replace(t, product=Product(t.factor, written.get(t.term, t.term))) for t in relation.terms)
+    terms = list[RelationTerm]()
+    for t in relation.terms:
+        share, named = written.get(t.term, (1.0, t.term))
+        error = None if t.std_error is None else t.std_error / abs(share)
+        terms.append(RelationTerm(Product(t.factor, named), t.coefficient / share, error))
     return Relation(tuple(terms))

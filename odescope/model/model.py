@@ -8,17 +8,19 @@ from functools import cached_property
 from pathlib import Path
 
 import msgspec
+import numpy as np
 from numpy.typing import ArrayLike
 
 import odescope
 from odescope.errors import InputError
+from odescope.library.constants import term_at
 from odescope.library.expression import Term
 from odescope.library.parse import Scope, parse_term
 from odescope.library.readable import readable
 from odescope.library.tape import Tape, write_tape
 from odescope.model.coefficients import CoefficientRow, mechanism_rows, other_rows, rows_with_errors, term_rows
 from odescope.model.display import equations_html, equations_latex
-from odescope.model.equations import Equation, relation_with_names, shown_equations, with_names
+from odescope.model.equations import Equation, Named, relation_with_names, shown_equations, with_names
 from odescope.model.explicit import Quotient, explicit
 from odescope.model.given import GivenInputs, GivenState
 from odescope.model.notes import trust, uncertain
@@ -118,7 +120,7 @@ class Model:
     @cached_property
     def shown_mechanisms(self) -> tuple[FoundMechanism, ...]:
         """The mechanisms as people are shown them, with the names of constants."""
-        written = {term.text: readable(named) for term, named in self._written.items()}
+        written = {term.text: readable(named) for term, (share, named) in self._written.items() if share == 1.0}
         return tuple(
             msgspec.structs.replace(m, term=written.get(m.term, m.term), name=written.get(m.name, m.name))
             for m in self.mechanisms
@@ -132,17 +134,21 @@ class Model:
     @property
     def named_terms(self) -> tuple[Term, ...]:
         """The terms that name constants as they are shown."""
-        return tuple(self._written.values())
+        return tuple(named for _, named in self._written.values())
 
     @cached_property
-    def _written(self) -> dict[Term, Term]:
-        """Terms with the names of constants, by the terms with numbers that stand in the relations."""
+    def _written(self) -> Named:
+        """Terms with the names of constants, by those with numbers that stand in the relations; see `Named`."""
         plain = Scope.of(self.variables)
         named = Scope.of(self.variables, constants=[p.name for p in self.parameters])
-        found = dict[Term, Term]()
+        values: dict[str, float | None] = {p.name: p.value for p in self.parameters}
+        found = dict[Term, tuple[float, Term]]()
         for p in self.parameters:
             for text, written in zip(p.terms, p.written, strict=False):
-                found[parse_term(text, plain)] = parse_term(written, named)
+                term = parse_term(written, named)
+                share, _ = term_at(term, values)
+                if np.isfinite(share) and share:
+                    found[parse_term(text, plain)] = share, term
         return found
 
     @cached_property

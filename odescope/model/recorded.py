@@ -82,6 +82,12 @@ def model_columns(model: Model) -> dict[str, str]:
     return {name: column if isinstance(column := place.get(name), str) else name for name in names}
 
 
+def clocks(model: Model) -> frozenset[str]:
+    """Return the inputs of a model that are the time."""
+    place, time = model_columns(model), model.provenance.get("time")
+    return frozenset(i.name for i in model.inputs if place[i.name] == time)
+
+
 def lacking_columns(names: Sequence[str], model: Model, files: Sequence[Path]) -> list[str]:
     """Return the columns of some coordinates or inputs that the first file has not.
 
@@ -211,14 +217,14 @@ def _places(model: Model, table: TableLabels, given: TimeColumns) -> dict[str, s
         InputError: the model holds the time, and the table has it in another unit.
     """
     place = model_columns(model)
-    for i in model.inputs:
-        if place[i.name] == model.provenance.get("time") and (time := _time_label(model, table, given)) is not None:
+    for name in clocks(model):
+        if (time := _time_label(model, table, given)) is not None:
             if (unit := _time_unit(model, time)) != "s":
                 raise InputError(
-                    f"the model holds the time, {i.name}, in seconds, and {time!r} in {table.source} is in {unit}:"
+                    f"the model holds the time, {name}, in seconds, and {time!r} in {table.source} is in {unit}:"
                     " name or add a column in seconds"
                 )
-            place[i.name] = time
+            place[name] = time
     return place
 
 

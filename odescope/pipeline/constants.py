@@ -34,8 +34,8 @@ def constants_of(study: Study, terms: Sequence[Term], signals: Signals) -> tuple
         signals: where candidates must have values.
 
     Raises:
-        InputError: no term holds a constant, one holds more than two, or as a plain factor, or has no values on the
-            data within the range.
+        InputError: no term holds a constant, one holds more than two, or as a plain factor, divides by one whose range
+            holds zero, or has no values on the data within the range.
     """
     spans, found = study.parameters, list[Constant]()
     if not spans:
@@ -54,11 +54,22 @@ def constants_of(study: Study, terms: Sequence[Term], signals: Signals) -> tuple
         if not holding:
             raise InputError(f"no candidate term holds the constant {name}: name one that does, or leave it out")
         low, high = _span_of(name, holding, set(spans), signals) if span == "scale" else span
+        if low <= 0.0 <= high and (dividing := next((t for t in holding if _divides(t, name)), None)) is not None:
+            raise InputError(
+                f"the term {dividing} divides by the constant {name}, and its range in [library.parameters],"
+                f" {low:g} to {high:g}, holds zero: give a range of one sign, such as [0.1, 10.0]"
+            )
         constant = Constant(name, float(low), float(high), float(low))
         found.append(replace(constant, nominal=float(constant.evenly(1)[0])))
     found = [replace(c, grid=_grid(c, found, terms, signals)) for c in found]
     _check_values(found, terms, signals)
     return tuple(found)
+
+
+def _divides(term: Term, name: str) -> bool:
+    """Say whether a term divides by a constant, within its functions."""
+    inner = (t for a, _ in term.factors if isinstance(a, Call) for _, t in a.argument.parts)
+    return term.power_of(Name(name)) < 0 or any(_divides(t, name) for t in inner)
 
 
 def _grid(

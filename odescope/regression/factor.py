@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
@@ -86,12 +87,18 @@ class Factor:
         A column's diagonal entry in r is the part of it that the earlier columns leave unexplained.
         """
         found, independent = [], list[int]()
+        basis = np.empty_like(self.r)  # orthonormal, of the independent columns
         for j in range(self.width):
-            weights, *_ = np.linalg.lstsq(self.r[:, independent], self.r[:, j], rcond=None)
-            rest = np.linalg.norm(self.r[:, j] - self.r[:, independent] @ weights)
-            if rest < tolerance:
+            spanned = basis[:, : len(independent)]
+            rest = self.r[:, j].copy()
+            for _ in range(2):  # once more: of a column that is nearly dependent the first pass leaves rounding
+                rest -= spanned @ (spanned.T @ rest)
+            size = np.linalg.norm(rest)
+            if size < tolerance:
+                weights = solve_triangular(spanned.T @ self.r[:, independent], spanned.T @ self.r[:, j])
                 found.append((j, tuple(k for k, w in zip(independent, weights, strict=True) if abs(w) > 1e-3)))
             else:
+                basis[:, len(independent)] = rest / size
                 independent.append(j)
         return tuple(found)
 

@@ -32,9 +32,9 @@ class Sweep:
 
     def distances(self) -> IntArray:
         """Return the activation distance (L1) between every two supports, (supports, supports)."""
-        active = self.activation().astype(np.int64)
+        active = self.activation().astype(np.float64)  # whole numbers have no fast product of matrices
         ones = active.sum(axis=1)
-        distance: IntArray = ones[:, None] + ones[None, :] - 2 * active @ active.T
+        distance: IntArray = (ones[:, None] + ones[None, :] - 2.0 * active @ active.T).astype(np.int64)
         return distance
 
     def clusters(self, distance: float = 2.0) -> IntArray:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from importlib.resources import files
 from inspect import isawaitable
 from typing import TypeVar
-from urllib.parse import urlencode
+from urllib.parse import quote, urlencode
 
 from nicegui import run, ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from odescope.errors import InputError
+from odescope.errors import InputError, OdescopeError
 from odescope.workbench.folder import Folder
 from odescope.workbench.jobs import Jobs
 
@@ -46,6 +46,11 @@ class Listed:
     names: Sequence[str]
     begin: str
     view: str
+
+
+def stored(result: str, file: str) -> str:
+    """Return the address of a file of a result; names may hold what means something in an address."""
+    return f"/stored/{quote(f'{result}/{file}')}"
 
 
 def address(view: str, given: str = "", key: str = "name") -> str:
@@ -266,3 +271,34 @@ def chooser(view: str, label: str, names: Sequence[str], chosen: str) -> None:
         text("h2", label)
         for name in names:
             link(name, address(view, name), "here" if name == chosen else "", current=name == chosen)
+
+
+class Latest:
+    """What is asked for again before it is there, as by a slider: one at a time, and the last alone is shown."""
+
+    def __init__(self) -> None:
+        """Begin with nothing asked for."""
+        self._asked, self._turn = 0, asyncio.Lock()
+
+    async def of(self, act: Callable[..., Found], *given: object) -> Found | None:
+        """Return what a function returns, as `aside`; None where it was asked for again meanwhile.
+
+        Args:
+            act: the function.
+            given: its arguments.
+
+        Raises:
+            OdescopeError: the function says so.
+        """
+        self._asked += 1
+        mine = self._asked
+        async with self._turn:
+            if mine != self._asked:
+                return None
+            try:
+                found = await aside(act, *given)
+            except OdescopeError:
+                if mine == self._asked:
+                    raise
+                return None
+        return found if mine == self._asked else None

@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -87,6 +88,7 @@ class Jobs:
     def __init__(self, folder: Folder) -> None:
         self._folder = folder
         self._own: dict[str, subprocess.Popen[bytes]] = {}
+        self._starting = threading.Lock()  # two presses of a button are two threads
         # The lines that a run told, and the byte after them.
         self._read: dict[str, tuple[tuple[AnyLine, ...], int]] = {}
 
@@ -101,12 +103,19 @@ class Jobs:
             raise InputError(f"there is no study {study!r}")
         results = path.with_suffix("")
         self._folder.check(results)
+        with self._starting:
+            return self._start(path, study, results)
+
+    def _start(self, path: Path, study: str, results: Path) -> Job:
         name = self._folder.name(results)
         if any(job.running and job.record.results == name for job in self.all()):
             raise InputError(f"a run writes to {name} already: stop it, or wait for it")
-        results.mkdir(exist_ok=True)  # what is not complete is then written within it, where a stop can remove it
-        place = self._place_for(path.stem)
-        command = [sys.executable, "-m", "odescope", "identify", str(path), "--out", str(results)]
+        try:
+            results.mkdir(exist_ok=True)  # what is not complete is then written within it, where a stop can remove it
+            place = self._place_for(path.stem)
+        except OSError as error:
+            raise InputError(f"cannot write to {name}: {error.strerror or error}") from error
+        command = [sys.executable, "-P", "-m", "odescope", "identify", str(path), "--out", str(results)]
         command += ["--events", str(place / EVENTS)]
         with (place / ERRORS).open("wb") as errors:
             process = subprocess.Popen(

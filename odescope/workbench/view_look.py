@@ -19,6 +19,7 @@ from odescope.report.result_names import MODEL, NO_MODEL, REPORT_PAGE
 from odescope.validation.free_runs import FreeRunOf, free_runs
 from odescope.workbench import charts
 from odescope.workbench.frame import (
+    Latest,
     Workbench,
     address,
     aside,
@@ -27,6 +28,7 @@ from odescope.workbench.frame import (
     markup,
     panel,
     show_result,
+    stored,
     text,
 )
 from odescope.workbench.long_chart import LongChart
@@ -51,7 +53,7 @@ async def _result(bench: Workbench, name: str) -> None:
     place = bench.folder.inside(name)
     if not (place / MODEL).is_file() and (place / NO_MODEL).is_file():
         text("p", "The data supported no model.")
-        link("Open what was found until then", f"/stored/{name}/{NO_MODEL}", new_tab=True)
+        link("Open what was found until then", stored(name, NO_MODEL), new_tab=True)
         return
     result = result_of(bench.folder, name)
     _links(result)
@@ -61,7 +63,7 @@ async def _result(bench: Workbench, name: str) -> None:
 def _links(result: Result) -> None:
     with ui.element("div").classes("actions"):
         if (result.place / REPORT_PAGE).is_file():
-            link("Open the report", f"/stored/{result.name}/{REPORT_PAGE}", new_tab=True)
+            link("Open the report", stored(result.name, REPORT_PAGE), new_tab=True)
         link("Try it", address("try", result.name))
         link("Take it away", address("take", result.name))
 
@@ -149,7 +151,7 @@ class RunsView:
             run_model: returns those of another model over the same recordings.
         """
         self._result, self._model, self._runs, self._run_model, self._at = result, result.model, runs, run_model, 0
-        self._steps = self._path_steps()
+        self._steps, self._latest = self._path_steps(), Latest()
         if len(self._steps) > 1:
             self._path_controls()
         if len(runs) > 1:
@@ -187,9 +189,10 @@ class RunsView:
     async def _take(self, number_: float) -> None:
         """Show the model at a place of the path."""
         step = self._steps[int(number_)]
-        model = self._result.model if step.chosen else await aside(read_model, self._result.path[step.terms])
-        runs = await aside(self._run_model, model)
-        self._model, self._runs = model, runs
+        found = await self._latest.of(self._on_path, step)
+        if found is None:
+            return
+        self._model, self._runs = model, _ = found
         dropped = f", without {step.dropped}" if step.dropped else ""
         said = "the result itself" if step.chosen else f"{step.terms} terms{dropped}"
         self._taken.set_text(f"{said}; error {number(step.error, 3)}")
@@ -198,6 +201,11 @@ class RunsView:
             if not step.chosen:
                 markup(replace(model, scores=None)._repr_html_(), "report")
         self._redraw()
+
+    def _on_path(self, step: PathScore) -> tuple[Model, Runs]:
+        """Return the model of a place of the path, and its free runs; called beside the server's thread."""
+        model = self._result.model if step.chosen else read_model(self._result.path[step.terms])
+        return model, self._run_model(model)
 
     def _other(self, event: ValueChangeEventArguments[Any]) -> None:
         self._at = int(event.value)

@@ -22,6 +22,7 @@ from odescope.workbench.frame import (
     link,
     panel,
     show_one,
+    stored,
     text,
 )
 from odescope.workbench.jobs import Job
@@ -97,9 +98,9 @@ class RunView:
                 return
             if job.state == "done":
                 button("Look at the result", lambda: ui.navigate.to(address("look", job.record.results)), main=True)
-                link("Open the report", f"/stored/{job.record.results}/{REPORT_PAGE}", new_tab=True)
+                link("Open the report", stored(job.record.results, REPORT_PAGE), new_tab=True)
             elif any(isinstance(line, FilesLine) and NO_MODEL in line.names for line in job.lines):
-                link("Open what was found until then", f"/stored/{job.record.results}/{NO_MODEL}", new_tab=True)
+                link("Open what was found until then", stored(job.record.results, NO_MODEL), new_tab=True)
             link("Open the study", address("study", job.record.study))
             button("Remove from this list", self._forget)
             if job.state in ("failed", "no model"):

@@ -15,7 +15,7 @@ from odescope.export.model_file import read_model
 from odescope.export.program_files import NAME, ProgramFiles
 from odescope.files import write_files
 from odescope.report.result_names import FIGURES, MODEL, PATH, PATH_MODEL, PATH_TABLE, RESULT_FILES
-from odescope.workbench.frame import Workbench, aside, button, complaint, link, panel, show_result, text
+from odescope.workbench.frame import Workbench, aside, button, complaint, link, panel, show_result, stored, text
 
 EXPORTS = "exports"  # the folder beside the files of a result
 LONGEST_SHOWN = 40_000  # characters
@@ -121,7 +121,7 @@ def _files(bench: Workbench, place: Path) -> None:
         for file in (*RESULT_FILES, PATH_TABLE):
             if (place / file).is_file():
                 with ui.element("p"):
-                    link(file, f"/stored/{name}/{file}", new_tab=True)
+                    link(file, stored(name, file), new_tab=True)
         shorter = sorted((place / PATH).glob(f"*{PATH_MODEL}"), key=lambda p: int(p.name.removesuffix(PATH_MODEL)))
         _linked("Models on the path from many terms to few", name, shorter)
         _linked("Figures", name, sorted((place / FIGURES).glob("*.*")))
@@ -133,4 +133,4 @@ def _linked(heading: str, result: str, files: Sequence[Path]) -> None:
         text("h3", heading)
         with ui.element("p").classes("actions"):
             for file in files:
-                link(file.name, f"/stored/{result}/{file.parent.name}/{file.name}", new_tab=True)
+                link(file.name, stored(result, f"{file.parent.name}/{file.name}"), new_tab=True)

@@ -12,7 +12,7 @@ from nicegui.events import ValueChangeEventArguments
 from odescope.arrays import FloatArray
 from odescope.errors import OdescopeError
 from odescope.model.model import Model
-from odescope.model.recorded import UNSAID, read_for
+from odescope.model.recorded import UNSAID, clocks, read_for
 from odescope.model.simulation import Trajectory, simulate
 from odescope.report.page import number
 from odescope.report.units import quantity_units, shown
@@ -22,6 +22,7 @@ from odescope.validation.validate import Validation
 from odescope.workbench import charts
 from odescope.workbench.excitation import Excitation, Shape, sample_times
 from odescope.workbench.frame import (
+    Latest,
     Workbench,
     aside,
     button,
@@ -82,15 +83,17 @@ class SimulationView:
 
     def __init__(self, bench: Workbench, model: Model) -> None:
         """Make the controls."""
-        self._bench, self._model, self._chart = bench, model, None
+        self._bench, self._model, self._latest = bench, model, Latest()
         self._made = dict[str, Excitation]()
         with ui.element("div").classes("controls"):
             self._duration = ui.number("duration (s)", value=10.0, min=1e-6).props("dense outlined debounce=300")
             shown = {MADE: "made here", **{name: f"of {name}" for name in bench.folder.logs()}}
             self._log = ui.select(shown, value=MADE, label="inputs").props("dense outlined options-dense")
             self._log.set_visibility(bool(model.inputs))
+        self._clocks = clocks(model)
         for one in model.inputs:
-            self._input(one.name)
+            if one.name not in self._clocks:
+                self._input(one.name)
         self._start = {}
         for state in model.states:
             low, high = _range(model, state)
@@ -127,12 +130,14 @@ class SimulationView:
     async def _run(self) -> None:
         self._said.clear()
         try:
-            found = await aside(self._simulated)
+            found = await self._latest.of(self._simulated)
         except OdescopeError as error:
             with self._said:
                 complaint(str(error))
             return
-        self._show(*found)
+        if found is not None:
+            self._said.clear()
+            self._show(*found)
 
     def _simulated(self) -> tuple[FloatArray, dict[str, FloatArray], Trajectory]:
         """Return times, inputs and the run; called beside the server's thread."""
@@ -143,7 +148,7 @@ class SimulationView:
             inputs = {name: record.column(name) for name in names}
         else:
             t = sample_times(float(self._duration.value or 0.0), list(self._made.values()))
-            inputs = {name: made.values(t) for name, made in self._made.items()}
+            inputs = {name: t if name in self._clocks else self._made[name].values(t) for name in names}
         return t, inputs, simulate(self._model, t, inputs or None, start)
 
     def _show(self, t: FloatArray, inputs: dict[str, FloatArray], found: Trajectory) -> None:

@@ -46,6 +46,25 @@ def test_a_term_with_numbers_has_the_values_of_the_term_with_names(text):
     assert parse_term(plain.text, Scope.of(["x", "y"])) == plain
 
 
+@pytest.mark.parametrize(
+    ("text", "power"),
+    [
+        ("(x**2)**n", 1.5),
+        ("(x**2)**n", 1.4),
+        ("(-x)**n", 1.4),
+        ("(x*y)**n", 0.5),
+        ("(x/y)**n", 1.5),
+        ("(-x)**n", 17.25),
+    ],
+)
+def test_a_power_of_what_may_be_positive_where_its_letters_are_not_keeps_its_value(text, power):
+    x, y = -np.random.default_rng(0).uniform(0.5, 1.5, (2, 20))
+    share, plain = term_at(parse_term(text, SCOPE), {"n": power})
+    expected = eval(text, {"x": x, "y": y, "n": power})  # noqa: S307 (the texts above)
+    np.testing.assert_allclose(share * values(plain, ["x", "y"], [x, y]), expected, rtol=1e-12)
+    assert parse_term(plain.text, Scope.of(["x", "y"])) == plain
+
+
 @pytest.mark.parametrize("text", TEXTS)
 def test_what_people_read_reads_back_as_the_same_term(text):
     term = parse_term(text, SCOPE)

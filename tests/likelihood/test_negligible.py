@@ -41,6 +41,17 @@ def test_contributions_are_the_sizes_of_the_terms_over_the_largest():
     assert not contributions(it, SPRING.theta)[5:].any()
 
 
+def test_where_one_recording_ends_and_another_begins_nothing_moves():
+    it = space(SPRING.theta)
+    whole, count = it.segments, len(it.segments.filtered)
+    jumped = whole.filtered + np.where(np.arange(count) < count // 2, 0.0, 5.0)[:, None]
+    halves = replace(whole, filtered=jumped, runs=((0, count // 2), (count // 2, count)))
+    acceleration = np.gradient(whole.filtered[:, 1], whole.step)
+    cube = 0.8 * np.sqrt(np.mean(jumped[:, 0] ** 6))
+    size = contributions(it.on(halves), SPRING.theta)[0]
+    assert size == pytest.approx(np.sqrt(np.mean(acceleration**2)) / cube, rel=0.02)
+
+
 def test_a_term_that_nothing_asks_for_goes():
     it, outcome = ended(0.0)
     assert SQUARE in outcome.fit.present

@@ -123,6 +123,7 @@ def test_a_constant_that_the_range_keeps_from_its_best_value_ends_at_the_range(l
             ("x", "tanh(a*x + b*x_dot + c*u)"),
             "holds 3 constants, a, b, c",
         ),
+        ({"v0": (-1.0, 1.0)}, ("x", "tanh(x_dot/v0)"), r"divides by the constant v0, .* -1 to 1, holds zero"),
         ({"K": (-3.0, -0.1)}, ("x_dot", "x", "log(x - K)"), "has no value on the data at K = "),
     ],
 )

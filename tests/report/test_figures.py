@@ -12,9 +12,11 @@ from odescope import report
 from odescope.errors import InputError
 from odescope.model.scores import PathScore
 from odescope.report.figures.catalogue import draw_job, pictures
+from odescope.report.figures.draw_grids import draw_accuracy
 from odescope.report.figures.draw_path import draw_path
 from odescope.report.figures.processes import painters
 from odescope.report.figures.style import plain, product, saved
+from odescope.report.searches import searched
 
 
 @pytest.fixture(scope="module")
@@ -185,6 +187,17 @@ def test_a_process_that_does_not_draw_is_made_up_for(result, monkeypatch):
     picture = pictures(report.summary(result))[5]
     with painters() as painter:
         assert painter.paint([picture]) == {picture.name: draw_job(picture.job)}
+
+
+@pytest.mark.parametrize("targets", [1, 4, 5, 13])
+def test_the_accuracy_of_many_targets_has_panels_that_can_be_read(result, targets):
+    figure = draw_accuracy(searched(result) * targets)
+    panels = figure.axes[:targets]
+    assert len(panels) == targets
+    boxes = [ax.get_window_extent() for ax in panels]
+    width = figure.get_window_extent()
+    assert all(box.width > 0.12 * width.width and width.y0 < box.y0 and box.y1 < width.y1 for box in boxes)
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
 
 
 def test_labels_bear_any_text():

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import threading
 import time
 
 import msgspec
@@ -66,6 +67,42 @@ def test_a_run_writes_what_the_command_line_writes(place):
     jobs.forget(job.name)
     assert jobs.all() == ()
     assert (place / "a" / "model.json").exists()
+
+
+def test_a_script_beside_the_logs_is_not_run(place):
+    (place / "select.py").write_text("open('ran', 'w').close()\nraise ImportError('my own script')\n")
+    jobs = Jobs(Folder.of(place))
+    job = ended(jobs, jobs.start("a.toml").name)
+    jobs.forget(job.name)
+    assert job.state == "done"
+    assert not (place / "ran").exists()
+
+
+def test_two_presses_begin_one_run(place):
+    jobs, begun, refused = Jobs(Folder.of(place)), [], []
+
+    def press():
+        try:
+            begun.append(jobs.start("a.toml"))
+        except InputError as error:
+            refused.append(str(error))
+
+    presses = [threading.Thread(target=press) for _ in range(4)]
+    for each in presses:
+        each.start()
+    for each in presses:
+        each.join()
+    for job in begun:
+        jobs.cancel(job.name)
+        jobs.forget(job.name)
+    assert len(begun) == 1
+    assert all("a run writes to a already" in said for said in refused)
+
+
+def test_a_file_in_place_of_the_results_is_told(place):
+    (place / "a").write_text("mine")
+    with pytest.raises(InputError, match=r"cannot write to a: File exists"):
+        Jobs(Folder.of(place)).start("a.toml")
 
 
 def test_a_run_is_found_again_and_ended_within_a_second(place):

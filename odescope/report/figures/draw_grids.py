@@ -17,6 +17,7 @@ from odescope.report.palette import BLUE, GREY, ORANGE, PALE, VERMILLION
 
 SIZE = 6.8  # points, of the labels
 CELL = 0.155  # inches, of the grid
+ABREAST = 4  # panels of the accuracy beside each other, at most
 LETTER = 0.056  # inches, about, of one letter of a label
 SPACE = "\u2002\u2002"  # of a letter's width, and unlike plain ones not run together in SVG
 DIVERGING = ((0.0, "#0a4a73"), (0.25, "#5aa3d0"), (0.5, "#ffffff"), (0.75, "#f0b04a"), (1.0, "#8a3d00"))
@@ -116,13 +117,13 @@ def _families(searched: Searched) -> list[str]:
 
 def draw_accuracy(searches: Sequence[Searched]) -> Figure:
     """Return the held-out error of every candidate over its number of terms, one panel a target."""
-    count = max(len(searches), 1)
-    figure = page(2.75)
-    gap, left = 0.62, 0.62
-    wide = (WIDTH - left - 0.15 - (count - 1) * gap) / count
+    across = min(max(len(searches), 1), ABREAST)
+    gap, left, row, high = 0.62, 0.62, 2.4, 1.92
+    figure = page(0.35 + row * max(-(-len(searches) // across), 1))
+    wide = (WIDTH - left - 0.15 - (across - 1) * gap) / across
     with style():
         for k, searched in enumerate(searches):
-            ax = axes(figure, left + k * (wide + gap), 0.35, wide, 1.92)
+            ax = axes(figure, left + (k % across) * (wide + gap), 0.35 + (k // across) * row, wide, high)
             others = [p for p in searched.points if not p.chosen]
             ax.plot(
                 [p.terms for p in others], [p.rmse for p in others], linestyle="none", marker="o", markersize=4,

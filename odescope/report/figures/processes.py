@@ -61,7 +61,8 @@ class Painters:
 @contextmanager
 def painters() -> Iterator[Painters]:
     """Start the processes, and end them at the end."""
-    command = [sys.executable, "-m", "odescope.report.figures.processes"]
+    # -P: modules are not looked for in the working directory, where a user's own may be called like one of Python's.
+    command = [sys.executable, "-P", "-m", "odescope.report.figures.processes"]
     idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
     running = []
     count = min(MOST, os.cpu_count() or 1)
