@@ -94,7 +94,7 @@ class Moves:
         return self.space.fit(theta, present, here.x0, self.defect_std, here.strength)
 
     def divide(self, here: Fit) -> Fit | None:
-        """Divide a relation by a function that all its terms hold, where that is no worse."""
+        """Divide a relation by a function, or multiply it, where that makes it simpler and is no worse."""
         theta = self.space.divided(here)
         if theta is None:
             return None

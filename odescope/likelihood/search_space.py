@@ -12,7 +12,6 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.library.constants import Constant, mechanism_at
 from odescope.library.expression import Term
 from odescope.library.mechanism import Mechanism, Part, scale_groups
-from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
@@ -299,25 +298,23 @@ class SearchSpace:
         return {m.parts: k for k, m in enumerate(self.mechanisms)}
 
     def divided(self, found: Fit) -> FloatArray | None:
-        """Return the coefficients of a fit with a relation divided by a function that all of its terms hold.
+        """Return the coefficients of a fit with a relation divided by a function, or multiplied, that makes it simpler.
 
-        A law multiplied by such a function says the same of the record. None where there is nothing to divide by, or
-        the library lacks what is left.
+        A law times a function says the same of the record. None where nothing makes it simpler, or the library lacks
+        what would be left.
         """
         for group in scale_groups(self.mechanisms, found.present):
             parts = [self.mechanisms[k].parts for k in group]
             if any(len(p) != 1 or self.mechanisms[k].known is not None for p, k in zip(parts, group, strict=True)):
                 continue
-            products = [p[0].product for p in parts]
-            for atom, _ in products[0].term.factors:
-                if any(p.term.power_of(atom) < 1 for p in products):
-                    continue
-                over = [Product(p.factor, p.term.over(atom)) for p in products]
-                shorter = [self._number.get((replace(p[0], product=o),)) for p, o in zip(parts, over, strict=True)]
-                if None not in shorter:
+            atoms = dict.fromkeys(atom for p in parts for atom, _ in p[0].product.term.factors)
+            for by in (Term(((atom, power),)) for atom in atoms for power in (-1, 1)):
+                simpler = ((replace(p[0], product=p[0].product * by),) for p in parts)
+                places = np.array([self._number.get(s, -1) for s in simpler], dtype=np.int64)
+                if places.min() >= 0 and self.penalty[places].sum() < self.penalty[list(group)].sum():
                     theta = found.theta.copy()
                     theta[list(group)] = 0.0
-                    theta[np.array(shorter, dtype=np.int64)] = found.theta[list(group)]
+                    theta[places] = found.theta[list(group)]
                     return theta
         return None
 

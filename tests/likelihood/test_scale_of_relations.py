@@ -194,6 +194,18 @@ def test_division_takes_the_coefficients_along_and_the_other_relations_stay():
     assert it.divided(at(it, system.theta)) is None  # the bare target is not divisible
 
 
+def test_what_makes_a_relation_simpler_need_not_be_in_all_its_terms():
+    """As in the law of a gas bubble, which holds 1/x: of x times that one term is without x."""
+    system = multiplied("exp(x)", ((-1, "exp(x)**-1", 0.0), (-1, "1", 0.0)))
+    it = spring(system, 0)
+    theta = start_from(system)
+    theta[11] = 0.3
+    divided = it.divided(at(it, theta))
+    assert np.flatnonzero(divided).tolist() == [*ITS_LAW, 10]
+    np.testing.assert_allclose(divided[[*ITS_LAW, 10]], theta[[*LONGER, 11]])
+    assert it.divided(at(it, divided)) is None
+
+
 def test_nothing_is_divided_where_the_library_lacks_what_is_left():
     system = multiplied("x")
     it = spring(system, 0)
