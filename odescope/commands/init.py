@@ -13,7 +13,7 @@ from odescope.study.draft import Drafted, draft
 
 
 def init_study(sources: Sequence[Path], out: Path | None, force: bool) -> tuple[Path, Drafted]:
-    """Write a study of data files, from a look at the first of them.
+    """Write a study of data files, from a look at them.
 
     Args:
         sources: data files, folders, patterns.
@@ -27,6 +27,6 @@ def init_study(sources: Sequence[Path], out: Path | None, force: bool) -> tuple[
     if target.exists() and not force:
         raise InputError(f"{target} exists: name another with --out, or let it be replaced with --force")
     check_file(target)
-    study = draft(find_files(sources)[0], sources, target.parent)
+    study = draft(find_files(sources), sources, target.parent)
     write_file(target, study.text)
     return target, study

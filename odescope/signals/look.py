@@ -23,6 +23,7 @@ from odescope.signals.slow_sensors import is_slow
 Role = Literal["coordinate", "input", "neither"]
 Filtered: TypeAlias = Mapping[str, Sequence[FloatArray]]
 
+FLAT = 1e-12  # of the largest value: what rounds on the way to a uniform grid
 SAME = 1e-9  # of the variance: what two columns may differ by that hold the same
 A_RATE = 0.9  # of its variance: what a column explains of another's rate that holds that rate, noise and all
 NEAR_ONE = 0.1  # the slope of a rate whose unit is that of the log
@@ -42,13 +43,16 @@ WHITE, WHITE_FROM = 1.8, 256  # times its variance: steps of what is noise from 
 POSITIONS = re.compile(
     r"(x|z|q|r|s|pos|position|disp|displacement|elongation|height)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE
 )
+SPECIES = re.compile(r"[A-Z](_?\d+|_[A-Za-z]{1,3})?")  # one capital, as chemists and biologists call an amount
 ANGLES = re.compile(r".*(theta|phi|psi|angle|winkel|yaw|pitch|roll|heading)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE)
 LENGTHS = frozenset({"m", "mm", "cm", "um", "µm", "μm", "nm", "km", "in", "ft", "meter", "metre", "meters", "metres"})
 FORCES = re.compile(r"[kmM]?N\s?[*·.]?\s?(m|cm|mm)?|lbf")
 SWINGS = 1.5  # times its range: a smooth column that goes so far in all has turned back
 NOISE = "noise from sample to sample, as an excitation may be; what drives nothing is to be removed"
+A_CONDITION = "constant within each recording, not across them"
 AN_UNKNOWN = "an amount? order 2 for a position; what drives goes to [inputs]"
 BY_NAME = "a position, by its name; order 1 for an amount"
+A_SPECIES = "an amount, by its capital; order 2 for a position"
 VELOCITIES = re.compile(r"(.*_)?(v|vel|velocity|speed|omega|rate|dot)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE)
 A_TIME = re.compile(r".*(/ ?(s|sec|min|h|hr|d|day)|\b(s|min|h|d)(\^?-1|⁻¹)|rpm|Hz)")
 SPEEDS = frozenset({"m/s", "mm/s", "km/h", "rad/s", "deg/s", "°/s", "rpm", "1/min"})
@@ -90,14 +94,15 @@ def look(records: Records, headings: Mapping[str, Heading]) -> tuple[Seen, ...]:
     useless = {name: why for name in columns if (why := _useless(name, columns, headings))}
     moving = {name: own for name, own in columns.items() if name not in useless}
     turns = {name: _wraps(own) for name, own in moving.items()}
-    held = {name for name, own in moving.items() if _held(own)}
+    conditions = {name for name, own in moving.items() if _is_condition(own)}
+    held = {name for name, own in moving.items() if name in conditions or _held(own)}
     wanted = {name for name in moving if WANTED & set(headings[name].name.casefold().split("_"))}
     named = wanted | {name for name in moving if COMMANDS.fullmatch(headings[name].name)}
     geometric = {name for name in moving if turns[name] is not None or _is_geometric(headings[name])}
     driving = {name for name in moving if _drives(headings[name])}
     white = {name for name, own in moving.items() if _is_white(own)} - held
     # Where a rig rests for long its position does, too, and goes on from there; a command goes anywhere.
-    jumps = {name for name in held if turns[name] is None and not _follows(moving[name])}
+    jumps = conditions | {name for name in held - conditions if turns[name] is None and not _follows(moving[name])}
     commands = ((held | named | driving) - geometric) | wanted | white | jumps
     if not set(moving) - commands:  # something is to be explained: what nothing but its heading makes a command
         commands = held
@@ -115,10 +120,13 @@ def look(records: Records, headings: Mapping[str, Heading]) -> tuple[Seen, ...]:
             by_heading = "a command, by its name" if name in named else "a force or torque, by its unit"
             why = NOISE if name in white - named - driving else by_heading
             why = "held between its samples, as a command is" if name in held else why
+            why = A_CONDITION if name in conditions else why
             found.append(Seen(name, heading, "input", why, held=name in held))
         else:
             seen = _coordinate(name, heading, turns[name], set(rates.values()))
-            if seen.why == BY_NAME and _is_amount(name, filtered, rates):
+            if seen.why == BY_NAME and name not in filtered and SPECIES.fullmatch(heading.name):
+                seen = replace(seen, order=1, why=A_SPECIES)
+            elif seen.why == BY_NAME and _is_amount(name, filtered, rates):
                 seen = replace(seen, order=1, why="an amount: its rate follows from the values; order 2 for a position")
             if seen.why == AN_UNKNOWN and len(moving) == 1 and _swings(name, filtered):
                 seen = replace(seen, order=2, why="it swings by itself, as nothing of order 1 does")
@@ -133,11 +141,12 @@ def _useless(name: str, columns: Mapping[str, Sequence[FloatArray]], headings: M
     """Return why a column says nothing of its own; no text where it may."""
     own = columns[name]
     joined = np.concatenate(own)
-    if np.ptp(joined) <= 1e-12 * np.abs(joined).max(initial=0.0):
+    if np.ptp(joined) <= FLAT * np.abs(joined).max(initial=0.0):
         return f"constant, {joined[0]:.6g}"
-    if all(np.ptp(part) == 0.0 for part in own):
-        return "constant within every recording"
-    if all(np.ptp(np.diff(part)) == 0.0 for part in own):
+    if _is_condition(own):
+        if headings[name].unit is None and _counts(own):
+            return "counts recordings"
+    elif all(np.ptp(np.diff(part)) == 0.0 for part in own):
         return "counts samples"
     for other in columns:
         if other == name:
@@ -147,6 +156,18 @@ def _useless(name: str, columns: Mapping[str, Sequence[FloatArray]], headings: M
         if second > 0.0 and 1.0 - abs(float(np.mean((joined - one) * (twin - two)))) / (first * second) < SAME:
             return f"the same as {headings[other].label}"
     return ""
+
+
+def _is_condition(own: Sequence[FloatArray]) -> bool:
+    """Tell whether a column keeps one value in each recording, and not the same in all, as what an experiment is at."""
+    least = FLAT * float(np.abs(np.concatenate(own)).max(initial=0.0))
+    return all(np.ptp(part) <= least for part in own) and np.ptp([part[0] for part in own]) > least
+
+
+def _counts(own: Sequence[FloatArray]) -> bool:
+    """Tell whether values that are constant within each recording number these, from 0 or 1 on."""
+    values = np.array([part[0] for part in own])
+    return values[0] in (0.0, 1.0) and set(np.diff(values)) <= {0.0, 1.0}
 
 
 def _wraps(own: Sequence[FloatArray]) -> float | None:

@@ -24,7 +24,7 @@ from odescope.recordings.readers import column_names, read_chunk
 from odescope.recordings.record import Records
 from odescope.recordings.text_files import NUMBER
 from odescope.signals.look import Role, Seen, look
-from odescope.study.looked_at import column_of, looked_at
+from odescope.study.looked_at import columns_of
 from odescope.study.toml import moved, parse_study
 
 TIMES = re.compile(
@@ -34,6 +34,7 @@ LABELS = re.compile(r"(run|segment|recording|experiment|trial|lap|series|batch|e
 STEADY = 4.0  # times the median: no step of a clock that nobody calls one is longer
 LEAST_ROWS = 32  # of a recording, on average
 BACK = 0.25  # of the steps go back of what is no clock, however it is called: T may be a temperature
+UNEVEN = 0.8  # of the points of a grid: where fewer hold a sample, they are at no even times
 WIDTH = 46  # columns of text before a comment
 
 
@@ -68,29 +69,28 @@ class ClockColumn:
     date: str | None = None
 
 
-def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
+def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Drafted:
     """Return the study of data files.
 
     Args:
-        file: that is looked at.
+        files: that are looked at, the first of them in any case.
         sources: that the study names.
         folder: that the study will be in.
 
     Raises:
         InputError: the file cannot be read, or no column may be a coordinate.
     """
-    labels = column_names(file)
+    file, labels = files[0], column_names(files[0])
     if all(NUMBER.fullmatch(label) for label in labels):
         raise InputError(
             f"the first line of {file.name} holds numbers, where column names are expected: add such a line"
         )
-    chunks = looked_at(file, labels[0])
+    chunks, read = columns_of(files, labels)
+    columns = {label: column.values for label, column in read.items() if not column.refusal}
+    dated = [label for label, column in read.items() if column.dated]
+    refusals = {label: column.refusal for label, column in read.items() if column.refusal}
+    clock = clock_of({label: values[: chunks[0].stop] for label, values in columns.items()}, dated)
     with opened(file) as kind:
-        read = {label: column_of(kind, chunks, label) for label in dict.fromkeys(labels)}
-        columns = {label: column.values for label, column in read.items() if not column.refusal}
-        dated = [label for label, column in read.items() if column.dated]
-        refusals = {label: column.refusal for label, column in read.items() if column.refusal}
-        clock = clock_of({label: values[: chunks[0].stop] for label, values in columns.items()}, dated)
         recording = _recording(kind, file, tuple(read), clock)
     taken = (clock.label, recording, *dated)
     others = [n for n in columns if n not in taken and np.isfinite(columns[n]).any()]
@@ -110,8 +110,9 @@ def draft(file: Path, sources: Sequence[Path], folder: Path) -> Drafted:
     empty = [label for label in labels if label not in (*others, clock.label, clock.date, recording)]
     unused = {label: refusals.get(label, "dates" if label in dated else "no numbers, or none") for label in empty}
     sampled = _sampled(clock, records, chunks)
-    if len(sources) > 1 or sources[0] != file:
-        sampled = f"{file.name}: {sampled}"
+    seen_files = dict.fromkeys(chunk.path.name for chunk in chunks)
+    if len(seen_files) < len(files) or (len(files) == 1 and sources[0] != file):
+        sampled = f"{', '.join(seen_files)}: {sampled}"
     text = "\n".join(_lines(sources, folder, clock, recording, sampled, seen, unused)) + "\n"
     parse_study(text)
     return Drafted(text, sampled, seen, unused)
@@ -237,10 +238,14 @@ def _sampled(clock: ClockColumn, records: Records, chunks: Sequence[Chunk]) -> s
         if clock.label is not None:
             told += f", one every {period:.4g} s, about {chunks[0].size * period:.4g} s in all"
         return f"{told}; {records.samples} of them, in {len(chunks)} parts, were looked at"
-    told = f"{records.samples} samples in {_count(len(records), 'recording')}"
+    measured = sum(len(r) if r.counts is None else round(r.counts.max(axis=1).sum()) for r in records)
+    told, period = f"{measured} samples in {_count(len(records), 'recording')}", records.runs[0].sample_period
     if clock.label is None:
         return told
-    return f"{told}, one every {records.runs[0].sample_period:.4g} s, {sum(r.duration for r in records):.4g} s in all"
+    in_all = sum(r.duration for r in records)
+    # At uneven times there are points of a grid without a sample, which nobody has lost.
+    every = f"{period:.4g} s" if measured > UNEVEN * records.samples else f"{in_all / measured:.4g} s on average"
+    return f"{told}, one every {every}, {in_all:.4g} s in all"
 
 
 def _lines(

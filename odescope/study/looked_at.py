@@ -1,4 +1,4 @@
-"""The rows of a data file that a study is drafted from: all of a short log, parts evenly spread over a long one."""
+"""The rows of data files that a study is drafted from: all of short logs, parts evenly spread over a long one."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from odescope.errors import InputError
 from odescope.recordings.chunks import Chunk, cut
 from odescope.recordings.columns import Columns, times
 from odescope.recordings.dates import is_dates
-from odescope.recordings.formats import Format
+from odescope.recordings.formats import Format, opened
 from odescope.recordings.layout import Layout
-from odescope.recordings.readers import survey
+from odescope.recordings.readers import column_names, survey
 
 MOST_ROWS = 800_000  # that are looked at one and all
+LEAST_NUMBERS = 2  # of a column in a file that is looked at beside another
 PARTS, PART_ROWS = 8, 50_000  # of a longer log
 
 
@@ -30,6 +31,11 @@ class ReadColumn:
     values: FloatArray
     dated: bool
     refusal: str = ""
+
+    @property
+    def serves(self) -> bool:
+        """Whether it holds numbers enough to be looked at."""
+        return not self.refusal and int(np.count_nonzero(np.isfinite(self.values))) >= LEAST_NUMBERS
 
 
 def looked_at(file: Path, label: str) -> tuple[Chunk, ...]:
@@ -49,22 +55,55 @@ def looked_at(file: Path, label: str) -> tuple[Chunk, ...]:
     return tuple(parts[k] for k in np.linspace(0, len(parts) - 1, PARTS).round().astype(int).tolist())
 
 
-def column_of(kind: Format, chunks: Sequence[Chunk], label: str) -> ReadColumn:
-    """Return a column of numbers or dates in some parts of a file.
+def columns_of(files: Sequence[Path], labels: Sequence[str]) -> tuple[tuple[Chunk, ...], dict[str, ReadColumn]]:
+    """Return the parts of data files that are looked at, and the columns of numbers or dates in these, by their labels.
+
+    With the first, if it is short, these are the others that have what it has, up to `MOST_ROWS` rows in all: what one
+    experiment does not show another may, as a temperature that is constant in each. Of a file that lacks something the
+    reading of the study tells.
 
     Args:
-        kind: of the file.
-        chunks: the parts.
-        label: of the column.
+        files: of data, the first of which is looked at in any case.
+        labels: of its columns.
+
+    Raises:
+        InputError: a file cannot be read, or holds no rows.
     """
-    found = []
-    for chunk in chunks:
-        read = kind.read if chunk.whole or kind.read_chunk is None else partial(_of_chunk, kind.read_chunk, chunk)
-        own = read_column(read, chunk.path, label)
-        if own.refusal:
-            return own
-        found.append(own)
-    return ReadColumn(np.concatenate([own.values for own in found]), any(own.dated for own in found))
+    chunks = looked_at(files[0], labels[0])
+    rows, found = chunks[0].stop, [_columns_in(chunks, labels)]
+    for file in files[1:] if chunks[0].whole else ():
+        if not set(column_names(file)) >= set(labels):
+            continue
+        more = looked_at(file, labels[0])
+        rows += more[0].stop
+        if rows > MOST_ROWS or not more[0].whole:
+            break
+        own = _columns_in(more, labels)
+        if all(own[label].serves or not first.serves for label, first in found[0].items()):
+            chunks += more
+            found.append(own)
+    return chunks, {label: _joined([own[label] for own in found]) for label in found[0]}
+
+
+def _columns_in(chunks: Sequence[Chunk], labels: Sequence[str]) -> dict[str, ReadColumn]:
+    """Return the columns in some parts of one file, by their labels."""
+    with opened(chunks[0].path) as kind:
+        return {label: _column_of(kind, chunks, label) for label in dict.fromkeys(labels)}
+
+
+def _joined(parts: Sequence[ReadColumn]) -> ReadColumn:
+    refused = next((part for part in parts if part.refusal), None)
+    if refused is not None:
+        return refused
+    return ReadColumn(np.concatenate([part.values for part in parts]), any(part.dated for part in parts))
+
+
+def _column_of(kind: Format, chunks: Sequence[Chunk], label: str) -> ReadColumn:
+    readers = (
+        kind.read if chunk.whole or kind.read_chunk is None else partial(_of_chunk, kind.read_chunk, chunk)
+        for chunk in chunks
+    )
+    return _joined([read_column(read, chunks[0].path, label) for read in readers])
 
 
 def _of_chunk(read_chunk: Callable[[Chunk, Layout], Columns], chunk: Chunk, _: Path, layout: Layout) -> Columns:

@@ -135,9 +135,9 @@ async def _draft(path: Path) -> Drafted:
         asyncio.CancelledError: the server ends.
     """
     if path.stat().st_size < SMALL:
-        return await aside(draft, path, [path], path.parent)
+        return await aside(draft, [path], [path], path.parent)
     try:
-        found = await run.cpu_bound(draft, path, [path], path.parent)
+        found = await run.cpu_bound(draft, [path], [path], path.parent)
     except SubprocessException as error:
         raise InputError(error.original_message) from error
     if found is None:

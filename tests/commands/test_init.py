@@ -17,7 +17,7 @@ T = 0.01 * np.arange(1500)
 
 def drafted(columns, name="log.csv"):
     write(name, {label: np.asarray(values, dtype=float) for label, values in columns.items()})
-    found = draft(Path(name), [Path(name)], Path())
+    found = draft([Path(name)], [Path(name)], Path())
     return parse_study(found.text), found.text
 
 
@@ -240,7 +240,7 @@ def test_a_column_of_something_else_that_is_called_as_the_time_is_none(here):
     ]
     for heading in ("T (°C)", "T"):
         Path("log.csv").write_text(f"Datum,level (mm),{heading}\n" + "".join(rows))
-        found = draft(Path("log.csv"), [Path("log.csv")], Path())
+        found = draft([Path("log.csv")], [Path("log.csv")], Path())
         assert parse_study(found.text).data.time == "Datum"
 
 
@@ -284,11 +284,29 @@ def test_cells_that_are_no_numbers_are_told_where_a_column_is_left_out(here, ode
     assert "the first line of bare.csv holds numbers" in odescope.refused("init", "bare.csv")
 
 
-def test_of_several_files_the_one_that_was_looked_at_is_named(here, odescope):
+def test_of_several_files_all_that_have_what_the_first_has_are_looked_at(here, odescope):
     for name in ("a.csv", "b.csv"):
         write(name, {"t": T, "x": motion(1)})
     assert odescope("init", "a.csv", "b.csv", "--out", "both.toml").code == 0
-    assert "# a.csv: 1500 samples in 1 recording" in Path("both.toml").read_text()
+    assert "# 3000 samples in 2 recordings" in Path("both.toml").read_text()
+    write("b.csv", {"t": T, "y": motion(1)})
+    write("c.csv", {"t": T, "x": np.nan * T})
+    assert odescope("init", "a.csv", "b.csv", "c.csv", "--out", "other.toml").code == 0
+    assert "# a.csv: 1500 samples in 1 recording" in Path("other.toml").read_text()
+
+
+def test_what_experiments_were_run_at_drives_and_what_is_sampled_unevenly_is_told_so(here, odescope):
+    """Five tubes at a temperature each: one file shows it constant, and a grid has points that nobody sampled."""
+    t = np.round(np.geomspace(0.1, 20.0, 25), 2)
+    for k, level in enumerate((30.0, 40.0, 55.0)):
+        write(f"{k}.csv", {"t": t, "S": np.exp(-0.1 * t), "X": np.exp(-0.2 * t), "T [°C]": level + 0.0 * t})
+    assert odescope("init", "0.csv", "1.csv", "2.csv", "--out", "all.toml").code == 0
+    text = Path("all.toml").read_text()
+    study = parse_study(text)
+    assert (list(study.coordinates), list(study.inputs)) == (["S", "X"], ["T"])
+    assert study.inputs["T"].hold == "zero"
+    assert {c.order for c in study.coordinates.values()} == {1}  # S and X are amounts, as s and x are positions
+    assert re.search(r"75 samples in 3 recordings, one every [\d.]+ s on average", text)
 
 
 def stepped(seed, levels, rows=150):

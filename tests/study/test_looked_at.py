@@ -32,7 +32,7 @@ def written(path, columns):
 
 
 def drafted(path):
-    return draft(path, [path], path.parent)
+    return draft([path], [path], path.parent)
 
 
 def without_rows(found):
@@ -77,12 +77,12 @@ def test_a_command_that_rests_in_all_parts_is_an_input(tmp_path, long):
     assert 'brake = { hold = "zero" }' in found.text
 
 
-def test_what_only_tells_recordings_apart_is_no_command(tmp_path, long):
+def test_what_tells_recordings_apart_is_what_they_were_made_at_but_no_number_of_theirs(tmp_path, long):
     lap = np.arange(ROWS) // (ROWS // 3)
-    columns = {"t": T % (ROWS / 300), "y": np.sin(T), "lap": lap, "mass": 1.0 + 0.5 * (lap == 1)}
+    columns = {"t": T % (ROWS / 300), "y": np.sin(T), "lap": lap, "mass": 1.0 + 0.5 * (lap == 1), "n": lap + 1}
     found = drafted(written(tmp_path / "a.csv", columns))
     assert parse_study(found.text).data.recording == "lap"
-    assert [(s.name, s.role) for s in found.seen] == [("y", "coordinate"), ("mass", "neither")]
+    assert [(s.name, s.role) for s in found.seen] == [("y", "coordinate"), ("mass", "input"), ("n", "neither")]
 
 
 def test_a_clock_that_nobody_calls_one_is_known_by_its_even_steps(tmp_path, long):
