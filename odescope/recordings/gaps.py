@@ -80,10 +80,11 @@ def pieces(run: RawRun, gaps: Gaps, partial: bool = False) -> tuple[IntArray, ..
     if (fewest := int(counts.min())) < 2:
         if partial and (gaps != "refuse" or fewest == len(run.t)):
             return ()
-        what = (
-            "rows are complete" if gaps != "bridge" else f"cells of {run.labels[int(counts.argmin())]!r} hold numbers"
-        )
-        raise InputError(f"{fewest} of {len(run.t)} {what}{within(run.source)}: expected at least 2")
+        label = run.labels[int(counts.argmin())]
+        what = "rows are complete" if gaps != "bridge" else f"cells of {label!r} hold numbers"
+        # What was not measured in one recording may have been in the others.
+        advice = f"; leave that recording out, or {label!r}" if gaps == "bridge" else ""
+        raise InputError(f"{fewest} of {len(run.t)} {what}{within(run.source)}: expected at least 2{advice}")
     timed = np.flatnonzero(~np.isnan(run.t))
     steps = np.diff(run.t[timed])
     longest = GAP_PERIODS * float(np.median(steps))
