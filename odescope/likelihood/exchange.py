@@ -78,11 +78,15 @@ def foreseen(
         covariance = inverse(information[np.ix_(kept, kept)])
         cross = information[np.ix_(~kept, kept)]
         left = 1.0 - np.einsum("ai,ij,aj->a", cross, covariance, cross)
-        estimate = covariance @ pull[kept]
-        earned = np.where(left > TOLD_APART, (pull[~kept] - cross @ estimate) ** 2 / np.maximum(left, SINGULAR), 0.0)
         worth = np.empty(len(theta))
-        worth[kept] = prices[kept] - estimate**2 / np.diag(covariance) / scale
-        worth[~kept] = earned / scale - prices[~kept]
+        with np.errstate(over="ignore", invalid="ignore"):
+            estimate = covariance @ pull[kept]
+            missed = pull[~kept] - cross @ estimate
+            earned = np.where(left > TOLD_APART, missed**2 / np.maximum(left, SINGULAR), 0.0)
+            worth[kept] = prices[kept] - estimate**2 / np.diag(covariance) / scale
+            worth[~kept] = earned / scale - prices[~kept]
+        if not np.isfinite(worth).all():  # runs that grow beyond all bounds foresee nothing
+            return present.copy()
         best = int(np.argmax(np.where(able, worth, -np.inf)))
         if not (able[best] and worth[best] > 0.0):
             break

@@ -81,6 +81,16 @@ def test_what_is_foreseen_is_what_fits_anew_choose_one_at_a_time(seed, able):
     assert kept.tolist() != begun.tolist()
 
 
+def test_nothing_is_foreseen_of_runs_that_grow_beyond_all_bounds():
+    design, y = regression(0)
+    begun = np.array([False, False, True, False, True, False])
+    theta, _ = least(design, y, begun)
+    gradient = -design.T @ (y - design @ theta)
+    expansion = SimpleNamespace(information=design.T @ design, gradient=1e200 * gradient)
+    kept = foreseen(expansion, theta, begun, np.ones(6, dtype=bool), np.full(6, 9.0), 1.0)
+    assert kept.tolist() == begun.tolist()
+
+
 def test_a_leap_drops_what_is_worth_nothing_and_adds_what_is_lacking_in_one_fit():
     data = shots(spring_run(), drive(), SPRING_STEP, 0.005, np.random.default_rng(0), np.array([0.01, 0.05]))
     it = SearchSpace(Evaluator(data, 2), SPRING.mechanisms, SPRING.frame)
