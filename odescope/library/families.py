@@ -12,6 +12,7 @@ from odescope.library.constants import Constant, grid_for, thinned_grid
 from odescope.library.expression import Term
 from odescope.library.parse import Scope, parse_term
 from odescope.library.tape import evaluate, write_tape
+from odescope.recordings.checks import RADIANS
 
 FINEST = 400  # values of a constant that are compared, from one end of its range to the other
 SEEN = 2000  # samples on which they are
@@ -25,6 +26,9 @@ BEYOND = 1.0  # of the range of its variable: how far outside of it the middle o
 FLAT = 0.3  # least one
 OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
+ABOVE_ZERO = {"K": 0.0, "kelvin": 0.0, "°C": 273.15, "degC": 273.15, "celsius": 273.15}  # kelvins, at 0 of each unit
+ACTIVATION = "activation"  # how the constant of Arrhenius' law is called, before the name of the temperature
+ENERGIES = (500.0, 50_000.0)  # of activation over the gas constant, in kelvins: 4 to 416 kJ/mol
 
 
 @dataclass(frozen=True)
@@ -58,25 +62,32 @@ def laid_out(
     return replace(constant, grid=grid_for(constant, np.nan_to_num(np.array(columns), posinf=0.0, neginf=0.0)))
 
 
+def is_angular(unit: str | None) -> bool:
+    """Say whether what has this unit may be an angle: a concentration is none, however far it moves."""
+    return unit is None or unit.strip().casefold() in RADIANS
+
+
 def may_be_angle(values: FloatArray) -> bool:
     """Say whether values (N,) may be an angle in radians, called so or not, of which functions tell."""
     return ARC < float(np.ptp(values)) < TURNS
 
 
 def families_of(
-    variable: str, values: FloatArray, taken: Collection[str], angle: bool | None = None
+    variable: str, values: FloatArray, taken: Collection[str], angle: bool | None = None, unit: str | None = None
 ) -> tuple[Family, ...]:
     """Return the functions of a variable that have values on the data, those without constants first.
 
     Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power and saturation; of
     what has one the size and the square with its sign; of both exponentials, tanh, the logistic function and sines,
-    those of the variable itself where it may be an angle.
+    those of the variable itself where it may be an angle. Of a temperature, by its unit, there is Arrhenius' law, about
+    the middle of its range.
 
     Args:
         variable: its name.
         values: (N,) on the data.
         taken: names that constants may not have.
-        angle: whether it may be an angle, which its values tell if nothing else does.
+        angle: whether it may be an angle, which its unit and its values tell if nothing else does.
+        unit: that it is in, None where that is not known.
     """
     low, high = float(values.min()), float(values.max())
     size, reach = max(abs(low), abs(high)), high - low
@@ -106,8 +117,14 @@ def families_of(
             drawn.append((f"{variable}/({half.name} + {variable})", (half,)))
     else:
         drawn += [(f"abs({variable})", ()), (f"{variable}*abs({variable})", ())]
-    if may_be_angle(values) if angle is None else angle:
+    if is_angular(unit) and may_be_angle(values) if angle is None else angle:
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
+    zero = ABOVE_ZERO.get(unit or "")
+    if zero is not None and low + zero > 0.0:
+        inverse = 1.0 / (low + zero), 1.0 / (high + zero)
+        energy = constant(ACTIVATION, ENERGIES[0], min(ENERGIES[1], OFF / (inverse[0] - inverse[1])))
+        shown = f"{variable} + {zero!r}" if zero else variable
+        drawn.append((f"exp({energy.name}*({sum(inverse) / 2.0:.3g} - 1/({shown})))", (energy,)))
     if low < reach:
         drawn.append((f"tanh({variable}/{scale.name})", (scale,)))
     drawn += [

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import combinations, product
+from types import MappingProxyType
 
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant
 from odescope.library.expression import Term
-from odescope.library.families import may_be_angle
+from odescope.library.families import is_angular, may_be_angle
 from odescope.library.parse import Scope, parse_term
 
 STEEPEST = 10.0  # weight of a variable within a function, times the range of the variable
 WEIGHTS = (0.4, 1.0, 2.5)  # the same, where it is looked for
 PLACES = (-0.5, 0.0, 0.5, 1.0, 1.5)  # middles of a step, from one end of the range of the sum to the other
+NO_UNITS: Mapping[str, str | None] = MappingProxyType({})
 MANY = 6  # variables: of more there are too many pairs
 
 
@@ -29,23 +31,29 @@ class PairFamily:
     points: tuple[tuple[tuple[str, float], ...], ...] = ()
 
 
-def pair_families(values: Mapping[str, FloatArray], taken: Collection[str]) -> tuple[PairFamily, ...]:
+def pair_families(
+    values: Mapping[str, FloatArray], taken: Collection[str], units: Mapping[str, str | None] = NO_UNITS
+) -> tuple[PairFamily, ...]:
     """Return the functions of pairs of variables that have values on the data.
+
+    What has another unit than an angle is in no sine, and what has two units in no difference.
 
     Args:
         values: of the variables, by name (N,).
         taken: names that constants may not have.
+        units: of the variables, as far as they are known.
     """
     moving = [name for name, v in values.items() if np.isfinite(v).all() and float(np.ptp(v)) > 0.0]
     found = list[PairFamily]()
     for one, other in combinations(moving if len(moving) <= MANY else (), 2):
-        found += _plain(one, other, values)
+        found += _plain(one, other, values, units)
         found += _weighted(one, other, values, taken)
     return tuple(found)
 
 
-def may_be_angles(values: Mapping[str, FloatArray]) -> frozenset[str]:
+def may_be_angles(values: Mapping[str, FloatArray], units: Mapping[str, str | None] = NO_UNITS) -> frozenset[str]:
     """Return the variables that may be angles, by themselves or by their difference from another or sum with it."""
+    values = {name: v for name, v in values.items() if is_angular(units.get(name))}
     found = {name for name, v in values.items() if may_be_angle(v)}
     for one, other in combinations(values if len(values) <= MANY else (), 2):
         if may_be_angle(values[one] - values[other]) or may_be_angle(values[one] + values[other]):
@@ -58,15 +66,17 @@ def sines(angles: Collection[str]) -> tuple[Term, ...]:
     return tuple(parse_term(f"{f}({name})", Scope.of([name])) for name in sorted(angles) for f in ("sin", "cos"))
 
 
-def _plain(one: str, other: str, values: Mapping[str, FloatArray]) -> list[PairFamily]:
+def _plain(one: str, other: str, values: Mapping[str, FloatArray], units: Mapping[str, str | None]) -> list[PairFamily]:
     """Return the functions of difference and sum without constants.
 
     Sine and cosine where these may be angles; of a difference, its root where it has one sign, else its size.
     """
     difference, total = values[one] - values[other], values[one] + values[other]
-    texts = list[str]()
+    texts, unit = list[str](), {u for u in (units.get(one), units.get(other)) if u is not None}
+    if len(unit) > 1:
+        return []
     for sign, column in (("-", difference), ("+", total)):
-        if may_be_angle(column):
+        if may_be_angle(column) and all(map(is_angular, unit)):
             texts += [f"sin({one} {sign} {other})", f"cos({one} {sign} {other})"]
     if difference.min() > 0.0:
         texts.append(f"sqrt({one} - {other})")

@@ -5,13 +5,14 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 
 from odescope.library.constants import Constant
+from odescope.library.families import ACTIVATION
 from odescope.library.product import Product
 from odescope.library.readable import readable
 from odescope.likelihood.add_and_drop import GAIN
@@ -37,6 +38,16 @@ class _Work(Beginnings):
     def holds_functions(self, fit: Fit) -> bool:
         """Say whether a model has functions beside the candidates of the one before."""
         return any(k >= self.own and self.space.mechanisms[k].parts for k in fit.present.tolist())
+
+    def least_gain(self, fit: Fit) -> float:
+        """Return what a model has to gain by its functions.
+
+        Many functions are tried, and of most variables nothing says beforehand which is theirs. That rates go with
+        temperature as Arrhenius has it is known, and a fraction of degrees Celsius, whose zero is anywhere, is no law.
+        """
+        functions = (self.space.mechanisms[k] for k in fit.present.tolist() if k >= self.own)
+        known = (any(n.startswith(f"{ACTIVATION}_") for n in m.names) for m in functions if m.parts)
+        return 0.0 if all(known) else EVIDENT
 
     def exchanged(self, standing: Standing) -> Standing:
         """Return the model with the functions that the likelihood prefers, each tried with the others as they are."""
@@ -153,6 +164,7 @@ class _Work(Beginnings):
             ),
             outcome=outcome,
             gain=gain,
+            least=self.least_gain(fit),
             tried=self.tried,
         )
 
@@ -167,7 +179,13 @@ class _Work(Beginnings):
         return {n: c for n, c in self.space.frame.constants.items() if n in own or n in named}
 
 
-def alternative(refinement: Refinement, suspected: Sequence[Suspicion], plain: int, limit: float) -> Alternative | None:
+def alternative(
+    refinement: Refinement,
+    suspected: Sequence[Suspicion],
+    plain: int,
+    limit: float,
+    units: Mapping[str, str | None],
+) -> Alternative | None:
     """Return what a model becomes with functions in the place of what is suspected; None where it cannot be followed.
 
     Args:
@@ -175,8 +193,9 @@ def alternative(refinement: Refinement, suspected: Sequence[Suspicion], plain: i
         suspected: what is suspected of its model.
         plain: number of the candidates; what else may be present are settings.
         limit: units of budget that may be spent.
+        units: of states and inputs, as far as they are known.
     """
-    work = _Work.of(refinement, suspected, limit)
+    work = _Work.of(refinement, suspected, limit, units)
     found = replace(refinement.fit, theta=work.padded(refinement.fit.theta))
     standing = work.first(found)
     if standing is None:
@@ -184,7 +203,7 @@ def alternative(refinement: Refinement, suspected: Sequence[Suspicion], plain: i
     standing, price = work.exchanged(standing), work.moves().penalised
     before = work.tightened(found.theta) if refinement.exact else None
     gain = None if before is None else price(before) - price(standing.fit)
-    if gain is not None and gain > EVIDENT and work.holds_functions(standing.fit):
+    if gain is not None and gain > work.least_gain(standing.fit) and work.holds_functions(standing.fit):
         return work.told(standing.fit, None, gain, plain)
     outcome = work.searched(standing)
     if outcome is None:

@@ -15,7 +15,7 @@ from odescope.arrays import FloatArray
 from odescope.library.expression import ONE, Name, Term
 from odescope.library.families import families_of
 from odescope.library.mechanism import Mechanism, candidate
-from odescope.library.pairs import may_be_angles, pair_families, sines
+from odescope.library.pairs import NO_UNITS, may_be_angles, pair_families, sines
 from odescope.library.product import Product
 from odescope.likelihood.add_and_drop import Moves
 from odescope.likelihood.budget import Budget
@@ -52,13 +52,20 @@ class FunctionSpace:
     exact: bool
 
     @classmethod
-    def of(cls, refinement: Refinement, suspected: Sequence[Suspicion], limit: float) -> Self:
+    def of(
+        cls,
+        refinement: Refinement,
+        suspected: Sequence[Suspicion],
+        limit: float,
+        units: Mapping[str, str | None] = NO_UNITS,
+    ) -> Self:
         """Return what functions are chosen on.
 
         Args:
             refinement: the end of a likelihood stage, of plain candidates.
             suspected: what is suspected of its model.
             limit: units of budget that may be spent.
+            units: of states and inputs, as far as they are known.
         """
         space = refinement.space
         segments = thinned(space.segments if refinement.process is None else space.segments.cut_anew(SEGMENT))
@@ -66,10 +73,12 @@ class FunctionSpace:
         space = space.within(Budget(limit, space.budget.monitor, space.budget.deadline))
         values = values_of_variables(space)
         taken = {*space.frame.variables, *space.frame.targets, *space.frame.constants}
-        joint = _joint(suspected, values, taken)
-        angles = may_be_angles(values) if joint else None
+        joint = _joint(suspected, values, taken, units)
+        angles = may_be_angles(values, units) if joint else None
         names = dict.fromkeys(s.variable for s in suspected if s.reason not in JOINT)
-        families = {n: families_of(n, values[n], taken, None if angles is None else n in angles) for n in names}
+        families = {
+            n: families_of(n, values[n], taken, None if angles is None else n in angles, units.get(n)) for n in names
+        }
         choices = tuple(joint.get(s.reason) or choices_of(families.get(s.variable, ()), s.beside) for s in suspected)
         constants = {c.name: c for found in choices for choice in found for c in choice.constants}
         known = {(p.relation, p.product) for m in space.mechanisms for p in m.parts}
@@ -209,7 +218,10 @@ class FunctionSpace:
 
 
 def _joint(
-    suspected: Sequence[Suspicion], values: Mapping[str, FloatArray], taken: Collection[str]
+    suspected: Sequence[Suspicion],
+    values: Mapping[str, FloatArray],
+    taken: Collection[str],
+    units: Mapping[str, str | None],
 ) -> dict[str, tuple[Choice, ...]]:
     """Return the functions for suspicions of no variable, by their reason.
 
@@ -217,8 +229,9 @@ def _joint(
         suspected: all suspicions.
         values: of the variables, by name (N,).
         taken: names that constants may not have.
+        units: of the variables, as far as they are known.
     """
     if not any(s.reason in JOINT for s in suspected):
         return {}
-    pairs = tuple(Choice((f.term,), f.constants, f.points) for f in pair_families(values, taken))
-    return {"pair": pairs, "sine": tuple(Choice((term,)) for term in sines(may_be_angles(values)))}
+    pairs = tuple(Choice((f.term,), f.constants, f.points) for f in pair_families(values, taken, units))
+    return {"pair": pairs, "sine": tuple(Choice((term,)) for term in sines(may_be_angles(values, units)))}

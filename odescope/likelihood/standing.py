@@ -21,8 +21,9 @@ class Alternative:
 
     `mechanisms` are the functions, candidates beside those of the model, none where the search dropped all, and
     `constants` theirs; `start` holds their coefficients. `gain` is the fall of the penalised cost, at prices that count
-    all functions that were tried, None where one of the two does not follow the record; `tried` are these, by number
-    of the suspicion. `outcome` is that of a search with them: there is none where functions alone are evidently better.
+    all functions that were tried, None where one of the two does not follow the record, and `least` what it has to be
+    above; `tried` are these, by number of the suspicion. `outcome` is that of a search with them: there is none where
+    functions alone are better by so much.
     """
 
     mechanisms: tuple[Mechanism, ...]
@@ -30,6 +31,7 @@ class Alternative:
     start: Start
     outcome: Outcome | None
     gain: float | None
+    least: float
     tried: tuple[tuple[str, ...], ...]
 
 

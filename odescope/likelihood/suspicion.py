@@ -87,15 +87,20 @@ def _declared(space: SearchSpace) -> set[str]:
 
 def _imitation(relation: int, products: Sequence[Product], name: str) -> Suspicion | None:
     """Return why powers or fractions of a variable may be a function of it, None where they are not."""
-    if any(p.factor is not None and p.term.power_of(Name(name)) for p in products):
-        return Suspicion(relation, name, "fractions", terms=sum(p.term.power_of(Name(name)) != 0 for p in products))
     powers = dict[Term, set[float]]()
     for p in products:
-        power = p.term.power_of(Name(name))
-        if p.factor is None and power:
+        if p.factor is None:
             rest = Term(tuple(f for f in p.term.factors if f[0] != Name(name)))
-            powers.setdefault(rest, set()).add(power)
-    beside = [rest for rest, found in powers.items() if len(found) >= SEVERAL and name not in rest.names]
+            powers.setdefault(rest, set()).add(p.term.power_of(Name(name)))
+    powers = {rest: found for rest, found in powers.items() if name not in rest.names}
+    if any(p.factor is not None and p.term.power_of(Name(name)) for p in products):
+        # A fraction divides the whole relation, so the function may be in any of its terms: those that hold its
+        # numerator, or all where that is a number, as in M/(1 + I).
+        above = [rest for rest, found in powers.items() if found != {0}] or list(powers)
+        terms = sum(p.term.power_of(Name(name)) != 0 for p in products)
+        return Suspicion(relation, name, "fractions", tuple(dict.fromkeys((ONE, *above))), terms)
+    powers = {rest: found - {0} for rest, found in powers.items()}
+    beside = [rest for rest, found in powers.items() if len(found) >= SEVERAL]
     most = max((len(powers[rest]) for rest in beside), default=0)
     return Suspicion(relation, name, "powers", tuple(dict.fromkeys((ONE, *beside))), most) if beside else None
 

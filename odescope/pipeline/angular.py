@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from odescope.events import Progress
-from odescope.library.families import may_be_angle
+from odescope.library.families import is_angular, may_be_angle
 from odescope.library.readable import readable
 from odescope.likelihood.refine import Refinement
 from odescope.model.scores import SuspicionScore
@@ -49,7 +49,9 @@ def with_angles(
         suspected: whether there was a suspicion against its terms, settled or not.
     """
     study, signals = work.study, filtered.signals
-    angles = [n for n in study.suspects if n in signals.states and may_be_angle(signals.joined()[signals.row(n)])]
+    no_angles = {c.name for c in signals.coordinates if not is_angular(c.unit)}
+    moving = [n for n in study.suspects if n in signals.states and n not in no_angles]
+    angles = [n for n in moving if may_be_angle(signals.joined()[signals.row(n)])]
     if study.library.by_hand or not angles or not filtered.sample.complete:
         return refinement, ()
     settled = refinement is not None and refinement.lacks_nothing

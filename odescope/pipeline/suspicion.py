@@ -8,7 +8,7 @@ import numpy as np
 
 from odescope.events import Progress
 from odescope.library.readable import readable
-from odescope.likelihood.alternatives import EVIDENT, alternative
+from odescope.likelihood.alternatives import alternative
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.standing import Alternative
 from odescope.likelihood.suspicion import JOINT, Suspicion, suspicions, values_of_variables, with_pairs
@@ -37,7 +37,8 @@ def with_suspected(
         if not suspected:
             return refinement, ()
         work.monitor.tell(Progress("suspicion", "search with functions that the library lacks", 0, 1))
-        found = alternative(refinement, suspected, len(posed.mechanisms), max(refinement.spent, LEAST))
+        units = {c.name: c.unit for c in filtered.signals.coordinates} | {i.name: i.unit for i in filtered.inputs}
+        found = alternative(refinement, suspected, len(posed.mechanisms), max(refinement.spent, LEAST), units)
     better = None
     if found is not None and _promises(refinement, found):
         wide = replace(
@@ -66,7 +67,7 @@ def _promises(refinement: Refinement, found: Alternative) -> bool:
     if not found.mechanisms:
         return False
     if refinement.exact:
-        return found.gain is not None and found.gain > EVIDENT
+        return found.gain is not None and found.gain > found.least
     return found.outcome is not None and found.outcome.rank < refinement.outcome.rank
 
 

@@ -60,3 +60,21 @@ def test_a_thinned_grid_is_spread_evenly_over_the_whole_one():
     assert np.ptp(np.diff(found)) <= 1.0
     assert found[0] < 10.0
     assert found[-1] >= 90.0
+
+
+@pytest.mark.parametrize(("unit", "shift"), [("°C", 273.15), ("K", 0.0)])
+def test_a_temperature_has_the_law_of_arrhenius_and_nothing_else_has(unit, shift):
+    kelvins = np.linspace(300.0, 350.0, 100)
+    (law,) = (f for f in families_of("z", kelvins - shift, (), unit=unit) if "activation_z" in f.term.text)
+    assert not any("activation" in text for text in texts(kelvins - shift))
+    tape = write_tape(["z", "activation_z"], [law.term])
+    low, high = evaluate(tape, np.array([kelvins - shift, np.full(100, 6000.0)]))[0][[0, -1]]
+    assert np.log(high / low) == pytest.approx(6000.0 * (1.0 / 300.0 - 1.0 / 350.0))
+    assert low < 1.0 < high  # about the middle: factor and energy can be told apart
+
+
+@pytest.mark.parametrize(("unit", "angles"), [(None, True), ("rad", True), ("mol/L", False), ("°C", False)])
+def test_what_has_another_unit_is_no_angle(unit, angles):
+    found = {readable(f.term) for f in families_of("z", np.linspace(-1.0, 2.0, 100), (), unit=unit)}
+    assert ("sin(z)" in found) is angles
+    assert "sin(rate_z*z)" in found

@@ -28,6 +28,22 @@ def test_a_difference_that_may_be_an_angle_makes_angles_of_both():
     assert not any("sin" in t for t in texts({"x": 0.1 * X, "y": small}))
 
 
+@pytest.mark.parametrize(
+    ("units", "sine", "size"),
+    [
+        ({}, True, True),
+        ({"x": "mol/L"}, False, True),
+        ({"x": "K", "y": "K"}, False, True),
+        ({"x": "K", "y": "g"}, False, False),
+    ],
+)
+def test_amounts_are_no_angles_and_what_has_two_units_has_no_difference(units, sine, size):
+    values = {"x": X, "y": 0.1 * np.cos(1.3 * T)}
+    found = {readable(f.term) for f in pair_families(values, (), units)}
+    assert ("sin(x - y)" in found, "abs(x - y)" in found) == (sine, size)
+    assert ("x" in may_be_angles(values, units)) is sine
+
+
 def test_constants_are_looked_for_within_their_ranges_and_under_free_names():
     taken = {"offset_x_y"}
     for family in pair_families({"x": X, "y": Y}, taken):
