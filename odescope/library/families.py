@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -119,12 +119,9 @@ def families_of(
         drawn += [(f"abs({variable})", ()), (f"{variable}*abs({variable})", ())]
     if is_angular(unit) and may_be_angle(values) if angle is None else angle:
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
-    zero = ABOVE_ZERO.get(unit or "")
-    if zero is not None and low + zero > 0.0:
-        inverse = 1.0 / (low + zero), 1.0 / (high + zero)
-        energy = constant(ACTIVATION, ENERGIES[0], min(ENERGIES[1], OFF / (inverse[0] - inverse[1])))
-        shown = f"{variable} + {zero!r}" if zero else variable
-        drawn.append((f"exp({energy.name}*({sum(inverse) / 2.0:.3g} - 1/({shown})))", (energy,)))
+    for kelvins, inverse, largest in _kelvins(variable, unit, low, high):
+        energy = constant(ACTIVATION, ENERGIES[0], largest)
+        drawn.append((f"exp({energy.name}*({inverse:.3g} - 1/({kelvins})))", (energy,)))
     if low < reach:
         drawn.append((f"tanh({variable}/{scale.name})", (scale,)))
     drawn += [
@@ -135,6 +132,26 @@ def families_of(
         (f"1/(1 + exp(-{slope.name}*({variable} - {middle.name})))", (slope, middle)),
     ]
     return tuple(_family(variable, text, constants, values) for text, constants in drawn)
+
+
+def _kelvins(variable: str, unit: str | None, low: float, high: float) -> Iterator[tuple[str, float, float]]:
+    """Yield a temperature in kelvins as text, the inverse of one in the middle, and the largest energy of activation.
+
+    About the middle the factor of Arrhenius' law and its energy can be told apart. Nothing for what is no temperature.
+
+    Args:
+        variable: its name.
+        unit: that it is in.
+        low: its least value.
+        high: its largest.
+    """
+    zero = ABOVE_ZERO.get(unit or "")
+    if zero is None or low + zero <= 0.0:
+        return
+    inverse = 1.0 / (low + zero), 1.0 / (high + zero)
+    largest = min(ENERGIES[1], OFF / (inverse[0] - inverse[1]))
+    if largest > ENERGIES[0]:
+        yield f"{variable} + {zero!r}" if zero else variable, sum(inverse) / 2.0, largest
 
 
 def _family(variable: str, text: str, constants: tuple[Constant, ...], values: FloatArray) -> Family:

@@ -314,6 +314,13 @@ def test_a_model_without_scores_is_not_called_uncertain():
     assert uncertain(None) == ""
 
 
+def test_rows_at_uneven_times_are_not_told_missing_and_cells_that_are_are():
+    missing = {"A": (75, 38), "B": (72, 37), "C": (72, 37)}
+    told = said(ModelScores(time=TimeScore(100, 0, 0, 0.0, 172, missing)), NONE)
+    assert "samples are not at even times: 100 rows count at the nearest of 172 points of a grid" in told
+    assert [n for n in told if "missing" in n] == ["3 samples of A, of 100, are missing (3.00 %)"]
+
+
 @pytest.mark.parametrize(("off", "warned"), [(0.04, True), (0.002, False)])
 def test_inputs_that_moved_in_their_gaps_are_warned_of(off, warned):
     time = TimeScore(100, 0, 0, 0.0, 120, {"x": (20, 1)}, {"u": (20, off)})
