@@ -1,4 +1,6 @@
-"""A forcing that was not recorded: a sine of the time without which a few terms do not say a target.
+"""A sine of the time or of a position without which a few terms do not say a target.
+
+The former is a forcing that was not recorded, the latter what repeats along a way: the cogging of a motor, a gear.
 
 docs/method.md, Suspicion.
 """
@@ -21,51 +23,102 @@ TERMS = 5  # of a relation, beside the sine
 PRICE = 3  # terms more that stand for sine, cosine and their rate where there are none
 LEAST = 3.0  # periods in the longest recording
 FINE = 4  # times as fine as one more period in that recording are the rates that are compared
-DENSE = 8  # averages in a period, at least
+DENSE = 8  # averages in a period, at least; along a position at its usual rate
+HALVES = 2  # places of a position in what it usually moves from one average to the next
 TOGETHER = 2**22  # numbers in memory at once
 INDEPENDENT = 1e-7  # share of a column that those chosen before do not say
 
 
 @dataclass(frozen=True)
 class Forcing:
-    """A rate in rad/s of what is lacking in a relation, known to within `width`, and its share of what terms leave."""
+    """A rate of what is lacking in a relation, known to within `width`, and its share of what terms leave.
 
+    It is in rad a second, or in rad a unit of `variable`, a position.
+    """
+
+    variable: str | None
     relation: int
     rate: float
     width: float
     share: float
 
 
-def periodic(space: SearchSpace) -> Forcing | None:
+@dataclass(frozen=True, eq=False)
+class _Along:
+    """What a sine may go with: the time, or a position.
+
+    Shapes: place (N,) of every average on a grid of `step`, from 0 on; a sine has a phase of its own in each of `runs`,
+    and `least` steps a period or more.
+    """
+
+    variable: str | None
+    place: IntArray
+    step: float
+    runs: tuple[tuple[int, int], ...]
+    least: int
+
+
+def periodic(space: SearchSpace, positions: Sequence[str] = ()) -> Forcing | None:
     """Return the rate at which a sine helps the terms of a relation most, None where none clearly does.
 
-    At every rate that a record resolves sine and cosine are given, each recording with a phase of its own, and a
-    forward selection takes terms of the relation beside them; it is compared with one without.
+    At every rate that a record resolves sine and cosine are given, of the time with a phase for each recording or of a
+    position, and a forward selection takes terms of the relation beside them; it is compared with one without.
+
+    Args:
+        space: whose relations and smoothed states are meant.
+        positions: those of its states that a sine may be of, beside the time.
     """
+    columns, moving = _columns(space), (_position(space, name) for name in positions)
+    ways = [_time(space), *(along for along in moving if along is not None)]
+    found = [forcing for along in ways for forcing in _forcings(columns, along)]
+    clearest = max(found, key=lambda forcing: forcing.share, default=None)
+    return clearest if clearest is not None and clearest.share > SHARE else None
+
+
+def _time(space: SearchSpace) -> _Along:
     segments = space.segments
-    longest = max(high - low for low, high in segments.runs)
+    place = np.zeros(len(segments.filtered), dtype=np.int64)
+    for low, high in segments.runs:
+        place[low:high] = np.arange(high - low)
+    return _Along(None, place, segments.step, segments.runs, DENSE)
+
+
+def _position(space: SearchSpace, name: str) -> _Along | None:
+    """Return a position, None for one that rests."""
+    segments = space.segments
+    values = segments.filtered[:, space.frame.states.index(name)]
+    moved = np.concatenate([np.diff(values[low:high]) for low, high in segments.runs])
+    step = float(np.sqrt(np.mean(moved**2))) / HALVES if len(moved) else 0.0
+    if not step > 0.0:
+        return None
+    # A place is off by half a step at most, a sixteenth of a turn of the fastest sine.
+    place = np.rint((values - values.min()) / step).astype(np.int64)
+    return _Along(name, place, step, ((0, len(values)),), DENSE * HALVES)
+
+
+def _forcings(relations: Sequence[FloatArray], along: _Along) -> list[Forcing]:
+    """Return the best rate for every relation, of its columns (k, N) with the target last."""
+    longest = 1 + max(int(along.place[low:high].max(initial=0)) for low, high in along.runs)
     length = 2 ** int(np.ceil(np.log2(FINE * longest)))
     number = np.arange(length // 2 + 1)
-    rate = 2.0 * np.pi * number / (length * segments.step)
-    width = 2.0 * np.pi / (longest * segments.step)
-    number = number[(rate > LEAST * width) & (rate < 2.0 * np.pi / (DENSE * segments.step))]
-    turns, counts = 2.0 * np.pi * number / length, [high - low for low, high in segments.runs]
+    rate = 2.0 * np.pi * number / (length * along.step)
+    width = 2.0 * np.pi / (longest * along.step)
+    number = number[(rate > LEAST * width) & (rate < 2.0 * np.pi / (along.least * along.step))]
     found = list[Forcing]()
-    for relation, columns in enumerate(_columns(space) if len(number) else ()):
+    for relation, columns in enumerate(relations if len(number) else ()):
         if len(columns) > 1:
             each = max(TOGETHER // len(columns) ** 2, 1)
             parts = np.split(np.arange(len(number)), range(each, len(number), each))
-            products, spectra = _products(columns, segments.runs), _spectra(columns, segments.runs, number, length)
-            beside = (_with_sines(products, [s[part] for s in spectra], counts, turns[part]) for part in parts)
+            products, spectra = _products(columns, along.runs), _spectra(columns, along, number, length)
+            sums = _sums(along, number, length)
+            beside = (_with_sines(products, [s[p] for s in spectra], [[z[p] for z in s] for s in sums]) for p in parts)
             left = np.concatenate([_left(part, TERMS) for part in beside])
             alone = _left(products[None], TERMS + PRICE)[0]
             best = int(np.argmin(left))
             if alone > 0.0:
-                found.append(
-                    Forcing(relation, float(rate[number[best]]), width, 1.0 - float(left[best]) / float(alone))
-                )
-    clearest = max(found, key=lambda forcing: forcing.share, default=None)
-    return clearest if clearest is not None and clearest.share > SHARE else None
+                share = 1.0 - float(left[best]) / float(alone)
+                found.append(Forcing(along.variable, relation, float(rate[number[best]]), width, share))
+    return found
 
 
 def _columns(space: SearchSpace) -> list[FloatArray]:
@@ -90,50 +143,63 @@ def _centred(columns: FloatArray) -> FloatArray:
     return found
 
 
-def _spectra(
-    columns: FloatArray, runs: tuple[tuple[int, int], ...], number: IntArray, length: int
-) -> list[NDArray[np.complex128]]:
-    """Return the discrete Fourier transform of columns (k, N) less their means, (rates, k) of every recording.
+def _spectra(columns: FloatArray, along: _Along, number: IntArray, length: int) -> list[NDArray[np.complex128]]:
+    """Return the sums of columns (k, N) less their means times exp(-i w place), (rates, k) of every run.
 
     Args:
         columns: of all recordings.
-        runs: where each recording begins and ends in them.
+        along: what the sines go with.
         number: (rates,) of each rate in the transform.
         length: of that.
     """
     # One column at a time: a transform is longer than its columns, and most of its rates are not asked for.
     return [
-        np.column_stack([np.fft.rfft(own, length)[number] for own in _centred(columns[:, low:high])])
-        for low, high in runs
+        np.column_stack(
+            [_transform(along.place[low:high], own, length)[number] for own in _centred(columns[:, low:high])]
+        )
+        for low, high in along.runs
     ]
 
 
-def _with_sines(
-    products: FloatArray, spectra: Sequence[NDArray[np.complex128]], counts: Sequence[int], turns: FloatArray
-) -> FloatArray:
-    """Return inner products of what a constant, a sine and a cosine of each recording leave of columns, (rates, k, k).
+def _transform(place: IntArray, values: FloatArray, length: int) -> NDArray[np.complex128]:
+    """Return the discrete Fourier transform of values (N,) at their places, those at one place together."""
+    return np.fft.rfft(np.bincount(place, values, length))
 
-    Args:
-        products: (k, k) of the columns less their means.
-        spectra: (rates, k) of every recording, see `_spectra`.
-        counts: averages of every recording.
-        turns: (rates,) radians from one average to the next.
-    """
-    result = np.repeat(products[None], len(turns), axis=0)
-    for count, spectrum in zip(counts, spectra, strict=True):
-        cosine, sine = spectrum.real, -spectrum.imag
-        # Sums over the samples of exp(-i w t) and exp(-2 i w t), from which those of cosines, sines and products.
-        once, twice = (np.exp(-1j * k * turns) for k in (1, 2))
-        once, twice = ((1.0 - z**count) / (1.0 - z) for z in (once, twice))
+
+def _sums(along: _Along, number: IntArray, length: int) -> list[Sequence[FloatArray]]:
+    """Return the squared lengths cc, ss of cosine and sine less their means, and their product cs, of every run."""
+    found = list[Sequence[FloatArray]]()
+    for low, high in along.runs:
+        count, place = high - low, along.place[low:high]
+        # Sums over the averages of exp(-i w t) and exp(-2 i w t), from which those of cosines, sines and products.
+        whole = _transform(place, np.ones(count), length)
+        once, twice = whole[number], whole[2 * number]
         cc = 0.5 * (count + twice.real) - once.real**2 / count
         ss = 0.5 * (count - twice.real) - once.imag**2 / count
         cs = -0.5 * twice.imag + once.real * once.imag / count
+        found.append((cc, ss, cs))
+    return found
+
+
+def _with_sines(
+    products: FloatArray, spectra: Sequence[NDArray[np.complex128]], sums: Sequence[Sequence[FloatArray]]
+) -> FloatArray:
+    """Return inner products of what a constant, a sine and a cosine of each run leave of columns, (rates, k, k).
+
+    Args:
+        products: (k, k) of the columns less their means.
+        spectra: (rates, k) of every run, see `_spectra`.
+        sums: (rates,) three of every run, see `_sums`.
+    """
+    result = np.repeat(products[None], len(spectra[0]), axis=0)
+    for (cc, ss, cs), spectrum in zip(sums, spectra, strict=True):
+        cosine, sine = spectrum.real, -spectrum.imag
         # Cholesky of [[cc, cs], [cs, ss]]: a cosine of length one, and what it leaves of the sine.
         root = np.sqrt(np.maximum(cc, 1e-300))
         rest = np.maximum(ss - (cs / root) ** 2, 0.0)
         first = cosine / root[:, None]
         second = sine - (cs / root)[:, None] * first
-        sound: BoolArray = rest > INDEPENDENT * count
+        sound: BoolArray = rest > INDEPENDENT * (cc + ss)
         second = np.where(sound[:, None], second / np.sqrt(np.where(sound, rest, 1.0))[:, None], 0.0)
         for direction in (first, second):
             result -= direction[:, :, None] * direction[:, None, :]

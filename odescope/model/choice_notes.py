@@ -24,8 +24,10 @@ SUSPECTED = {
     "angle": "{variable} may be an angle",
     "periodic": "what is unexplained of {target} goes at {low:.4g} to {high:.4g} rad/s, as under a forcing that was"
     " not recorded",
+    "recurring": "what is unexplained of {target} repeats along {variable}, at {low:.4g} to {high:.4g} rad a unit"
+    " of it, as the cogging of a motor does",
 }
-RESIDUAL = ("residual", "periodic")  # reasons that no terms of the model give
+RESIDUAL = ("residual", "periodic", "recurring")  # reasons that no terms of the model give
 JOINT = ("pair", "sine")  # reasons that are of no variable, and of too many functions to name
 MANY = 3  # powers of one variable that are rarely a law
 FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
@@ -87,7 +89,7 @@ def _version(of: VersionScore) -> str:
 def _of_a_suspicion(found: SuspicionScore) -> str:
     """Return what competed with powers and fractions of a variable, and how, with a warning where these are left."""
     what = SUSPECTED[found.reason].format(variable=found.variable, target=found.target, low=found.low, high=found.high)
-    if found.reason == "periodic":
+    if found.reason in ("periodic", "recurring"):
         return f"{what}: {_forced(found)}"
     if not found.tried:
         return f"{what}: functions of it could not be tried; {_held_within(found)}"

@@ -1,4 +1,4 @@
-"""A forcing that was not recorded: one identification more with a sine of the time, where a residual is periodic.
+"""What is periodic in time or along a position: one identification more with its sine, where a residual is periodic.
 
 docs/method.md, Suspicion.
 """
@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Protocol, TypeVar
 
 import msgspec
+import numpy as np
 
 from odescope.errors import InputError, NoModelError
 from odescope.events import Event, Monitor, Note, Progress
@@ -20,11 +21,10 @@ from odescope.model.choice_notes import unsettled
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.competition import Contender, NoLaw
 from odescope.pipeline.suspicion import replaces
+from odescope.recordings.coordinate import state_names
 from odescope.recordings.record import Records
 from odescope.study.clock import TIME, keeps_time
 from odescope.study.options import Study
-
-RATE = f"rate_{TIME}"
 
 
 class OfRecords(Protocol):
@@ -92,41 +92,75 @@ def _sought(
     """
     if before.exact or before.late or not study.suspects:
         return None
-    forcing = periodic(before.space)
+    coordinates = study.measured()
+    # A sine of a rate is no force of a machine, and what the user calls cyclic does not itself appear.
+    forcing = periodic(before.space, [c.name for c in coordinates if c.order > 1 and not c.cyclic])
     if forcing is None:
         return None
-    if not keeps_time(study) or RATE in study.parameters:
+    rate = _rate_of(study, forcing)
+    if rate is None:
         return None, _score(before, forcing, (), ())
-    waves = _waves(records)
-    monitor.tell(Progress("suspicion", "search with a forcing of the rate at which the residual goes", 0, 1))
+    waves = _waves(records, forcing.variable, rate)
+    monitor.tell(Progress("suspicion", "search with a sine of the rate at which the residual goes", 0, 1))
     try:
-        other, forced = run(_named(study, forcing, waves), replace(monitor, tell=_without(monitor, in_vain, [])))
+        named = _named(study, forcing, rate, waves)
+        other, forced = run(named, replace(monitor, tell=_without(monitor, in_vain, [])))
     except NoModelError:
         return None, _score(before, forcing, waves, ())
-    except InputError:  # the study is sound without the time, whose column holds dates
-        return None, _score(before, forcing, (), ())
-    found = _forcing(forced.refinement)
+    except InputError:
+        if forcing.variable is not None:
+            raise
+        return None, _score(before, forcing, (), ())  # the study is sound without the time, whose column holds dates
+    found = _forcing(forced.refinement, rate)
     if forced.refinement is not None and found and replaces(forced.refinement, before):
         return (other, forced), _score(before, forcing, waves, found)
     return None, _score(before, forcing, waves, ())
 
 
-def _waves(records: Records) -> tuple[str, ...]:
-    """Return sine and cosine of the time, or of the time since the middle of recordings whose stamps begin far from 0.
+def _rate_of(study: Study, forcing: Forcing) -> str | None:
+    """Return what the rate of a forcing is called, None where the time cannot be named."""
+    name = f"rate_{forcing.variable or TIME}"
+    if forcing.variable is None:
+        return name if keeps_time(study) and name not in study.parameters else None
+    taken = {*state_names(study.measured()), *study.inputs, *study.parameters, *study.library.functions}
+    while name in taken:
+        name += "_"
+    return name
+
+
+def _waves(records: Records, variable: str | None, rate: str) -> tuple[str, ...]:
+    """Return sine and cosine of a variable, or of what it is from its middle on where it keeps far from 0.
 
     Far from the origin a sine of another rate is one of another phase, and a fit cannot tell them apart.
+
+    Args:
+        records: where the variable was recorded.
+        variable: a position; None: the time.
+        rate: what its rate is called.
     """
-    begin, end = min(float(run.t[0]) for run in records), max(float(run.t[-1]) for run in records)
-    middle = round(0.5 * (begin + end))
-    since = TIME if abs(middle) < end - begin else f"({TIME} - {middle})"
-    return f"sin({RATE}*{since})", f"cos({RATE}*{since})"
+    columns = [run.t if variable is None else run.column(variable) for run in records]
+    begin, end = min(float(c.min()) for c in columns), max(float(c.max()) for c in columns)
+    name, middle = variable or TIME, 0.5 * (begin + end)
+    if abs(middle) < end - begin:
+        return f"sin({rate}*{name})", f"cos({rate}*{name})"
+    digits = 0 if variable is None else 1 - int(np.floor(np.log10(end - begin)))
+    rounded = round(middle, digits)
+    since = f"({name} {'-' if rounded > 0.0 else '+'} {abs(rounded):.{max(digits, 0)}f})"
+    return f"sin({rate}*{since})", f"cos({rate}*{since})"
 
 
-def _named(study: Study, forcing: Forcing, waves: tuple[str, ...]) -> Study:
-    """Return the study with a forcing among the candidates of its relations."""
+def _named(study: Study, forcing: Forcing, rate: str, waves: tuple[str, ...]) -> Study:
+    """Return the study with a forcing among the candidates of its relations.
+
+    Args:
+        study: the options.
+        forcing: that is named.
+        rate: what its rate is called.
+        waves: its sine and cosine.
+    """
     own, low = study.library, max(forcing.rate - forcing.width, 0.5 * forcing.rate)
     library = msgspec.structs.replace(
-        own, extra=(*own.extra, *waves), parameters={**own.parameters, RATE: (low, forcing.rate + forcing.width)}
+        own, extra=(*own.extra, *waves), parameters={**own.parameters, rate: (low, forcing.rate + forcing.width)}
     )
     return msgspec.structs.replace(study, library=library)
 
@@ -149,14 +183,15 @@ def _without(monitor: Monitor, kind: type[Event], ended: list[Event]) -> Callabl
     return tell
 
 
-def _forcing(refinement: Refinement | None) -> tuple[str, ...]:
+def _forcing(refinement: Refinement | None, rate: str) -> tuple[str, ...]:
     """Return the terms of a model that hold the rate, as people read them."""
     present = () if refinement is None else (refinement.space.mechanisms[k] for k in refinement.fit.present)
-    return tuple(dict.fromkeys(readable(p.product.term) for m in present if RATE in m.names for p in m.parts))
+    return tuple(dict.fromkeys(readable(p.product.term) for m in present if rate in m.names for p in m.parts))
 
 
 def _score(before: Refinement, forcing: Forcing, tried: tuple[str, ...], found: tuple[str, ...]) -> SuspicionScore:
     """Return what was made of a periodic residual; the range is that of the rate that it goes at."""
     target = before.space.frame.targets[forcing.relation]
     low, high = forcing.rate - forcing.width, forcing.rate + forcing.width
-    return SuspicionScore(target, TIME, "periodic", 0, low, high, tried, found, None)
+    reason = "periodic" if forcing.variable is None else "recurring"
+    return SuspicionScore(target, forcing.variable or TIME, reason, 0, low, high, tried, found, None)

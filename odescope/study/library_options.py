@@ -57,8 +57,8 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             or "scale" for a range from the data.
         suspect: whether functions that are not in the library (roots, logarithms, exponentials, tanh, sines, ...)
             compete where several powers or fractions of a variable seem to imitate one, or a residual goes with a
-            variable or is periodic in time: in relations, unless these are the paper's, or `terms` names their
-            candidates one by one.
+            variable or is periodic in time or along a position: in relations, unless these are the paper's, or `terms`
+            names their candidates one by one.
     """
 
     preset: Literal["default", "paper"] = "default"

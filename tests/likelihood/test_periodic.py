@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from process_cases import space
-from small_systems import SPRING, SPRING_STEP, drive, shots
+from small_systems import SPRING, SPRING_STEP, System, drive, shots
 
 from odescope.likelihood.periodic import PRICE, TERMS, periodic
 from odescope.likelihood.smoothed_targets import rates
+from odescope.recordings.coordinate import Coordinate
 
 SPREAD = np.array([1e-3, 5e-3])
 
@@ -71,3 +72,35 @@ def test_a_recording_too_short_for_three_periods_of_eight_averages_says_nothing(
     lines = {few: periodic(it.on(replace(it.segments, runs=((0, few),)))) for few in (22, 400)}
     assert lines[22] is None
     assert lines[400] is not None
+
+
+COG = 7.0  # rad a unit of x
+COGGED = System(
+    (Coordinate("x", 2),),
+    ("u",),
+    ((0, 0, "1", 1.0), (0, -1, "x_dot", 0.8), (0, -1, "u", -1.0), (0, -1, "x", 1.5), (0, -1, "x**2", 0.0)),
+    (0,),
+    lambda th, x, u: [-(th[1] * x[1] + th[2] * u[0] + th[3] * x[0]) - 2.0 * np.sin(COG * x[0] + 0.4)],
+)
+
+
+def cogged(runs=None):
+    nodes = 2.0 * drive(step=0.25 * SPRING_STEP)
+    states = COGGED.trajectory(COGGED.theta, [0.5, 0.0], nodes[:-1], 0.25 * SPRING_STEP)
+    data = shots(states, nodes, 0.25 * SPRING_STEP, 1e-3, np.random.default_rng(0), SPREAD)
+    return space(COGGED, data if runs is None else replace(data, runs=tuple(runs(len(states)))))
+
+
+@pytest.mark.parametrize("runs", [None, lambda n: [(0, n // 3), (n // 3, n)]], ids=["one recording", "two recordings"])
+def test_what_repeats_along_a_position_is_told_with_its_rate(runs):
+    it = cogged(runs)
+    line = periodic(it, ["x"])
+    assert (line.variable, line.relation) == ("x", 0)
+    assert abs(line.rate - COG) < 0.5 * line.width
+    assert line.width == pytest.approx(2.0 * np.pi / np.ptp(it.segments.filtered[:, 0]), rel=0.05)
+
+
+def test_a_position_that_rests_repeats_nothing():
+    it = cogged()
+    at_rest = replace(it.segments, filtered=np.zeros_like(it.segments.filtered))
+    assert periodic(it.on(at_rest), ["x"]) is None

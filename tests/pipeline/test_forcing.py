@@ -1,13 +1,15 @@
-"""A forcing that was not recorded is found by the residual that it leaves."""
+"""A forcing that was not recorded, and what repeats along a position, are found by the residual that they leave."""
 
 import msgspec
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from odescope import Candidates, Data, Measured, NoModelError, Study, identify
+from odescope import Candidates, Data, Driven, Measured, NoModelError, Study, identify
 from odescope.events import Note, Progress
+from odescope.pipeline.forcing import _waves
 from odescope.pipeline.identification import NothingFound
+from odescope.recordings.record import Record, Records
 
 DURATION, PERIOD, NOISE = 30.0, 0.05, 0.01
 RATE, STRENGTH, INFLOW, OUTFLOW = 1.9, 0.7, 1.0, 0.8
@@ -114,3 +116,39 @@ def test_dates_are_no_seconds_and_a_model_comes_of_them_all_the_same(tmp_path):
     (said,) = [s for s in result.model.scores.suspicions if s.reason == "periodic"]
     assert (said.tried, said.found) == ((), ())
     assert any("[data] time names a column of numbers, in seconds" in warning for warning in result.warnings)
+
+
+COG, PITCH, DRAG = 3.0, 0.5, 1.2
+
+
+@pytest.mark.slow
+def test_the_cogging_of_a_stage_is_found_along_its_position():
+    t = np.arange(0.0, 12.0, 0.01)
+    force = 6.0 * np.sin(1.3 * t) + 4.0 * np.sin(2.9 * t + 1.0)
+
+    def rate(now, s):
+        u = np.interp(now, t, force)
+        return [s[1], u - DRAG * s[1] - 2.0 * s[0] - COG * np.sin(2.0 * np.pi / PITCH * s[0])]
+
+    x = solve_ivp(rate, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.01).y[0]
+    study = Study(coordinates={"x": Measured(order=2)}, inputs={"u": Driven()}, data=Data(time="t"))
+    read = x + 5e-4 * np.random.default_rng(0).standard_normal(len(t))
+    result = identify(study, {"t": t, "x": read, "u": force})
+    found = {row.term: row for row in result.coefficients if row.equation == "x_ddot"}
+    truth = {"u": 1.0, "x_dot": -DRAG, "x": -2.0, "sin(rate_x*x)": -COG}
+    assert set(found) == set(truth)
+    assert all(abs(found[term].coefficient - value) < 4.0 * found[term].std_error for term, value in truth.items())
+    (constant,) = [p for p in result.model.parameters if p.name == "rate_x"]
+    assert abs(constant.value - 2.0 * np.pi / PITCH) < 4.0 * constant.std_error
+    (said,) = [s for s in result.model.scores.suspicions if s.reason == "recurring"]
+    assert said.low < constant.value < said.high
+    assert any("repeats along x" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(
+    ("origin", "wave"), [(0.0, "sin(k*x)"), (-40.0, "sin(k*(x + 39.89))"), (3e5, "sin(k*(x - 300000.10))")]
+)
+def test_a_sine_of_what_keeps_far_from_zero_counts_from_its_middle(origin, wave):
+    t = np.arange(9.0)
+    run = Record(t, origin + 0.1 * np.linspace(0.0, 2.1, 9)[:, None], ("x",), (None,))
+    assert _waves(Records.of(run), "x", "k")[0] == wave
