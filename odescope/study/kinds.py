@@ -46,7 +46,9 @@ def check_parts(options: object, name: str, kind: type) -> None:
 
 
 def _plain(value: object) -> object:
-    """Return a value without the kinds of numpy and of paths, in lists as well."""
+    """Return a value without the kinds of numpy and of paths, in lists and mappings as well."""
+    if isinstance(value, Mapping):
+        return {key: _plain(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
         return tuple(_plain(part) for part in value)
     if isinstance(value, np.generic):

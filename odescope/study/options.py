@@ -189,6 +189,7 @@ class Random(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.seed < 0:
             raise InputError(f"seed must be 0 or more, got {self.seed}")
 

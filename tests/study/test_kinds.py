@@ -8,7 +8,7 @@ import pytest
 from odescope.errors import InputError
 from odescope.pipeline.identification import identify
 from odescope.study.library_options import Candidates
-from odescope.study.options import Data, Driven, Measured, Study
+from odescope.study.options import Data, Driven, Measured, Random, Study
 
 
 @pytest.mark.parametrize(
@@ -20,6 +20,7 @@ from odescope.study.options import Data, Driven, Measured, Study
         (lambda: Measured(order="2"), r"Measured\(order=...\): expected int, got str; '2' came"),
         (lambda: Measured(cyclic=1), r"Measured\(cyclic=...\): expected bool, got int; 1 came"),
         (lambda: Driven(unit=1), r"Driven\(unit=...\): expected str, got int; 1 came"),
+        (lambda: Random(seed="one"), r"Random\(seed=...\): expected int, got str; 'one' came"),
         (lambda: Candidates(basis="x"), r"Candidates\(basis=...\): expected .*, got str; 'x' came"),
         (lambda: Candidates(degree="3"), r"Candidates\(degree=...\): expected int, got str"),
     ],
@@ -50,3 +51,5 @@ def test_what_python_has_beside_the_kinds_of_a_file_is_taken():
     assert Candidates(basis=["x", "u"]).basis == ("x", "u")
     assert Driven(delay=0).delay == 0.0
     assert Measured(order=np.int64(2)) == Measured(order=2)
+    assert Candidates(parameters={"v": (np.float64(0.1), np.float64(2.0))}).parameters == {"v": (0.1, 2.0)}
+    assert type(Random(seed=np.int64(2)).seed) is int
