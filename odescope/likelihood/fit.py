@@ -103,7 +103,7 @@ class _Descent:
         damped = self.evaluator.expand(
             self.program, here.theta, self.free, here.x0, self.defect_std, damping, here.integrated
         )
-        if damped is None:
+        if damped is None or not damped.finite:
             return None
         least, largest = (limit[self.free] - here.theta[self.free] for limit in self.program.limits)
         step = self.evaluator.change(damped, self.defect_std, least, largest)

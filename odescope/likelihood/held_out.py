@@ -19,10 +19,13 @@ WINDOWS = 4  # free runs a stretch that is held out
 
 
 def stretches(segments: Segments) -> list[tuple[int, int]]:
-    """Return begin and end, in averages, of every record, or of the fifths of each if these are few."""
+    """Return begin and end, in averages, of every record, or of the fifths of each if these are few.
+
+    A record of few averages beside others has no fifths.
+    """
     if len(segments.runs) >= FIFTH:
         return list(segments.runs)
-    fifths = ((end, (end - begin) // FIFTH) for begin, end in segments.runs)
+    fifths = ((end, (end - begin) // FIFTH) for begin, end in segments.runs if end - begin >= FIFTH)
     return [(end - (k + 1) * length, end - k * length) for end, length in fifths for k in reversed(range(FIFTH))]
 
 

@@ -264,7 +264,7 @@ def full(space: SearchSpace, found: Fit) -> bool:
 def _scale(space: SearchSpace, found: Fit, width: float) -> float:
     """Return the residual variance over the noise variance, degrees of freedom of loose initial states counted."""
     segments = space.segments
-    states = found.x0.size if np.isinf(width) else found.x0.shape[1] * (1 + int((~segments.joined).sum()))
+    states = found.x0.size if np.isinf(width) else found.x0.shape[1] * int((~segments.joined).sum())
     freedom = max(segments.samples - states - len(found.free), 1)
     return max(found.data_cost / freedom, 1e-12)
 

@@ -99,7 +99,7 @@ def with_noise_left(space: SearchSpace, found: Fit) -> Segments | None:
     weight = np.ones_like(share) if segments.weight is None else segments.weight
     # A log that was solved for and not measured may be off by so much, and a filter has hidden that.
     least = np.maximum(0.0 if segments.floor is None else segments.floor, SOLVER * segments.measured.std(axis=0))
-    taken = len(found.free) + found.x0.shape[1] * (1 + int((~segments.joined).sum()))
+    taken = len(found.free) + found.x0.shape[1] * int((~segments.joined).sum())
     free = max(segments.samples - taken, 1) / segments.samples
     noise, weights, ratio, gain = segments.noise.copy(), weight.copy(), np.ones(len(segments.noise)), 0.0
     for c in range(len(noise)):
