@@ -127,8 +127,7 @@ def weigh(space: SearchSpace, found: Fit, information: FloatArray, blocks: Float
     diagonal = np.sqrt(np.maximum(np.diag(rest.inverse), 1e-300))
     return Evidence(
         scores,
-        # One step from where the whole gradient is not zero, as under process noise.
-        (found.theta[free[here]] - rest.influence.sum(axis=0) / rest.scale[here]) ** 2 / np.maximum(variances, 1e-300),
+        found.theta[free[here]] ** 2 / np.maximum(variances, 1e-300),
         variances,
         np.clip(rest.inverse / np.outer(diagonal, diagonal), -1.0, 1.0),
         limits,

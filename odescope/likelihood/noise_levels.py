@@ -16,7 +16,6 @@ from odescope.arrays import FloatArray
 from odescope.likelihood.block_cholesky import eliminate, noise_sums, state_covariances, substitute
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.kernel import Sums
-from odescope.likelihood.marginal_fit import marginal_fit
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 
@@ -194,7 +193,7 @@ def estimate_noise(space: SearchSpace, found: Fit) -> tuple[SearchSpace, Fit, fl
     least = _logs(space) + np.log(LEAST_NOISE)
     if floor is not None:
         least[:channels] = np.maximum(least[:channels], np.log(np.maximum(floor, 1e-300)))
-    best, settled = (space, found, np.inf), False
+    best = space, found, np.inf
     for _ in range(ROUNDS):
         record = LinearRecord.of(space, found)
         here = None if record is None else record.at(np.maximum(_logs(space), least))
@@ -208,11 +207,8 @@ def estimate_noise(space: SearchSpace, found: Fit) -> tuple[SearchSpace, Fit, fl
         again = space.again(found, found.x0 + there.change, space.segments.spread, FITS)
         if again is None:
             break
-        found, settled = marginal_fit(space, again), True
-    if settled or not np.isfinite(best[2]):
-        return best
-    found = marginal_fit(best[0], best[1])
-    return best[0], found, min(best[2], marginal_cost(best[0], found))
+        found = again
+    return best
 
 
 def _logs(space: SearchSpace) -> FloatArray:

@@ -19,7 +19,6 @@ from odescope.likelihood.block_cholesky import responses
 from odescope.likelihood.evidence import Evidence, in_blocks, project, weigh
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
-from odescope.likelihood.marginal_fit import determinant_slopes
 from odescope.likelihood.negligible import one_less
 from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
 from odescope.likelihood.path import ModelPath
@@ -30,7 +29,7 @@ from odescope.likelihood.segments import Segments
 
 PIECES = (5, 2, 1)  # averages a segment: what a model lacks may change within a fraction of the shortest period
 WORTH_FINER = 0.01  # fall of the marginal cost a sample that shorter segments must bring: they take longer
-LARGEST_TABLE = 8e8  # bytes of the segments' Gauss-Newton matrices
+LARGEST_TABLE = 4e8  # bytes of the segments' Gauss-Newton matrices
 ALTERNATIONS = 5  # of search and noise
 STEPS = 40
 ADDING = 0.8  # of the budget, after which mechanisms are only dropped
@@ -80,16 +79,10 @@ def robust_evidence(space: SearchSpace, found: Fit) -> Evidence | None:
 
     By Fisher's identity the gradient of the marginal likelihood is that of the complete one at the smoothed states: a
     sum over segments, along which the states follow the coefficients. Sums over square-root-many blocks of segments are
-    nearly independent, whatever the colour. What the coefficients do to how well the states are known is the same in
-    all of them.
+    nearly independent, whatever the colour.
     """
-    free = space.free(found)
-    expanded, slopes = _expanded(space, space.whole, found.theta, free, found.x0), _slopes(space, found)
-    if expanded is None or slopes is None:
-        return None
-    information, blocks = expanded
-    blocks[:, np.isin(free, found.free)] += slopes / len(blocks)
-    return weigh(space, found, information, blocks)
+    expanded = _expanded(space, space.whole, found.theta, space.free(found), found.x0)
+    return None if expanded is None else weigh(space, found, *expanded)
 
 
 def white(found: Fit, evidence: Evidence) -> bool:
@@ -102,26 +95,12 @@ def robust_wald(space: SearchSpace, found: Fit) -> FloatArray | None:
     """Return the Wald statistics (p,) of `robust_evidence`, without looking at what is absent."""
     free = np.searchsorted(found.present, found.free)
     program, theta = space.program(found.present), found.theta[found.present]
-    expanded, slopes = _expanded(space, program, theta, free, found.x0), _slopes(space, found)
-    if expanded is None or slopes is None:
+    expanded = _expanded(space, program, theta, free, found.x0)
+    if expanded is None:
         return None
-    information, blocks = expanded
-    rest = project(information, blocks + slopes / len(blocks), np.ones(len(free), dtype=np.bool_))
-    # A fit of coefficients and states together is a step from the most likely coefficients.
-    likeliest = found.theta[found.free] * rest.scale - rest.influence.sum(axis=0)
-    with np.errstate(over="ignore"):  # of coefficients that ran away
-        wald: FloatArray = (likeliest / np.sqrt(np.maximum(rest.variances, 1e-300))) ** 2
+    rest = project(*expanded, np.ones(len(free), dtype=np.bool_))
+    wald: FloatArray = (found.theta[found.free] * rest.scale) ** 2 / np.maximum(rest.variances, 1e-300)
     return wald
-
-
-def _slopes(space: SearchSpace, found: Fit) -> FloatArray | None:
-    """Return how half the log determinant of the states' block changes with the parameters of a fit, (p,)."""
-    program, theta = space.program(found.present), found.theta[found.present]
-    free = np.searchsorted(found.present, found.free)
-    here = space.evaluator.expand(program, theta, free, found.x0, space.segments.spread)
-    if here is None or not here.finite:
-        return None
-    return determinant_slopes(space, program, theta, free, found.x0, here)
 
 
 def _expanded(
