@@ -70,7 +70,8 @@ def rechosen(
     """
     free = np.setdiff1d(present, held)
     wald = np.zeros(len(mechanisms))
-    wald[free] = theta[free] ** 2 / np.maximum(np.diag(inverse(information)), 1e-300)
+    with np.errstate(over="ignore"):  # of coefficients that ran away
+        wald[free] = theta[free] ** 2 / np.maximum(np.diag(inverse(information)), 1e-300)
     again = held.copy()
     for group in scale_groups(mechanisms, present):
         own = [k for k in group if k in held]

@@ -44,10 +44,10 @@ def least_noise(columns: Sequence[FloatArray], white: float) -> float:
     logger writes, the channel was not measured but solved for: what a solver errs by is smooth, no white noise.
 
     Args:
-        columns: (N,) a record.
+        columns: (N,) a record; N may be 0 where a sensor said nothing.
         white: standard deviation of the white noise.
     """
-    moves = float(np.concatenate([c - c.mean() for c in columns]).std())
+    moves = float(np.concatenate([c - c.mean() for c in columns if len(c)]).std())
     solved = white < SENSOR * moves and not _written(columns, moves)
     return max(rounding_error(columns), SOLVER * moves if solved else 0.0)
 

@@ -38,3 +38,7 @@ def test_what_records_differ_by_does_not_count_as_motion():
 def test_a_record_with_as_few_digits_as_a_logger_writes_was_measured_however_little_noise_it_has(digits):
     assert least_noise([np.round(0.1 * WAVE, digits)], 1e-7) < 1e-6
     assert least_noise([0.1 * WAVE], 1e-8) == pytest.approx(SOLVER * 0.1 * WAVE.std())
+
+
+def test_a_record_in_which_a_sensor_said_nothing_has_no_part():
+    assert least_noise([WAVE, np.zeros(0)], 0.0) == least_noise([WAVE], 0.0)
