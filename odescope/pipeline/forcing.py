@@ -92,9 +92,7 @@ def _sought(
     """
     if before.exact or before.late or not study.suspects:
         return None
-    coordinates = study.measured()
-    # A sine of a rate is no force of a machine, and what the user calls cyclic does not itself appear.
-    forcing = periodic(before.space, [c.name for c in coordinates if c.order > 1 and not c.cyclic])
+    forcing = periodic(before.space, _positions(study))
     if forcing is None:
         return None
     rate = _rate_of(study, forcing)
@@ -115,6 +113,16 @@ def _sought(
     if forced.refinement is not None and found and replaces(forced.refinement, before):
         return (other, forced), _score(before, forcing, waves, found)
     return None, _score(before, forcing, waves, ())
+
+
+def _positions(study: Study) -> tuple[str, ...]:
+    """Return the positions of which a sine may be a candidate: none where a study asks for other than relations.
+
+    A sine of a rate is no force of a machine, and what the user calls cyclic does not itself appear.
+    """
+    if study.library.own_form not in (None, "relations"):
+        return ()
+    return tuple(c.name for c in study.measured() if c.order > 1 and not c.cyclic)
 
 
 def _rate_of(study: Study, forcing: Forcing) -> str | None:

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from odescope import Candidates, Data, Driven, Measured, NoModelError, Study, identify
 from odescope.events import Note, Progress
-from odescope.pipeline.forcing import _waves
+from odescope.pipeline.forcing import _positions, _waves
 from odescope.pipeline.identification import NothingFound
 from odescope.recordings.record import Record, Records
 
@@ -152,3 +152,10 @@ def test_a_sine_of_what_keeps_far_from_zero_counts_from_its_middle(origin, wave)
     t = np.arange(9.0)
     run = Record(t, origin + 0.1 * np.linspace(0.0, 2.1, 9)[:, None], ("x",), (None,))
     assert _waves(Records.of(run), "x", "k")[0] == wave
+
+
+@pytest.mark.parametrize(("form", "positions"), [("auto", ("q", "w")), ("relations", ("q", "w")), ("lagrangian", ())])
+def test_a_sine_of_a_position_is_looked_for_where_it_may_be_a_candidate(form, positions):
+    coordinates = {"q": Measured(order=2), "x": Measured(order=2, cyclic=True), "i": Measured(), "w": Measured(order=2)}
+    study = Study(coordinates=coordinates, data=Data(time="t"), library=Candidates(form=form))
+    assert _positions(study) == positions
