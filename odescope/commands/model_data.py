@@ -114,9 +114,9 @@ def units_told(model: Model, time: TimeCells) -> list[str]:
 
 
 def column_units(model: Model) -> dict[str, float]:
-    """Return what one unit of the column of each coordinate, and of its target, is in the units of the model."""
+    """Return what the unit of a column is in the model's, by state and target: degrees where these were recorded."""
     degrees = in_degrees(model)
-    names = ((name, c.name in degrees) for c in model.coordinates for name in (c.name, c.target))
+    names = ((name, c.name in degrees) for c in model.coordinates for name in (*c.states, c.target))
     return {name: np.pi / 180.0 if turned else 1.0 for name, turned in names}
 
 
@@ -145,13 +145,9 @@ class Sensors:
     @staticmethod
     def of(model: Model) -> Sensors:
         """Return the sensors of a model's states, those of angles in degrees where it was identified from such."""
-        more = {c.name: c.offset for c in model.coordinates}
-        degrees = in_degrees(model)
-        angular = {s for c in model.coordinates if c.name in degrees for s in c.states}
-        return Sensors(
-            np.array([more.get(s, 0.0) for s in model.states]),
-            np.array([np.pi / 180.0 if s in angular else 1.0 for s in model.states]),
-        )
+        more, units = {c.name: c.offset for c in model.coordinates}, column_units(model)
+        offset, unit = [more.get(s, 0.0) for s in model.states], [units[s] for s in model.states]
+        return Sensors(np.array(offset), np.array(unit))
 
     def read(self, states: FloatArray) -> FloatArray:
         """Return the readings of states (N, n)."""
