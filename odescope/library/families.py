@@ -12,7 +12,7 @@ from odescope.library.constants import Constant, grid_for, thinned_grid
 from odescope.library.expression import Term
 from odescope.library.parse import Scope, parse_term
 from odescope.library.tape import evaluate, write_tape
-from odescope.recordings.checks import RADIANS
+from odescope.recordings.checks import is_angular
 
 FINEST = 400  # values of a constant that are compared, from one end of its range to the other
 SEEN = 2000  # samples on which they are
@@ -60,11 +60,6 @@ def laid_out(
         nominal[place] = value
         columns.append(evaluate(tape, np.vstack([seen, nominal])))
     return replace(constant, grid=grid_for(constant, np.nan_to_num(np.array(columns), posinf=0.0, neginf=0.0)))
-
-
-def is_angular(unit: str | None) -> bool:
-    """Say whether what has this unit may be an angle: a concentration is none, however far it moves."""
-    return unit is None or unit.strip().casefold() in RADIANS
 
 
 def may_be_angle(values: FloatArray) -> bool:

@@ -12,8 +12,9 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant
 from odescope.library.expression import Term
-from odescope.library.families import is_angular, may_be_angle
+from odescope.library.families import may_be_angle
 from odescope.library.parse import Scope, parse_term
+from odescope.recordings.checks import is_angular
 
 STEEPEST = 10.0  # weight of a variable within a function, times the range of the variable
 WEIGHTS = (0.4, 1.0, 2.5)  # the same, where it is looked for

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from odescope.events import Progress
-from odescope.library.families import is_angular, may_be_angle
+from odescope.library.families import may_be_angle
 from odescope.library.readable import readable
 from odescope.likelihood.refine import Refinement
 from odescope.model.scores import SuspicionScore
@@ -28,6 +28,7 @@ from odescope.pipeline.wider import (
     within,
 )
 from odescope.pipeline.work import Work
+from odescope.recordings.checks import is_angular
 from odescope.signals.estimate import Signals
 
 DEGREE = 2  # of the products of states, inputs, sines and cosines

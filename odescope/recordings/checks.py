@@ -68,7 +68,7 @@ def _check_angle(angle: Coordinate, records: Records) -> None:
     for unit in (angle.unit, records.runs[0].units[records.names.index(angle.name)]):  # all runs have the same
         if unit is not None and is_degrees(unit):
             raise InputError(_in_degrees(f"angle {angle.name!r} has the unit {unit!r}", angle.name))
-        if unit is not None and unit.strip().casefold() not in RADIANS and is_unit(unit):
+        if unit is not None and not is_angular(unit) and is_unit(unit):
             wanted = (
                 "a length is no angle, leave that word out"
                 if unit.strip() in LENGTHS
@@ -86,9 +86,8 @@ def _check_wraps(coordinate: Coordinate, records: Records) -> None:
     """
     from scipy.ndimage import median_filter
 
-    for unit in (coordinate.unit, records.runs[0].units[records.names.index(coordinate.name)]):
-        if unit is not None and unit.strip().casefold() not in RADIANS and is_unit(unit):
-            return
+    if not all(map(is_angular, (coordinate.unit, records.runs[0].units[records.names.index(coordinate.name)]))):
+        return
     for run in records:
         column = run.column(coordinate.name)
         if not _wraps(column).any() or not (wraps := _wraps(median_filter(column, 2 * ISOLATED + 1))).any():
@@ -132,6 +131,11 @@ def _in_degrees(what: str, name: str) -> str:
         f'{what}, but angles are in radians here: give unit = "deg" in [coordinates.{name}] of a study, or multiply the'
         " column by pi/180"
     )
+
+
+def is_angular(unit: str | None) -> bool:
+    """Say whether what has this unit may be an angle in radians: a concentration is none, however far it moves."""
+    return unit is None or unit.strip().casefold() in RADIANS
 
 
 def is_degrees(unit: str | None) -> bool:
