@@ -28,7 +28,7 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> Likelih
     lacking = process if refinement.follows else refinement.rejected
     scores = Likelihood(
         follows=refinement.follows,
-        residual_variance=float(outcome.scale),
+        residual_variance=float(refinement.scale),
         gap=_finite(outcome.width),
         finished=refinement.finished,
         starts=refinement.starts,
@@ -38,6 +38,7 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> Likelih
         trail=_trail(refinement),
         hints=() if lacking is None else tuple(missing_physics(lacking, targets)),
         held_out_free_run=None if process is None else float(process.held_out),
+        truncated=refinement.truncated,
     )
     if refinement.evidence is None or not refinement.follows:
         return scores

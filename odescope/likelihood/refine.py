@@ -33,7 +33,7 @@ from odescope.likelihood.process_noise import (
 from odescope.likelihood.program import Frame
 from odescope.likelihood.search import CHANCE, WHITE, LikelihoodSearch, Outcome, fitted_again, in_whole
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.searches import JOINED_SHARE, joined, searches
+from odescope.likelihood.searches import FOLLOWED, JOINED_SHARE, joined, searches
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
 from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
 from odescope.likelihood.settled_noise import with_noise_settled
@@ -60,13 +60,15 @@ class Refinement:
     the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and `space`
     are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence` what the record says of
     every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget ended a search, `late`
-    if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`.
+    if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`. `scale` is the residual
+    variance over the noise variance: more than that of the search where fewer terms were asked for than it found.
     """
 
     relations: tuple[Relation, ...]
     mechanisms: tuple[FoundMechanism, ...]
     settings: FoundSettings
     outcome: Outcome
+    scale: float
     process: Noisy | None
     rejected: Noisy | None
     fit: Fit
@@ -87,8 +89,13 @@ class Refinement:
 
     @property
     def exact(self) -> bool:
-        """Whether the model follows the record to within its noise, without any of the process."""
+        """Whether the search found a model that follows the record to within its noise, without any of the process."""
         return self.process is None and joined(self.outcome)
+
+    @property
+    def truncated(self) -> bool:
+        """Whether fewer terms were asked for than it takes to follow the record to within its noise."""
+        return self.exact and self.scale >= FOLLOWED
 
     @property
     def lacks_nothing(self) -> bool:
@@ -208,7 +215,7 @@ def _judged(
     if joined(best):
         space, best = with_steps_settled(space, best, begun, workers)
         space, best = with_narrow_friction(space, without_negligible(space, best))
-    process, adopted = None, False
+    process, adopted, scale = None, False, best.scale
     if not _leaves_noise(space, best):
         space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
         process, adopted = _with_process_noise(cut, space, best, begun, near, terms)
@@ -220,15 +227,16 @@ def _judged(
     else:
         path = _path(space, best)
         if path is not None and terms is not None:
-            path, best = _shortened(space, best, path.chosen_at(terms))
-        found, last, evidence = best.fit, space, _evidence(space, best)
-        covariance = found.covariance * best.scale
+            path, best, scale = _shortened(space, best, path.chosen_at(terms))
+        found, last, evidence = best.fit, space, _evidence(space, best, scale)
+        covariance = found.covariance * scale
     return Refinement(
         relations=last.relations_of(found, covariance),
         mechanisms=last.mechanisms_of(found, covariance),
         settings=last.settings_of(found, covariance),
         covariance=covariance,
         outcome=best,
+        scale=scale,
         process=process if adopted else None,
         rejected=None if adopted else process,
         fit=found,
@@ -347,19 +355,23 @@ def _path(space: SearchSpace, outcome: Outcome) -> ModelPath | None:
     return None if found is None else ModelPath.back(seen, found, defect_std, rough=True)
 
 
-def _shortened(space: SearchSpace, outcome: Outcome, path: ModelPath) -> tuple[ModelPath, Outcome]:
-    """Return the path, and the outcome with the model that is chosen on it, fitted to all."""
+def _shortened(space: SearchSpace, outcome: Outcome, path: ModelPath) -> tuple[ModelPath, Outcome, float]:
+    """Return the path, the outcome with the model that is chosen on it, fitted to all, and the scale of what it leaves.
+
+    Who asks for fewer terms gets them: the scale of the outcome stays that of what the search found, so that nothing
+    else is searched for what they lack.
+    """
     shorter = space.again(path.choice.fit, space.segments.initial, space.segments.spread * outcome.width)
     if shorter is None:
-        return path, outcome
-    # Who asks for fewer terms gets them: that the record is followed is said of what the search found.
-    return path, replace(fitted_again(space, outcome, shorter), scale=outcome.scale)
+        return path, outcome, outcome.scale
+    end = fitted_again(space, outcome, shorter)
+    return path, replace(end, scale=outcome.scale), end.scale
 
 
-def _evidence(space: SearchSpace, outcome: Outcome) -> Evidence | None:
+def _evidence(space: SearchSpace, outcome: Outcome, scale: float) -> Evidence | None:
     """Return the evidence at the end of a search without process noise, variances at the residuals' level."""
     fit, defect_std = outcome.fit, space.segments.spread * outcome.width
     expansion = space.evaluator.expand(space.whole, fit.theta, space.free(fit), fit.x0, defect_std)
     if expansion is None or not expansion.finite:
         return None
-    return weigh(space, fit, expansion.information / outcome.scale, expansion.gradient[None] / outcome.scale)
+    return weigh(space, fit, expansion.information / scale, expansion.gradient[None] / scale)

@@ -31,9 +31,8 @@ def parting_sentences(runs: Sequence[FreeRun], judged: Likelihood | None) -> Ite
         runs: from the starts of the recordings.
         judged: how the likelihood judged the model, where it ran.
     """
-    exact = judged is not None and judged.follows and not judged.process_noise
     lost = [run.valid_time for run in runs if not run.stays]
-    if lost and exact and judged is not None and judged.gap is not None and judged.gap <= JOINED:
+    if lost and judged is not None and judged.exact and judged.gap is not None and judged.gap <= JOINED:
         yield (
             f"piece joined to piece the model follows the record to within its noise; freely it parts from it after"
             f" {min(lost):.2g} s, as any law does where errors grow by themselves: in chaos, and in a machine that only"

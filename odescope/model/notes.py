@@ -55,6 +55,11 @@ def uncertain(scores: ModelScores | None) -> str:
     judged = scores.likelihood
     if judged is not None and not judged.follows:
         return "uncertain: even in short segments this model does not follow the record to within its noise"
+    if judged is not None and judged.truncated and judged.residual_variance is not None:
+        return (
+            "uncertain: with as few terms as [likelihood] terms asks for, this model misses the record by"
+            f" {judged.residual_variance**0.5:.2g} times its noise"
+        )
     noisy = judged is not None and bool(judged.process_noise)
     lacking = [c.sum for c in scores.conserved if c.drift is not None and c.drift > OPEN]
     if noisy and lacking:
@@ -93,7 +98,7 @@ def _trust(scores: ModelScores) -> Iterator[str]:
     if judged is None:
         if scores.targets:
             yield "Its coefficients come from regression alone, so they have no standard errors."
-    elif judged.follows and not judged.process_noise and judged.residual_variance is not None:
+    elif judged.exact and judged.residual_variance is not None:
         ratio = judged.residual_variance
         yield f"It follows the record to within its noise: residual variance {ratio:.3f} times that of the noise."
 

@@ -117,7 +117,8 @@ class Likelihood(msgspec.Struct, frozen=True, omit_defaults=True):
 
     `process_noise` is the root mean square of what the model leaves unexplained of each target, None where it follows
     the record to within its noise; `held_out_free_run` is there with process noise only, and `intervals`,
-    `correlations` and `limits` only where standard errors are stated.
+    `correlations` and `limits` only where standard errors are stated; `truncated` where [likelihood] terms asked for
+    fewer terms than it takes to follow the record so.
     """
 
     follows: bool
@@ -132,6 +133,12 @@ class Likelihood(msgspec.Struct, frozen=True, omit_defaults=True):
     intervals: tuple[Interval, ...] | None = None
     correlations: tuple[Correlation, ...] | None = None
     limits: tuple[Limit, ...] | None = None
+    truncated: bool = False
+
+    @property
+    def exact(self) -> bool:
+        """Whether the model follows the record to within its noise, without any of the process."""
+        return self.follows and not self.process_noise and not self.truncated
 
 
 class OffsetScore(msgspec.Struct, frozen=True):

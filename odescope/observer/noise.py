@@ -72,7 +72,7 @@ def _identified(model: Model, name: str) -> float:
     if isinstance(noise, bool) or not isinstance(noise, int | float) or not np.isfinite(noise):
         return 0.0
     likelihood = None if model.scores is None else model.scores.likelihood
-    variance = None if likelihood is None or likelihood.process_noise is not None else likelihood.residual_variance
+    variance = likelihood.residual_variance if likelihood is not None and likelihood.exact else None
     return float(noise) * float(np.sqrt(max(1.0, variance or 1.0)))
 
 

@@ -56,6 +56,10 @@ def test_where_the_study_says_how_many_terms(free):
     overruled = identify(fewer, oscillator())
     assert len(overruled.model.relations[0].terms) < len(free.model.relations[0].terms)
     assert_the_model_is_chosen(overruled)
+    judged = overruled.model.scores.likelihood
+    assert free.model.scores.likelihood.residual_variance < 1.5 < judged.residual_variance
+    assert judged.truncated and "times its noise" in repr(overruled)
+    assert not any("to within its noise" in note for note in overruled.notes)
 
 
 def test_where_another_model_of_the_path_is_taken(free):
