@@ -34,6 +34,10 @@ class Constant:
     optional: bool = False
     grid: tuple[float, ...] = ()
 
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise ValueError(f"{self.name}: a range from {self.low} to {self.high} holds nothing")
+
     @property
     def relative(self) -> bool:
         """Whether it is varied by factors."""

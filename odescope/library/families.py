@@ -72,10 +72,11 @@ def families_of(
 ) -> tuple[Family, ...]:
     """Return the functions of a variable that have values on the data, those without constants first.
 
-    Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power and saturation; of
-    what has one the size and the square with its sign; of both exponentials, tanh, the logistic function and sines,
-    those of the variable itself where it may be an angle. Of a temperature, by its unit, there is Arrhenius' law, about
-    the middle of its range.
+    Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power and saturation, of
+    what is always negative (a depth) those of its size; of what changes its sign the size and the square with its sign;
+    of all exponentials, tanh, the logistic function and sines, those of the variable itself where it may be an angle.
+    Of a temperature, by its unit, there is Arrhenius' law, about the middle of its range. What hardly moves beside its
+    size has no tanh, and further still no exponentials, which would be lines.
 
     Args:
         variable: its name.
@@ -97,19 +98,19 @@ def families_of(
         return replace(made, nominal=float(made.evenly(1)[0]))
 
     scale = constant("scale", reach / STEEP, reach / FLAT)
-    gentle = constant("rise", max(reach / GROWTH, size / OFF), reach / FLAT)
     rate = constant("rate", 1.0 / reach, WAVES / reach)
     slope = constant("slope", 1.0 / reach, 2.0 * STEEP / reach)
     middle = constant("middle", low - BEYOND * reach, high + BEYOND * reach)
     drawn: list[tuple[str, tuple[Constant, ...]]] = []
-    if low > -NEGLIGIBLE * high:
-        positive = low > 0.0
-        drawn.append((f"sqrt({variable})" if positive else f"sqrt(abs({variable}))", ()))
-        if positive:
-            power = constant("exponent", *EXPONENTS)
-            half = constant("half", size / OFF, size / FLAT)
-            drawn += [(f"log({variable})", ()), (f"{variable}**{power.name}", (power,))]
-            drawn.append((f"{variable}/({half.name} + {variable})", (half,)))
+    least, largest = (low, high) if high > -low else (-high, -low)
+    amount, plus = (variable, "+") if high > -low else (f"(-{variable})", "-")
+    if least > 0.0:
+        power = constant("exponent", *EXPONENTS)
+        half = constant("half", size / OFF, size / FLAT)
+        drawn += [(f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,))]
+        drawn.append((f"{variable}/({half.name} {plus} {variable})", (half,)))
+    elif least > -NEGLIGIBLE * largest:
+        drawn.append((f"sqrt(abs({variable}))", ()))
     else:
         drawn += [(f"abs({variable})", ()), (f"{variable}*abs({variable})", ())]
     if is_angular(unit) and may_be_angle(values) if angle is None else angle:
@@ -117,11 +118,12 @@ def families_of(
     for kelvins, inverse, largest in _kelvins(variable, unit, low, high):
         energy = constant(ACTIVATION, ENERGIES[0], largest)
         drawn.append((f"exp({energy.name}*({inverse:.3g} - 1/({kelvins})))", (energy,)))
-    if low < reach:
+    if least < reach:
         drawn.append((f"tanh({variable}/{scale.name})", (scale,)))
+    if size / OFF < reach / FLAT:
+        gentle = constant("rise", max(reach / GROWTH, size / OFF), reach / FLAT)
+        drawn += [(f"exp({variable}/{gentle.name})", (gentle,)), (f"exp(-{variable}/{gentle.name})", (gentle,))]
     drawn += [
-        (f"exp({variable}/{gentle.name})", (gentle,)),
-        (f"exp(-{variable}/{gentle.name})", (gentle,)),
         (f"sin({rate.name}*{variable})", (rate,)),
         (f"cos({rate.name}*{variable})", (rate,)),
         (f"1/(1 + exp(-{slope.name}*({variable} - {middle.name})))", (slope, middle)),

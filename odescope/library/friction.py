@@ -15,17 +15,24 @@ def friction_rates(coordinates: Sequence[Coordinate], of: Sequence[Coordinate]) 
     """Return the rates that friction may depend on: those of some positions, and differences with like others.
 
     Args:
-        coordinates: all. Two are alike if both are angles or both are not.
-        of: one coordinate of each difference is among these. What is not of order 2 has no friction.
+        coordinates: all.
+        of: one coordinate of each difference, which are of what is `alike`, is among these. What is not of order 2 has
+            no friction.
     """
     second = [c for c in coordinates if c.order == 2]
     # Names in order: the sign that a sum begins with is that of the first name.
-    alike = [
+    between = [
         sorted((a.derivative(1), b.derivative(1)))
         for a, b in combinations(second, 2)
-        if a.angle == b.angle and (a in of or b in of)
+        if alike(a, b) and (a in of or b in of)
     ]
-    return (*(c.derivative(1) for c in second if c in of), *(f"{a} - {b}" for a, b in alike))
+    return (*(c.derivative(1) for c in second if c in of), *(f"{a} - {b}" for a, b in between))
+
+
+def alike(a: Coordinate, b: Coordinate) -> bool:
+    """Say whether the difference of two positions means something: of angles, or of what may be in one unit."""
+    units = {c.unit for c in (a, b)} - {None}
+    return a.angle == b.angle and (a.angle or len(units) <= 1)
 
 
 def default_friction(coordinates: Sequence[Coordinate], targets: Sequence[str]) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import combinations, combinations_with_replacement, islice, product
 
-from odescope.library.friction import friction_rates
+from odescope.library.friction import alike, friction_rates
 from odescope.recordings.coordinate import Coordinate, Input
 
 COMFORTABLE = 250  # degrees are lowered until a default has no more kinetic and potential terms than this
@@ -84,7 +84,7 @@ def _between(coordinates: Sequence[Coordinate]) -> dict[str, str]:
     """
     found = dict[str, str]()
     for a, b in combinations([c for c in coordinates if not (c.angle or c.cyclic)], 2):
-        if a.unit == b.unit:
+        if alike(a, b):
             difference = " - ".join(sorted((a.name, b.name)))
             found |= {f"{a.name}*{b.name}": f"({difference})**2", f"{a.name}**3*{b.name}": f"({difference})**4"}
     return found

@@ -5,7 +5,6 @@ Cutoffs, delays, clipping, candidates and the weights of the rows are settled be
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
@@ -144,9 +143,9 @@ def _tasks(sample: Sample, plan: Plan) -> list[Task]:
     chunks = [c for file in sample.files for c in cut(file, sample.rows, overlap)]
     parts = pieces_a_block(len(chunks))
     # The fold of the others is their own, whatever other files there are and wherever these lie: what is kept of them
-    # stays what it is, and the same study gives the same model on every machine.
-    folder = Path(os.path.commonpath([f.path.parent for f in sample.files]))
-    folds = [int(digest([c.path.relative_to(folder).as_posix(), c.first]), 16) % FOLDS for c in chunks]
+    # stays what it is, and the same study gives the same model on every machine. Files of one name differ in size.
+    size = {f.path: f.path.stat().st_size for f in sample.files}
+    folds = [int(digest([c.path.name, size[c.path], c.first]), 16) % FOLDS for c in chunks]
     return [Task(c, parts, turns.get(_place(c), fold)) for c, fold in zip(chunks, folds, strict=True)]
 
 

@@ -58,7 +58,8 @@ def test_where_the_study_says_how_many_terms(free):
     assert_the_model_is_chosen(overruled)
     judged = overruled.model.scores.likelihood
     assert free.model.scores.likelihood.residual_variance < 1.5 < judged.residual_variance
-    assert judged.truncated and "times its noise" in repr(overruled)
+    assert judged.truncated
+    assert "times its noise" in repr(overruled)
     assert not any("to within its noise" in note for note in overruled.notes)
 
 

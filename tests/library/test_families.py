@@ -27,6 +27,28 @@ def test_a_level_that_noise_takes_below_nothing_has_a_root_and_no_logarithm():
     assert "log(z)" not in found
 
 
+def test_what_is_always_negative_has_the_functions_of_its_size():
+    values = np.linspace(0.2, 3.0, 500)
+    here, mirrored = families_of("z", values, ()), families_of("z", -values, ())
+    assert len(here) == len(mirrored)
+    for one, other in zip(here, mirrored, strict=True):
+        names = [c.name for c in one.constants]
+        if not names or names[0].startswith(("exponent", "half", "scale")):
+            assert [c.name for c in other.constants] == names
+            columns = [np.full_like(values, c.nominal) for c in one.constants]
+            (at,) = evaluate(write_tape(["z", *names], [one.term]), np.array([values, *columns]))
+            (turned,) = evaluate(write_tape(["z", *names], [other.term]), np.array([-values, *columns]))
+            np.testing.assert_allclose(np.abs(turned), np.abs(at), rtol=1e-12)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_hardly_moves_beside_its_size_has_ranges_that_go_upwards(sign):
+    for offset in (3.0, 30.0, 300.0, 1000.0, 101_325.0):
+        found = families_of("z", sign * np.linspace(offset, offset + 1.0, 500), ())
+        assert all(c.low < c.high for f in found for c in f.constants)
+        assert any(f.term.text.startswith("exp(rise") for f in found) == (offset < 330.0)
+
+
 def test_what_does_not_vary_has_none():
     assert families_of("z", np.full(100, 2.0), ()) == ()
 

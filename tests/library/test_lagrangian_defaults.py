@@ -102,6 +102,15 @@ def test_differences_are_of_coordinates_of_like_kind():
     assert relative == {f.format(d) for f in kinds for d in ("a_dot - x_dot", "phi_dot - psi_dot")}
 
 
+def test_rates_in_different_units_have_no_difference():
+    metres, millimetres, unknown = (
+        Coordinate(name, 2, unit=u) for name, u in zip("xyz", ("m", "mm", None), strict=True)
+    )
+    assert not [t for t in default_dissipation((metres, millimetres)) if " - " in t]
+    assert not [t for t in default_friction((metres, millimetres), ["x_ddot", "y_ddot"]) if " - " in t]
+    assert [t for t in default_dissipation((metres, unknown)) if " - " in t]
+
+
 def test_what_is_written_is_what_a_term_says_but_for_numbers():
     coordinates = (Coordinate("psi", 2, angle=True), Coordinate("b", 2), Coordinate("alpha", 2, angle=True))
     kinetic, potential = default_energies(coordinates)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import threading
 import time
 
@@ -67,13 +68,16 @@ def test_an_interrupted_run_goes_on_where_it_stopped(tmp_path, folder, counted):
     assert counted.chunks == 0
 
 
-def test_an_added_recording_costs_only_itself(tmp_path, folder, counted):
-    parts = sorted((folder / "parts").iterdir())
+def test_an_added_recording_costs_only_itself_wherever_it_lies(tmp_path, folder, counted):
+    *parts, added = sorted((folder / "parts").iterdir())
+    elsewhere = tmp_path / "later" / added.name
+    elsewhere.parent.mkdir()
+    shutil.copyfile(added, elsewhere)
     store = tmp_path / "factors"
-    first = identify(study_of(*parts[:11]), store=store)
+    first = identify(study_of(*parts), store=store)
     before = counted.chunks
     counted.asked.clear()
-    result = identify(study_of(*parts), store=store)
+    result = identify(study_of(*parts, elsewhere), store=store)
     assert counted.chunks == 2  # the file of 10 000 rows is two chunks
     assert before == 22
     problems = [r.searches[0].problem for r in (first, result)]
