@@ -284,12 +284,15 @@ def _able(seen: SearchSpace, starts: Sequence[FloatArray]) -> list[Fit]:
 
 def _search(seen: SearchSpace, start: Fit) -> tuple[SearchSpace, Fit, float, tuple[Move, ...]]:
     """Return the end of one search: the space with its noise, the fit, its penalised cost, the trail."""
-    here, trail = start, list[Move]()
+    seen, here, marginal = estimate_noise(seen, start)
+    trail = list[Move]()
     for _ in range(ALTERNATIONS):
-        seen, here, marginal = estimate_noise(seen, here)
         before = here.present
         here = _settle(seen, here, trail)
-        if np.array_equal(before, here.present) or seen.budget.over:
+        if np.array_equal(before, here.present):
+            break
+        seen, here, marginal = estimate_noise(seen, here)
+        if seen.budget.over:
             break
     return seen, here, marginal + seen.price(here), tuple(trail)
 

@@ -24,6 +24,7 @@ from process_cases import (
 from small_systems import SPRING, System, drive, in_bare_gauge
 
 from odescope.library.mechanism import Mechanism
+from odescope.likelihood import process_noise
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import SEARCHED, free_run_error, held_out, thinned, without_held_out
@@ -319,6 +320,17 @@ def test_statistics_of_what_is_there_do_not_depend_on_what_is_absent():
     it = spring(1)
     found = fitted(it)
     np.testing.assert_allclose(robust_wald(it, found), robust_evidence(it, found).wald, rtol=1e-9)
+
+
+def test_the_cost_of_a_search_is_that_of_where_it_ended_wherever_it_was_stopped(monkeypatch):
+    monkeypatch.setattr(process_noise, "ALTERNATIONS", 1)
+    it = spring(1)
+    theta = LINEAR.copy()
+    theta[1] = 0.0  # without what holds it back
+    there, found, cost, trail = process_noise._search(it, fitted(it, theta, np.flatnonzero(theta)))
+    assert trail
+    _, _, marginal = estimate_noise(there, found)
+    assert cost == pytest.approx(marginal + there.price(found), abs=0.01)
 
 
 def test_measurement_noise_does_not_fall_below_its_floor():
