@@ -1,7 +1,7 @@
 """Process noise: the likelihood of a record that no model in the library follows exactly.
 
 On a real rig the defects between segments are not driven to zero: their standard deviations are estimated together
-with the noise of the measurement, by expectation-maximisation, and models compare by the marginal likelihood over the
+with the noise of the measurement (`noise_levels`), and models compare by the marginal likelihood over the
 states. Defects that a missing term leaves are not white, so scores and variances are checked against those between
 blocks of the record. docs/method.md, Process noise.
 """
