@@ -176,7 +176,7 @@ def gate_outliers(records: Records, coordinates: Sequence[Coordinate], different
 def _far(records: Records, coordinate: Coordinate, differentiator: Differentiator) -> list[BoolArray]:
     """Return which samples (N,) of every record are far from the signal, or at an end of the sensor's range."""
     recorded = [run.column(coordinate.name) for run in records]
-    saturated = _saturated(recorded)
+    saturated = _saturated(recorded, [run.counted(coordinate.name) > 0.0 for run in records])
     # A wrong sample pulls a filter that is not robust: where even then none is off its share, none is far.
     _, limits, rest = _residuals(records, coordinate, differentiator, 1, PULLED * STEPS)
     if not any((np.abs(r) > limit).any() for r, limit in zip(rest, limits, strict=True)):
@@ -210,27 +210,38 @@ def _left_signal(rest: Sequence[FloatArray]) -> float:
     return sum(float(r[1:] @ r[:-1]) for r in rest) / power if power > 0.0 else 0.0
 
 
-def _saturated(columns: Sequence[FloatArray]) -> list[BoolArray]:
-    """Return which samples (N,) of every record stand at an end of the sensor's range, into which it ran moving."""
-    high, low = max(float(y.max()) for y in columns), min(float(y.min()) for y in columns)
-    found = []
-    for y in columns:
-        far, pace = np.zeros(len(y), dtype=np.bool_), np.abs(np.diff(y))
-        if not pace.any():
-            found.append(far)
-            continue
-        moves = pace[pace > 0.0]
-        usual = float(np.sqrt(np.mean(np.minimum(pace, np.quantile(moves, USUAL)) ** 2)))
-        # An encoder that comes to rest moves by single counts; a switch, whose only step is its range, has none.
-        count = float(moves.min()) if moves.min() < 0.1 * (high - low) else 0.0
-        least = max(STEPS * usual, COUNTS * count)
-        for end in (high, low):
-            for first, stop in true_ranges(y == end):
-                around = np.concatenate([pace[max(first - 2, 0) : first], pace[stop - 1 : stop + 1]])
-                if stop - first >= PLATEAU and len(around) and around.mean() > least:
-                    far[first:stop] = True
-        found.append(far)
+def _saturated(columns: Sequence[FloatArray], measured: Sequence[BoolArray]) -> list[BoolArray]:
+    """Return which samples (N,) of every record stand at an end of the sensor's range, into which it ran moving.
+
+    Args:
+        columns: the samples.
+        measured: which were: what is filled in between the others goes beyond the end.
+    """
+    found = [np.zeros(len(y), dtype=np.bool_) for y in columns]
+    read = [y[there] for y, there in zip(columns, measured, strict=True)]
+    ends = [(float(y.min()), float(y.max())) for y in read if len(y)]
+    low, high = min((a for a, _ in ends), default=0.0), max((b for _, b in ends), default=0.0)
+    for own, y, there in zip(found, read, measured, strict=True):
+        own[there] = _at_ends(y, low, high)
     return found
+
+
+def _at_ends(y: FloatArray, low: float, high: float) -> BoolArray:
+    """Return which samples (N,) stand at an end of a range, into which they ran moving."""
+    far, pace = np.zeros(len(y), dtype=np.bool_), np.abs(np.diff(y))
+    if not pace.any():
+        return far
+    moves = pace[pace > 0.0]
+    usual = float(np.sqrt(np.mean(np.minimum(pace, np.quantile(moves, USUAL)) ** 2)))
+    # An encoder that comes to rest moves by single counts; a switch, whose only step is its range, has none.
+    count = float(moves.min()) if moves.min() < 0.1 * (high - low) else 0.0
+    least = max(STEPS * usual, COUNTS * count)
+    for end in (high, low):
+        for first, stop in true_ranges(y == end):
+            around = np.concatenate([pace[max(first - 2, 0) : first], pace[stop - 1 : stop + 1]])
+            if stop - first >= PLATEAU and len(around) and around.mean() > least:
+                far[first:stop] = True
+    return far
 
 
 def clip_outliers(

@@ -29,6 +29,8 @@ def outside_domain(model: Model, columns: Mapping[str, Sequence[FloatArray]]) ->
             continue
         low, high = model.domain[name]
         values, slack = np.concatenate(list(samples)), MARGIN * (high - low)
+        if not len(values):  # a rate that an observer never came to know
+            continue
         outside = float(np.mean((values < low - slack) | (values > high + slack)))
         if outside > RARE:
             ends = (float(values.min()), float(values.max()), low, high)

@@ -67,6 +67,18 @@ def test_samples_at_the_end_of_the_sensors_range_do_not_count():
     assert np.count_nonzero(far & ~flat) < 0.002 * len(t)
 
 
+def test_what_was_filled_in_between_samples_at_the_end_of_the_range_does_not_hide_that_it_is_one():
+    t, x = motion()
+    rng = np.random.default_rng(5)
+    measured = np.minimum(x + NOISE * rng.standard_normal(len(t)), 1.1)
+    flat, lost = measured == 1.1, rng.random(len(t)) < 0.2
+    bridged = np.where(lost & flat, 1.3, measured)
+    record = Record(t, bridged[:, None], ("x",), counts=np.where(lost, 0.0, 1.0)[:, None])
+    (run,) = gate_outliers(Records.of(record), X, Spectral())
+    assert np.mean(run.counted("x")[flat] == 0.0) > 0.9
+    assert np.mean(run.counted("x")[~flat & ~lost] == 0.0) < 0.002
+
+
 def test_a_signal_without_noise_whose_acceleration_jumps_keeps_all_its_samples():
     t, _ = motion()
     pace = np.cumsum(np.sign(np.sin(2 * np.pi * 0.5 * t))) * PERIOD  # speeds up and slows down abruptly

@@ -26,3 +26,8 @@ def test_numbers_are_told_by_as_many_digits_as_show_that_they_differ(origin, end
 def test_data_within_the_domain_and_what_noise_adds_are_not_told():
     model = replace(TRUE, domain={"u": (-1.0, 1.0)})
     assert list(outside_domain(model, {"u": [np.linspace(-1.03, 1.03, 500)]})) == []
+
+
+def test_what_never_came_to_be_known_is_not_judged():
+    model = replace(TRUE, domain={"u": (-1.0, 1.0)})
+    assert list(outside_domain(model, {"u": [np.zeros(0)]})) == []
