@@ -152,9 +152,34 @@ def _with_noise(run: Record, noise: dict[str, float], rng: np.random.Generator) 
 
 
 def _little(mechanisms: Sequence[Mechanism], signals: Signals) -> FloatArray:
-    """Return what is known, the simplest kinetic term of every coordinate at 1, and forces of the size they seem."""
+    """Return what is known, the simplest kinetic term of every coordinate, and forces of the size they seem.
+
+    All kinetic terms begin with the same energy, so that the units of coordinates do not matter: with that of one that
+    is known, else such that the largest coefficient is 1.
+    """
     theta, joined = np.zeros(len(mechanisms)), signals.joined()
-    inertia, driven = np.zeros(len(signals.targets)), {i.name for i in signals.inputs}
+    simplest, driven = _simplest(mechanisms, signals), {i.name for i in signals.inputs}
+    energies = list[float]()
+    for r, (k, _) in simplest.items():
+        rate = joined[signals.row(signals.coordinates[r].derivative(1))]
+        theta[k] = 1.0 / max(float(np.mean(rate**2)), 1e-300)
+        energies += [known / theta[k] for known in (mechanisms[k].known,) if known]
+    theta *= energies[0] if energies else 1.0 / theta.max(initial=1e-300)
+    for k, m in enumerate(mechanisms):
+        first = m.parts[0]
+        if m.known is not None:
+            theta[k] = m.known
+        elif m.kind == "force" and first.product.term.names and first.product.term.names <= driven:
+            y = joined[signals.row(signals.targets[first.relation])]
+            u = evaluate(write_tape(signals.names, [first.product.term]), joined)[0]
+            kinetic, share = simplest.get(first.relation, (k, 0.0))
+            theta[k] = theta[kinetic] * share * float(y @ u) / max(float(u @ u), 1e-300) / -first.share
+    return theta
+
+
+def _simplest(mechanisms: Sequence[Mechanism], signals: Signals) -> dict[int, tuple[int, float]]:
+    """Return, by relation, the number of the simplest kinetic term of its coordinate, and its share there."""
+    found = dict[int, tuple[int, float]]()
     for r, target in enumerate(signals.targets):
         own = [
             (m.size, m.term != f"{signals.coordinates[r].derivative(1)}**2", k, p.share)
@@ -163,17 +188,8 @@ def _little(mechanisms: Sequence[Mechanism], signals: Signals) -> FloatArray:
             if m.kind == "kinetic" and p.relation == r and p.product.factor == target
         ]
         if own:
-            _, _, k, inertia[r] = min(own)
-            theta[k] = 1.0
-    for k, m in enumerate(mechanisms):
-        first = m.parts[0]
-        if m.known is not None:
-            theta[k] = m.known
-        elif m.kind == "force" and first.product.term.names and first.product.term.names <= driven:
-            y = joined[signals.row(signals.targets[first.relation])]
-            u = evaluate(write_tape(signals.names, [first.product.term]), joined)[0]
-            theta[k] = inertia[first.relation] * float(y @ u) / max(float(u @ u), 1e-300) / -first.share
-    return theta
+            found[r] = min(own)[2:]
+    return found
 
 
 def _with_friction(little: FloatArray, mechanisms: Sequence[Mechanism], signals: Signals) -> FloatArray:
@@ -186,11 +202,12 @@ def _with_friction(little: FloatArray, mechanisms: Sequence[Mechanism], signals:
         mechanisms: the candidates, with numbers for constants.
         signals: to tell sizes.
     """
-    theta, joined = little.copy(), signals.joined()
+    theta, joined, simplest = little.copy(), signals.joined(), _simplest(mechanisms, signals)
     for k, m in enumerate(mechanisms):
         if m.kind == "dissipation" and m.known is None and len(m.parts) == 1 and m.size <= SIMPLE:
             (part,) = m.parts
             target = joined[signals.row(signals.targets[part.relation])]
             column = evaluate(write_tape(signals.names, [part.product.term]), joined)[0]
-            theta[k] = RUBBING * float(target.std()) / max(float(column.std()), 1e-300) / part.share
+            size = RUBBING * float(target.std()) / max(float(column.std()), 1e-300) / part.share
+            theta[k] = size * (little[simplest[part.relation][0]] if part.relation in simplest else 1.0)
     return theta

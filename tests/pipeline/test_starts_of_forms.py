@@ -54,7 +54,7 @@ def test_relations_that_regression_has_not_found_are_searched_only_beside_poor_m
     assert result.model.scores.forms == ()
 
 
-def test_a_second_start_has_friction_in_every_joint_which_makes_a_tenth_of_each_target(log, monkeypatch):
+def starts(study, data, monkeypatch):
     posed = []
 
     def refined(work, filtered, form):
@@ -63,8 +63,40 @@ def test_a_second_start_has_friction_in_every_joint_which_makes_a_tenth_of_each_
 
     monkeypatch.setattr(competition, "refine_form", refined)
     with pytest.raises(NoModelError, match="that is all"):
-        identify(CART, columns(log))
-    ((form, signals),) = posed
+        identify(study, data)
+    (both,) = posed
+    return both
+
+
+def begun(form, start=0):
+    return {
+        (m.kind, m.term): c for m, c in zip(form.mechanisms, form.starts[start].coefficients.tolist(), strict=True) if c
+    }
+
+
+def test_a_search_begins_with_the_same_model_whatever_the_unit_of_a_coordinate(log, monkeypatch):
+    data = columns(log)
+    metres, _ = starts(CART, data, monkeypatch)
+    kilometres, _ = starts(CART, data | {"x": 1e-3 * data["x"]}, monkeypatch)
+    for k in range(2):
+        here, there = begun(metres, k), begun(kilometres, k)
+        assert here.keys() == there.keys()
+        unit = {"x_dot**2": 1e6, "abs(x_dot)": 1e3, "u on x": 1e3}
+        ratio = [there[key] / (here[key] * unit.get(key[1], 1.0)) for key in here]
+        assert ratio == pytest.approx([ratio[0]] * len(ratio), rel=0.02)
+
+
+def test_kinetic_terms_begin_with_the_energy_of_what_is_known(log, monkeypatch):
+    tied = with_library(CART, form="lagrangian", ties=("x_dot**2 in kinetic = 0.9",))
+    form, signals = starts(tied, columns(log), monkeypatch)
+    kinetic = {term: c for (kind, term), c in begun(form).items() if kind == "kinetic"}
+    rates = {f"{n}_dot**2": np.mean(signals.joined()[signals.row(f"{n}_dot")] ** 2) for n in ("x", "phi")}
+    assert kinetic["x_dot**2"] == 0.9
+    assert kinetic["phi_dot**2"] * rates["phi_dot**2"] == pytest.approx(0.9 * rates["x_dot**2"])
+
+
+def test_a_second_start_has_friction_in_every_joint_which_makes_a_tenth_of_each_target(log, monkeypatch):
+    form, signals = starts(CART, columns(log), monkeypatch)
     first, second = (start.coefficients for start in form.starts)
     added = np.flatnonzero(first != second)
     assert {form.mechanisms[k].term for k in added} == {"x_dot**2", "phi_dot**2", "abs(x_dot)", "abs(phi_dot)"}
@@ -75,7 +107,8 @@ def test_a_second_start_has_friction_in_every_joint_which_makes_a_tenth_of_each_
         name = ("x", "phi")[part.relation]
         speed = joined[signals.row(f"{name}_dot")]
         force = part.share * second[k] * (np.sign(speed) if "abs" in m.term else speed)
-        expected = 0.1 * joined[signals.row(f"{name}_ddot")].std()
+        inertia = begun(form)["kinetic", f"{name}_dot**2"]
+        expected = 0.1 * inertia * joined[signals.row(f"{name}_ddot")].std()
         assert force.std() == pytest.approx(expected, rel=0.02 if "abs" in m.term else 1e-6)
 
 
