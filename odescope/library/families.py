@@ -24,9 +24,11 @@ WAVES = 12.0  # and of a sine
 ARC, TURNS = 0.4, 60.0  # radians that an angle moves over: over less its functions are powers
 BEYOND = 1.0  # of the range of its variable: how far outside of it the middle of a step may be
 FLAT = 0.3  # least one
+POLE = 2.0  # times as far below zero as noise takes what has no sign the pole of a saturation is, at least
 OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
 ABOVE_ZERO = {"K": 0.0, "kelvin": 0.0, "°C": 273.15, "degC": 273.15, "celsius": 273.15}  # kelvins, at 0 of each unit
+HALF = "half"  # how the constant of a saturation is called, before the name of its variable
 ACTIVATION = "activation"  # how the constant of Arrhenius' law is called, before the name of the temperature
 ENERGIES = (500.0, 50_000.0)  # of activation over the gas constant, in kelvins: 4 to 416 kJ/mol
 
@@ -106,11 +108,12 @@ def families_of(
     amount, plus = (variable, "+") if high > -low else (f"(-{variable})", "-")
     if least > 0.0:
         power = constant("exponent", *EXPONENTS)
-        half = constant("half", size / OFF, size / FLAT)
         drawn += [(f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,))]
-        drawn.append((f"{variable}/({half.name} {plus} {variable})", (half,)))
     elif least > -NEGLIGIBLE * largest:
         drawn.append((f"sqrt(abs({variable}))", ()))
+    if least > -NEGLIGIBLE * largest:
+        half = constant(HALF, max(size / OFF, -POLE * least), size / FLAT)
+        drawn.append((f"{variable}/({half.name} {plus} {variable})", (half,)))
     else:
         drawn += [(f"abs({variable})", ()), (f"{variable}*abs({variable})", ())]
     if is_angular(unit) and may_be_angle(values) if angle is None else angle:

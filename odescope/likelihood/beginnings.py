@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 from odescope.library.expression import ONE, Name, Term
 from odescope.library.product import Product
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.function_space import FunctionSpace
 from odescope.likelihood.imitation import Choice, Imitated, Placed
+from odescope.likelihood.saturating import Saturating
 from odescope.likelihood.sparsest import Sparse, sparse
 from odescope.likelihood.standing import Standing
 from odescope.likelihood.suspicion import JOINT
 
 
 @dataclass(frozen=True, eq=False)
-class Beginnings(FunctionSpace):
+class Beginnings(Saturating):
     """The models that a choice of functions may begin with."""
 
     def first(self, found: Fit) -> Standing | None:
@@ -28,11 +28,10 @@ class Beginnings(FunctionSpace):
         Those of least penalised cost: functions beside what is no imitation alone, or beside all variables and a
         constant, too.
         """
-        standings = [self.beside(found, variables) for variables in (None, self.space.frame.variables)]
+        near = (self.beside(found, variables) for variables in (None, self.space.frame.variables))
         price = self.moves().penalised
-        return min(
-            (s for s in (*standings, self.sparse(found)) if s is not None), key=lambda s: price(s.fit), default=None
-        )
+        standings = (*near, self.sparse(found), self.saturating(found))
+        return min((s for s in standings if s is not None), key=lambda s: price(s.fit), default=None)
 
     def sparse(self, found: Fit) -> Standing | None:
         """Return the model with few terms and functions that come near to it: of those that do the likeliest.

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from odescope.arrays import FloatArray
-from odescope.likelihood.imitation import DEARER, Choice, Imitated, Placed
+from odescope.likelihood.imitation import DEARER, NOTHING_LEFT, Choice, Imitated, Placed
 
 LOOKED_AT = 400  # samples
 SHORTLIST = 6  # functions of which constants are fitted, and plain terms left out
@@ -72,6 +72,54 @@ def sparse(
     distinct = {(one.kept, tuple(p.choice for p in one.placed)): one for one in found}
     better = (one for one in distinct.values() if one.dear < unknown * DEARER**terms)
     return sorted(better, key=lambda one: one.dear)[:SHORTLIST]
+
+
+def beside(imitated: Imitated, given: Sequence[int], unknown: float) -> list[int]:
+    """Return the rows of a base, of those that are given and others, that say a relation with the fewest terms.
+
+    Rows come one by one or in couples, neither of which may say much alone, then go one by one.
+
+    Args:
+        imitated: what the relation says.
+        given: rows to begin with.
+        unknown: share of what is said that is not known.
+    """
+    every = -(-len(imitated.said) // LOOKED_AT)
+    values = {name: column[::every] for name, column in imitated.values.items()}
+    seen = Imitated(imitated.said[::every], imitated.base[:, ::every], values)
+    kept, unknown = list(given), max(unknown, SMALL)
+    while True:
+        left, explained = _explained(seen, kept)
+        dear = (np.maximum(left - explained, 0.0) + unknown) * DEARER ** (2.0 - np.eye(len(explained)))
+        missed = left + unknown
+        if not dear.size or not dear.min() < missed:
+            return list(_leaner(seen, Sparse(tuple(kept), (), missed), unknown).kept)
+        others = [k for k in range(len(seen.base)) if k not in kept]
+        kept += [others[k] for k in dict.fromkeys(np.unravel_index(int(np.argmin(dear)), dear.shape))]
+
+
+def _explained(imitated: Imitated, kept: Sequence[int]) -> tuple[float, FloatArray]:
+    """Return the share of what is said that rows of a base leave, and what every other row or two explain of it.
+
+    Args:
+        imitated: what the relation says.
+        kept: the rows.
+    """
+    said = imitated.said / max(float(np.linalg.norm(imitated.said)), 1e-300)
+    columns = imitated.base / np.maximum(np.linalg.norm(imitated.base, axis=1), 1e-300)[:, None]
+    here, _, _ = np.linalg.svd(columns[list(kept)].T, full_matrices=False)
+    rest = said - here @ (here.T @ said)
+    own = np.delete(columns, list(kept), axis=0)
+    own = own - (own @ here) @ here.T
+    sizes = np.linalg.norm(own, axis=1)
+    told = sizes**2 > NOTHING_LEFT
+    own = np.where(told[:, None], own / np.maximum(sizes, 1e-300)[:, None], 0.0)
+    both, alone = own @ own.T, own @ rest
+    apart = 1.0 - both**2
+    squares = alone[:, None] ** 2 + alone**2 - 2.0 * both * np.outer(alone, alone)
+    couples = np.where(apart > NOTHING_LEFT, squares / np.maximum(apart, NOTHING_LEFT), 0.0)
+    np.fill_diagonal(couples, alone**2)
+    return float(rest @ rest), couples
 
 
 def _promising(
