@@ -134,6 +134,11 @@ class FunctionSpace:
         parts = ((k, p) for k in fit.present.tolist() for p in self.space.mechanisms[k].parts)
         return [(k, p.product) for k, p in parts if p.relation == relation]
 
+    def plain(self, relation: int) -> list[int]:
+        """Return the numbers of the candidates of the model before that hold no target."""
+        parts = ((k, p) for k, m in enumerate(self.space.mechanisms[: self.own]) for p in m.parts)
+        return [k for k, p in parts if p.relation == relation and p.product.factor is None]
+
     def alone(self, relation: int, fit: Fit) -> list[str]:
         """Return the variables that stand by themselves in a relation of a model."""
         here = {(p.relation, p.product) for k in fit.present.tolist() for p in self.space.mechanisms[k].parts}

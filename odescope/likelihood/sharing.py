@@ -187,11 +187,6 @@ class Sharing(Beginnings):
         places = ((r, Product(None, t)) for t in self.functions(fit) for r in range(len(self.space.frame.targets)))
         return sorted(k for place in places if (k := self.number[place]) >= self.own)
 
-    def plain(self, relation: int) -> list[int]:
-        """Return the numbers of the candidates of the model before that hold no target."""
-        parts = ((k, p) for k, m in enumerate(self.space.mechanisms[: self.own]) for p in m.parts)
-        return [k for k, p in parts if p.relation == relation and p.product.factor is None]
-
     def split(self, term: Term, name: str) -> tuple[Family, Term] | None:
         """Return the function of a variable that a term holds, and the rest of the term; None where it holds none."""
         if name not in term.names:
