@@ -14,6 +14,7 @@ from odescope.arrays import FloatArray
 from odescope.library.expression import ONE, Name, Term
 from odescope.library.families import HALF, Family
 from odescope.library.product import Product
+from odescope.likelihood.add_and_drop import HOPELESS
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.function_space import FunctionSpace
 from odescope.likelihood.imitation import Choice, Placed
@@ -65,7 +66,7 @@ class Saturating(FunctionSpace):
                 terms = tuple(self.space.mechanisms[j].parts[0].product.term for j in there)
                 placed[k] = Placed(Choice(terms, below[0].constants), {below[0].constants[0].name: below[1]})
         fit = self.tightened(theta) if functions else None
-        if fit is None:
+        if fit is None or not fit.cost < HOPELESS * found.cost:
             return None
         fit = self.pruned(fit, functions)
         for k, (one, suspected) in enumerate(zip(placed, self.suspected, strict=True)):

@@ -208,4 +208,4 @@ class Sharing(Beginnings):
         found = self.space.fit(theta, theta.nonzero()[0], fit.x0, self.moves().defect_std, iterations=FEW)
         if found is not None and not found.converged and found.cost < HOPELESS * fit.cost:
             found = self.tightened(theta)
-        return None if found is None else self.pruned(found)
+        return self.pruned(found) if found is not None and found.cost < HOPELESS * fit.cost else None
