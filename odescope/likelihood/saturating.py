@@ -19,6 +19,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.function_space import FunctionSpace
 from odescope.likelihood.imitation import Choice, Placed
 from odescope.likelihood.standing import Standing
+from odescope.likelihood.suspicion import values_of_variables
 
 
 def partial_fractions(
@@ -117,10 +118,12 @@ class Saturating(FunctionSpace):
         products = self.present(found, self.suspected[k].relation)
         below = {p.term: float(found.theta[j]) for j, p in products if p.factor is not None}
         bare, grown = below.get(ONE, 0.0), below.get(Term(((Name(name), 1),)), 0.0)
-        whole = all(p.term.power_of(Name(name)) in range(4) for _, p in products)
+        powers = [p.term.power_of(Name(name)) for _, p in products]
         families = (f for f in self.families.get(name, ()) for c in f.constants if c.name.startswith(f"{HALF}_"))
-        family = next(families, None)
-        if family is None or not whole or len(below) != 2 or not bare * grown > 0.0:
+        family, seen = next(families, None), values_of_variables(self.space).get(name, np.zeros(1))
+        if family is None or seen.max() < -seen.min() or len(below) != 2 or not bare * grown > 0.0:
+            return None
+        if any(power < 0 or power % 1 for power in powers):
             return None
         (constant,), half = family.constants, bare / grown
         return (family, half) if constant.low < half < constant.high else None
