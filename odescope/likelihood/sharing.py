@@ -17,6 +17,7 @@ from odescope.library.mechanism import candidate
 from odescope.library.product import Product
 from odescope.likelihood.add_and_drop import GAIN, HOPELESS
 from odescope.likelihood.beginnings import Beginnings
+from odescope.likelihood.budget import Budget
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.function_space import FEW
 from odescope.likelihood.imitation import Choice, Imitated, Placed
@@ -52,7 +53,7 @@ class Sharing(Beginnings):
     """The moves that put one function into several relations."""
 
     def pooled(self, standing: Standing) -> tuple[Self, Standing]:
-        """Return the choice with more candidates, and the model among them.
+        """Return the choice with more candidates, a budget as large again for them, and the model among them.
 
         These are every function that stands in one relation in all others, and in its place the other functions of
         its variable.
@@ -65,6 +66,9 @@ class Sharing(Beginnings):
         places = range(len(self.space.mechanisms), len(self.space.mechanisms) + len(made))
         number = {(m.parts[0].relation, m.parts[0].product): k for k, m in zip(places, made, strict=True)}
         space = self.space.among([*self.space.mechanisms, *made])
+        budget = space.budget
+        if terms:
+            space = space.within(Budget(budget.limit, budget.monitor, budget.deadline))
         wide = replace(self, space=space, number={**self.number, **number})
         fit = replace(standing.fit, theta=wide.padded(standing.fit.theta))
         said = None if standing.said is None else replace(standing.said, theta=wide.padded(standing.said.theta))
@@ -75,11 +79,14 @@ class Sharing(Beginnings):
         price = self.moves().penalised
         for _ in range(ROUNDS * len(self.space.frame.targets)):
             least = price(standing.fit) - GAIN
-            trials = chain(self.shared(standing), self.elsewhere(standing))
+            others = (trial for other in self.elsewhere(standing) for trial in (other, *self.shared(other)))
+            trials = chain(self.shared(standing), others)
             better = next((t for t in trials if self.space.budget.over or price(t.fit) < least), None)
             if better is None or not price(better.fit) < least:
                 break
-            standing = better
+            # What follows the record better than the model before says what other functions are to come near to.
+            told = better.said is not None and better.fit.cost < better.said.cost
+            standing = replace(better, said=None) if told else better
         return standing
 
     def shared(self, standing: Standing) -> Iterator[Standing]:
@@ -125,11 +132,12 @@ class Sharing(Beginnings):
                 yield tuple(sorted(among[j] for j in beside(imitated, begin, unknown)))
 
     def elsewhere(self, standing: Standing) -> Iterator[Standing]:
-        """Yield the model with another function of a variable in the place of one, in all its relations at once."""
+        """Yield the model with another function of a variable in the place of one, in all its relations at once.
+
+        In a single one that is worth a look, too: others may be said by that other function alone.
+        """
         for name, families in self.families.items():
             places = self.places(standing, name)
-            if len(places) < 2:
-                continue  # that was tried
             ranked = list[tuple[float, Family, Mapping[str, float]]]()
             for family in families:
                 if any(p.families != {family} for p in places):
