@@ -16,7 +16,9 @@ from odescope.pipeline.identification import identify
 from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Driven, Measured, Study
 
-T = np.arange(0.0, 20.0, 0.1)
+pytestmark = pytest.mark.slow
+
+T = np.arange(0.0, 16.0, 0.1)
 HALF = 0.6
 IN_X = (Suspicion(0, "x", "powers", (ONE,), 3),)
 BESIDE = ("u",), ("y",)
@@ -43,7 +45,7 @@ def refinement():
         data=Data(time="t"),
         coordinates={"x": Measured(), "y": Measured()},
         inputs={"u": Driven(hold="linear")},
-        library=Candidates(basis=("x", "y", "u"), degree=3, suspect=False),
+        library=Candidates(terms=("1", "x", "x**2", "x**3", "y", "u", "x_dot", "y_dot"), suspect=False),
     )
     return identify(study, [recorded((1.5, 0.1), 0), recorded((0.2, 1.0), 1)]).refinement
 
