@@ -106,12 +106,14 @@ def _imitation(relation: int, products: Sequence[Product], name: str) -> Suspici
 
 
 def _growing(space: SearchSpace, suspected: Suspicion) -> Suspicion:
-    """Return a suspicion with the relation's own state among what stands beside functions, where that has no sign.
+    """Return a suspicion with the relation's own state among what stands beside functions, where neither has a sign.
 
-    What has none often changes in proportion to itself, at a rate that is a function of it or of a temperature.
+    What has none often changes in proportion to itself, at a rate that is a function of it, or of something else that
+    has none, as a temperature.
     """
     own = space.frame.states[list(space.frame.following).index(-1 - suspected.relation)]
-    if values_of_variables(space)[own].min() <= 0.0:
+    values = values_of_variables(space)
+    if min(values[own].min(), values[suspected.variable].min()) <= 0.0:
         return suspected
     return replace(suspected, beside=tuple(dict.fromkeys((*suspected.beside, Term(((Name(own), 1),))))))
 
