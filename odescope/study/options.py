@@ -55,8 +55,9 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         files: one recording a file, or folders of Parquet files; paths are relative to the study file.
         time (s): the column that holds the time; dates and times of day will do.
         date: the column that holds the day, where `time` holds a clock and the two stand apart.
-        time_unit: of that column of time; left out, what its heading says, as in "time (ms)", else seconds.
-        sample_period (s): the time between rows, where no column holds it; one of the two must be given.
+        time_unit: of the column `time`; left out, what its heading says, as in "time (ms)", else seconds.
+        sample_period (s): the time between rows, always in seconds, where no column holds it; one of the two must be
+            given.
         recording: the column, or the key=value folder, that tells recordings apart.
         gaps: what happens where samples lack: they are bridged up to 32 steps, the recording is split, or it is
             refused.
@@ -77,6 +78,12 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     def __post_init__(self) -> None:
         check_fields(self)
+        for name, value in (("time_unit", self.time_unit), ("date", self.date)):
+            if self.time is None and value is not None:
+                raise InputError(
+                    f"{name} = {value!r} goes with time, the column that holds the time, which is not named: name it,"
+                    f" or leave {name} out; sample_period is in seconds"
+                )
         if not 0.0 < self.memory < math.inf:
             raise InputError(f"memory must be a number of megabytes, got {self.memory!r}")
 
