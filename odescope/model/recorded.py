@@ -173,9 +173,6 @@ def _layout(model: Model, tables: Sequence[TableLabels], given: TimeColumns, nam
     place = _places(model, first, given)
     labels = {name: _label(name, place, first) or place[name] for name in names}
     angles = frozenset(c.name for c in model.coordinates if c.angle and c.name in names)
-    units = {name: Heading.of(labels[name]).unit for name in angles}
-    headed = {name for name, unit in units.items() if is_degrees(unit)}
-    radians = {name for name, unit in units.items() if unit == "rad"}
     time, day = _time_label(model, first, given), model.provenance.get("date")
     beside = isinstance(day, str) and time is not None and time == model.provenance.get("time")
     return Layout(
@@ -184,7 +181,7 @@ def _layout(model: Model, tables: Sequence[TableLabels], given: TimeColumns, nam
         sample_period=given.sample_period,
         columns=tuple(labels.items()),
         angles=angles,
-        degrees=frozenset(((in_degrees(model) & set(names)) | headed) - radians),
+        degrees=frozenset(name for name in angles if _reads_degrees(model, name, labels[name])),
         held=frozenset(i.name for i in model.inputs if i.hold == "zero" and i.name in names),
         inputs=frozenset(i.name for i in model.inputs if i.name in names),
         recording=_recording(model, first, given),
@@ -259,6 +256,18 @@ def _time_label(model: Model, table: TableLabels, given: TimeColumns) -> str | N
         f"{table.source} has no column called t or time; name it with --time, or give --sample-period. Its columns are"
         f" {', '.join(table.labels)}"
     )
+
+
+def _reads_degrees(model: Model, name: str, label: str) -> bool:
+    """Say whether a column holds an angle in degrees: as the model was identified where it is the same, else as headed.
+
+    What a study said of the unit stood above the heading, and the same column is not to be read in two ways.
+    """
+    known, columns = name in in_degrees(model), model.provenance.get("columns")
+    if isinstance(columns, dict) and columns.get(name) == label:
+        return known
+    unit = Heading.of(label).unit
+    return is_degrees(unit) or (known and unit != "rad")
 
 
 def _time_unit(model: Model, label: str) -> TimeUnit:

@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
 from built_models import build
 
-from odescope.model.recorded import clocks
+from odescope.model.recorded import clocks, records_for
 from odescope.recordings.coordinate import Coordinate, Input
 
 
@@ -14,3 +16,26 @@ def test_the_input_that_was_read_from_the_column_of_the_time_is_the_time():
     assert clocks(model) == frozenset()
     read = {"time": "t (s)", "columns": {"x": "x", "now": "t (s)", "u": "u"}}
     assert clocks(replace(model, provenance=read)) == {"now"}
+
+
+@pytest.mark.parametrize(
+    ("identified", "in_degrees", "label", "reads"),
+    [
+        ("phi [deg]", False, "phi [deg]", "rad"),  # the study overruled the heading
+        ("phi [rad]", True, "phi [rad]", "deg"),
+        ("phi", True, "phi", "deg"),
+        ("phi", True, "phi [rad]", "rad"),
+        ("phi [rad]", True, "phi", "deg"),
+        ("phi", False, "phi [deg]", "deg"),
+        ("phi [deg]", True, "phi [degrees]", "deg"),
+    ],
+)
+def test_an_angle_is_read_as_its_model_was_identified_from_it_and_another_column_as_it_is_headed(
+    identified, in_degrees, label, reads
+):
+    pendulum = [("phi_ddot", "1", 1.0), (None, "sin(phi)", 9.0)]
+    made_from = {"columns": {"phi": identified}} | ({"degrees": ["phi"]} if in_degrees else {})
+    model = replace(build([Coordinate("phi", 2, angle=True)], [], pendulum), provenance=made_from)
+    t = np.arange(20) / 10
+    read = records_for(model, {"t": t, label: 0.5 * np.cos(t)}).runs[0].column("phi")
+    np.testing.assert_allclose(read, 0.5 * np.cos(t) * (np.pi / 180.0 if reads == "deg" else 1.0))
