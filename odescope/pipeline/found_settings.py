@@ -1,13 +1,21 @@
-"""What was found beside coefficients: holds and delays of inputs, offsets of sensors."""
+"""What was found: mechanisms, and beside their coefficients holds and delays of inputs and offsets of sensors."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
+from odescope.library.mechanism import Mechanism
 from odescope.likelihood.refine import Refinement
 from odescope.model.model import Model
 from odescope.model.scores import DelayScore, HoldScore, OffsetScore
 from odescope.signals.delays import Delay
+
+
+def present_mechanisms(model: Model, refinement: Refinement | None) -> tuple[Mechanism, ...]:
+    """Return the mechanisms that the model was fitted with, where the likelihood stage knows them."""
+    if refinement is None or not model.mechanisms:
+        return ()
+    return tuple(refinement.space.mechanisms[k] for k in refinement.fit.present)
 
 
 def hold_scores(model: Model, refinement: Refinement | None) -> dict[str, HoldScore]:

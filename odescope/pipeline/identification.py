@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import msgspec
@@ -16,7 +16,6 @@ import odescope
 from odescope.arrays import Table
 from odescope.errors import InputError, NoModelError, said
 from odescope.events import Event, Monitor, Note, never, unheard
-from odescope.library.mechanism import Mechanism
 from odescope.library.product import Product
 from odescope.likelihood.findings import doubts
 from odescope.likelihood.refine import Refinement
@@ -32,15 +31,17 @@ from odescope.model.screen import screen
 from odescope.model.simulation import Trajectory
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.adopted import Adopted, adopted
+from odescope.pipeline.coarse_inputs import with_held_cells
 from odescope.pipeline.competition import Contender, Winner, compete, regress
 from odescope.pipeline.evaluation import domain, free_run_scores, provenance, require_model, scores, time_score
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.forcing import with_forcing
-from odescope.pipeline.found_settings import delay_scores, hold_scores, offset_scores
+from odescope.pipeline.found_settings import delay_scores, hold_scores, offset_scores, present_mechanisms
 from odescope.pipeline.joint_models import Search, to_relation
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.run_freely import run_freely
 from odescope.pipeline.versions import best_version
 from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints, order_hints
@@ -270,10 +271,10 @@ def identify(
     def run(version: Study, monitor: Monitor) -> tuple[Identification, Contender]:
         settled, own = settled_columns(version, data)
 
-        def under(posed: Study, monitor: Monitor) -> tuple[Identification, Contender]:
+        def once(posed: Study, monitor: Monitor) -> tuple[Identification, Contender]:
             return _identified(Work(with_time(posed), monitor, workers, deadline), own, store)
 
-        result, contender, suspected = with_forcing(settled, monitor, under, NothingFound)
+        result, contender, suspected = with_forcing(settled, monitor, partial(_under_holds, once), NothingFound)
         known = () if result.model.scores is None else result.model.scores.suspicions
         return _with_scores(result, suspicions=(*known, *suspected)), contender
 
@@ -286,6 +287,21 @@ def identify(
     for note in result.notes:
         monitor.tell(Note(note, note in warned))
     return result
+
+
+def _under_holds(
+    once: Callable[[Study, Monitor], tuple[Identification, Contender]], study: Study, monitor: Monitor
+) -> tuple[Identification, Contender]:
+    """Return what one run finds, or one with coarsely sampled inputs held, whichever is better.
+
+    Args:
+        once: a run.
+        study: the options.
+        monitor: told what goes on.
+    """
+    found, contender, held = with_held_cells(study, monitor, once, NothingFound)
+    known = {} if found.model.scores is None else found.model.scores.holds
+    return _with_scores(found, holds=known | held), contender
 
 
 def _with_scores(result: Identification, **told: object) -> Identification:
@@ -335,21 +351,13 @@ def _identified(
         with work.stage("model"):
             model = _judged(work.study, seen, regressed, winner)
             require_model(model, winner.follows, winner.best.exact)
-            model, runs = _run_freely(work, seen, model)
+            model, runs = run_freely(work, seen, model)
     except NoModelError as failure:
         work.monitor.tell(_nothing_found(work, filtered, regressed, failure))
         raise
     if (kept := prepared.sample.store) is not None:
         kept.prune()
     return result(seen, model, winner.refinement, winner.left_out, runs), winner.best
-
-
-def _run_freely(work: Work, seen: Filtered, model: Model) -> tuple[Model, tuple[FreeRunOf, ...]]:
-    """Return the model with the scores of its free runs from the starts of the recordings, and these."""
-    runs = free_runs(model, seen.undelayed, work.monitor.check)
-    told = free_run_scores(model, runs, seen.undelayed, seen.signals)
-    judged = ModelScores() if model.scores is None else model.scores
-    return replace(model, scores=msgspec.structs.replace(judged, free_runs=told)), runs
 
 
 def _nothing_found(work: Work, filtered: Filtered, regressed: Regressed, failure: NoModelError) -> NothingFound:
@@ -366,18 +374,12 @@ def _nothing_found(work: Work, filtered: Filtered, regressed: Regressed, failure
     return NothingFound(failure, result, advice(records, signals, regressed.problems))
 
 
-def _present(model: Model, refinement: Refinement | None) -> tuple[Mechanism, ...]:
-    """Return the mechanisms that the model was fitted with, where the likelihood stage knows them."""
-    if refinement is None or not model.mechanisms:
-        return ()
-    return tuple(refinement.space.mechanisms[k] for k in refinement.fit.present)
-
-
 def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winner) -> Model:
     """Return the model with its scores, its domain and what it was made from."""
     model, refinement = winner.model, winner.refinement
     signals, sample, whole = filtered.signals, filtered.sample, regressed.whole
     told = scores(model, signals, *adopted(regressed.searches, model), refinement, study.random.seed)
+    present = present_mechanisms(model, refinement)
     told = msgspec.structs.replace(
         told,
         left_out=filtered.left_out,
@@ -392,7 +394,7 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         suspicions=winner.suspicions,
         path=path_scores(refinement),
         energy=energy_of(model, signals),
-        conserved=() if whole is not None else constants_of(filtered.records, signals, _present(model, refinement)),
+        conserved=() if whole is not None else constants_of(filtered.records, signals, present),
     )
     found_in = domain(signals, model, whole)
     return replace(model, scores=told, domain=found_in, provenance=provenance(study, signals, whole))
