@@ -20,6 +20,10 @@ FAR = 4.0  # standard deviations of jitter: what is further away is not the jitt
 LATE = 0.05  # periods: what is nearer to its regular time is not late, however regular the clock
 MEASURED = 0.25  # of the points of a grid that a clock of whole steps lies on: of fewer the steps fit by chance
 ROUNDS = 3  # of fitting a line less what is far from it
+BALANCED = 10  # long steps of a coarse clock, at least: so many rows lost by chance do not fall as evenly as its ticks
+TICKS = 0.75  # by which stamps of a clock that ticks coarsely are off a line, at most: half of one is its rounding
+LOCAL = 5  # samples that say together how smooth a motion is at some times
+SEEN = 10.0  # in log-likelihood: by so much the stamps of a clock make a motion smoother than regular times
 TRUE_STAMPS = 0.5  # slope of residuals on motion: 1 if stamps say when samples were taken, 0 if they only jitter
 
 
@@ -55,6 +59,54 @@ def whole_steps(t: FloatArray) -> IntArray | None:
         return None
     found: IntArray = np.concatenate([[0], np.cumsum(whole)]).astype(np.int64)
     return found
+
+
+def ticks_coarsely(run: RawRun, rough: frozenset[str], inputs: frozenset[str] = frozenset()) -> bool:
+    """Say whether a regular clock was read in ticks not much shorter than its period, so that some steps are of two.
+
+    They look like those of a faster clock that lost rows; but its long steps would not come so evenly that the stamps
+    keep to a line over the number of the row. Where every tenth row was lost, they do: the values tell, then.
+
+    Args:
+        run: in order, its angles unwrapped.
+        rough: names of the columns that jump and say nothing of time.
+        inputs: names of the columns that are commanded.
+    """
+    steps = np.diff(run.t)
+    tick = float(steps.min())
+    whole, rounding = np.rint(steps / tick), 4.0 * float(np.spacing(np.abs(run.t).max()))
+    if whole.max() != 2.0 or np.abs(steps - whole * tick).max() > EXACT_PERIODS * tick + rounding:
+        return False
+    if np.median(whole) != 1.0 or np.count_nonzero(whole == 2.0) < BALANCED:
+        return False
+    t, numbers = run.t - run.t[0], np.arange(len(run.t))
+    slope, origin = np.polyfit(numbers, t, 1)
+    regular = origin + slope * numbers
+    if np.abs(t - regular).max() > TICKS * tick:
+        return False
+    silent = rough | inputs if frozenset(run.names) - rough - inputs else rough
+    told = [np.flatnonzero(~np.isnan(y)) for y in run.values.T]
+    columns = [(k, there) for k, there in enumerate(told) if run.names[k] not in silent and len(there) > LOCAL]
+    return sum(_evener(t[there], regular[there], run.values[there, k]) for k, there in columns) < SEEN
+
+
+def _evener(t: FloatArray, other: FloatArray, y: FloatArray) -> float:
+    """Return how much likelier samples y (n,) were taken at t than at other times, in log-likelihood.
+
+    Each is predicted by a cubic through two samples before and two after it, at true times as well as noise lets.
+    """
+    misfits = []
+    for time in (t, other):
+        windows = np.lib.stride_tricks.sliding_window_view(time, LOCAL)
+        away = np.delete(windows, LOCAL // 2, axis=1) - windows[:, LOCAL // 2, None]
+        between = away[:, :, None] - away[:, None, :]
+        np.einsum("ijj->ij", between)[:] = -away  # so that the product holds the numerator of a weight, too
+        weights = np.prod(-away, axis=1)[:, None] / np.prod(between, axis=2)
+        near = np.delete(np.lib.stride_tricks.sliding_window_view(y, LOCAL), LOCAL // 2, axis=1)
+        off = y[LOCAL // 2 : -(LOCAL // 2)] - np.sum(weights * near, axis=1)
+        misfits.append(float(np.mean(off**2 / (1.0 + np.sum(weights**2, axis=1)))))
+    least = EXACT_PERIODS**2 * float(np.var(y)) + 1e-300
+    return 0.5 * len(y) * float(np.log((misfits[1] + least) / (misfits[0] + least)))
 
 
 def read_clock(run: RawRun, rough: frozenset[str], inputs: frozenset[str] = frozenset()) -> Stamps:

@@ -9,7 +9,7 @@ import numpy as np
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
 from odescope.recordings.between_samples import looks_held, on_polygon
-from odescope.recordings.clock import EXACT_PERIODS, read_clock, whole_steps
+from odescope.recordings.clock import EXACT_PERIODS, read_clock, ticks_coarsely, whole_steps
 from odescope.recordings.gaps import GAP_PERIODS, RawRun
 from odescope.recordings.local_spline import fit_smooth
 from odescope.recordings.lost_rows import sample_numbers
@@ -41,9 +41,10 @@ def uniform(
     Raises:
         InputError: the least over all uniform grids of the largest deviation of a sample is above `jitter`.
     """
-    numbers = sample_numbers(run.t)
+    ticks = ticks_coarsely(run, held, inputs)
+    numbers = np.arange(len(run.t)) if ticks else sample_numbers(run.t)
     grid, deviation = _nearest_grid(run.t, numbers)
-    if not _lies_on(run.t, grid, deviation) and (lost := whole_steps(run.t)) is not None:
+    if not ticks and not _lies_on(run.t, grid, deviation) and (lost := whole_steps(run.t)) is not None:
         finer, less = _nearest_grid(run.t, lost)
         if _lies_on(run.t, finer, less):
             numbers, grid, deviation = lost, finer, 0.0
@@ -55,6 +56,9 @@ def uniform(
             f"the sampling is not uniform{within(run.source)}: it deviates by {deviation / period:.3g} sample "
             f"periods from any uniform grid, and the limit is {jitter:.3g}; leave jitter out of [data], or raise it"
         )
+    if ticks:
+        read = replace(run.repairs, jitter=float(np.std(run.t - grid)) / period)
+        return on_grid(replace(run, repairs=read), grid, grid, numbers, held, inputs)
     stamps = read_clock(run, held, inputs)
     points = np.rint((stamps.t - stamps.origin) / stamps.period).astype(np.int64)
     first = int(points[0])

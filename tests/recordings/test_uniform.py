@@ -190,6 +190,37 @@ def test_a_coarse_clock_read_with_jitter_is_not_taken_for_a_fine_one_with_lost_r
     assert run.sample_period == pytest.approx(period, rel=0.02)
 
 
+@pytest.mark.parametrize("ratio", [1.02, 1.067, 1.1, 1.3, 1.49])
+@pytest.mark.parametrize("jitter", [0.0, 0.02])
+def test_a_regular_clock_with_a_coarse_tick_is_not_taken_for_a_faster_one_with_lost_rows(ratio, jitter):
+    rng = np.random.default_rng(8)
+    ideal = 0.01 * ratio * np.arange(800)
+    t = 0.01 * np.floor(ideal / 0.01 + 0.3 + jitter * rng.uniform(-1.0, 1.0, 800))
+    keep = np.concatenate([[True], np.diff(t) > 1e-6])
+    run, _ = uniform(raw(t=t[keep], x=moving(ideal[keep])))
+    assert run.sample_period == pytest.approx(0.01 * ratio, rel=3e-3)
+    if keep.all():
+        assert np.array_equal(run.column("x"), moving(ideal))
+        assert run.counts is None
+
+
+@pytest.mark.parametrize("every", [4, 10, 24])
+def test_a_clock_that_loses_every_so_many_rows_is_told_by_its_values_from_a_coarse_tick(every):
+    ideal = 0.01 * np.arange(800)
+    kept = np.arange(800) % every > 0
+    x = moving(ideal) + 1e-4 * np.random.default_rng(9).standard_normal(800)
+    run, _ = uniform(raw(t=ideal[kept], x=x[kept]))
+    assert run.sample_period == pytest.approx(0.01)
+    assert run.counted("x").sum() == kept.sum()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rows_that_are_lost_by_chance_are_no_coarse_tick(seed):
+    kept = np.sort(np.random.default_rng(seed).choice(400, 385, replace=False))
+    run, _ = uniform(raw(t=0.01 * kept, x=np.zeros(385)))
+    assert run.sample_period == pytest.approx(0.01)
+
+
 def test_stamps_that_fit_no_grid_are_taken_as_irregular():
     t = np.cumsum(np.random.default_rng(5).uniform(0.5, 1.5, 200))
     run, _ = uniform(raw(t=t, x=moving(t)))
