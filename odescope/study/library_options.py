@@ -16,6 +16,12 @@ Form = Literal["relations", "lagrangian", "reactions"]
 
 MOST_DEGREE = 12
 
+_DEGREE = 3
+_MOLECULES = 2
+_OF_FORMS: dict[Form, str] = {
+    "lagrangian": "give kinetic, potential, dissipation or forces",
+    "reactions": "give reactions or a composition",
+}
 _BELONG: dict[str, Form] = {
     "kinetic": "lagrangian",
     "potential": "lagrangian",
@@ -32,7 +38,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     Attributes:
         preset: the library where none is named: that of odescope, or the 330 products of the paper.
         basis: functions of states and inputs whose products are the candidates, as "sin(phi)".
-        degree: how many functions of the basis a product holds at most, powers counted.
+        degree: how many functions of the basis a product holds at most, powers counted; without a basis it is refused.
         terms: the candidates themselves, in place of a basis.
         extra: candidates of relations beside those of the preset or the basis, which nothing multiplies.
         rules: what products of the basis must obey to stay; left out, those that the kinds of coordinates ask for.
@@ -63,7 +69,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     preset: Literal["default", "paper"] = "default"
     basis: tuple[str, ...] | None = None
-    degree: Annotated[int, msgspec.Meta(ge=1, le=MOST_DEGREE)] = 3
+    degree: Annotated[int, msgspec.Meta(ge=1, le=MOST_DEGREE)] = _DEGREE
     terms: tuple[str, ...] | None = None
     extra: tuple[str, ...] = ()
     rules: tuple[AnyRule, ...] | None = None
@@ -76,7 +82,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     forces: dict[str, tuple[str, ...]] | None = None
     composition: dict[str, str] | None = None
     reactions: tuple[str, ...] | None = None
-    molecules: Annotated[int, msgspec.Meta(ge=1, le=4)] = 2
+    molecules: Annotated[int, msgspec.Meta(ge=1, le=4)] = _MOLECULES
     ties: tuple[str, ...] = ()
     saturating: tuple[str, ...] = ()
     parameters: dict[str, Span] = {}
@@ -110,6 +116,34 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         fixed = "terms" if self.terms is not None else "the paper's preset" if self.preset == "paper" else None
         if self.rules is not None and fixed and self.basis is None:
             raise InputError(f"rules do not apply to {fixed}; leave them out, or name a basis")
+        self._check_effects()
+
+    def _check_effects(self) -> None:
+        """Refuse what would change nothing."""
+        form = self.own_form
+        if form not in (None, "relations"):
+            without = {"basis": self.basis, "terms": self.terms, "rules": self.rules}
+            idle = [name for name, given in without.items() if given is not None]
+            if idle := idle + ["preset"] * (self.preset != "default"):
+                raise InputError(
+                    f'[library] {idle[0]} makes candidates of relations, and the form is "{form}": leave {idle[0]} out,'
+                    f" or {_OF_FORMS[form]}; relations alone are identified under another study"
+                )
+        if self.degree != _DEGREE and self.basis is None:
+            raise InputError(
+                f"[library] degree = {self.degree} is that of the products of a basis, and there is none: name its"
+                ' functions, such as basis = ["x", "x_dot", "u"], or leave degree out'
+            )
+        if self.molecules != _MOLECULES and (form != "reactions" or self.composition is None):
+            raise InputError(
+                f"[library] molecules = {self.molecules} is for the reactions that a composition allows, and there is"
+                ' none: write composition = { S = "s", E = "e", C = "s e" }, or leave molecules out'
+            )
+        if self.saturating and form != "reactions":
+            raise InputError(
+                '[library] saturating is for fluxes of reactions, form = "reactions"; in relations name them in the'
+                ' basis, such as "S/(K + S)" with K in [library.parameters]'
+            )
 
     @property
     def by_hand(self) -> bool:

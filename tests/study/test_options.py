@@ -53,6 +53,27 @@ def test_a_library_that_cannot_be_read(table, parts):
     assert all(part in str(caught.value) for part in parts)
 
 
+@pytest.mark.parametrize(
+    ("table", "parts"),
+    [
+        ("degree = 2", ["degree = 2", "there is none", "basis = ["]),
+        ('preset = "paper"\ndegree = 2', ["degree = 2"]),
+        ('terms = ["x"]\ndegree = 2', ["degree = 2"]),
+        ('form = "lagrangian"\nbasis = ["x"]', ["basis", '"lagrangian"', "kinetic"]),
+        ('kinetic = ["x_dot**2"]\nterms = ["x"]', ["terms", '"lagrangian"']),
+        ('form = "lagrangian"\npreset = "paper"', ["preset"]),
+        ('reactions = ["x ->"]\nrules = []', ["rules", '"reactions"', "composition"]),
+        ("molecules = 3", ["molecules = 3", "composition ="]),
+        ('reactions = ["x ->"]\nmolecules = 3', ["molecules = 3"]),
+        ('saturating = ["x"]', ["saturating", "S/(K + S)"]),
+    ],
+)
+def test_what_would_change_nothing_in_a_library_is_refused_with_what_to_write(table, parts):
+    with pytest.raises(InputError) as caught:
+        parse_study(PLAIN + "[library]\n" + table)
+    assert all(part in str(caught.value) for part in parts)
+
+
 def test_the_paper_preset_has_35_candidates_a_target():
     study = parse_study(PAPER)
     for target in ("x_ddot", "phi_ddot"):
