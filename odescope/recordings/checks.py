@@ -9,7 +9,6 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray
 from odescope.errors import InputError
 from odescope.recordings.coordinate import Coordinate, Input
-from odescope.recordings.headings import is_unit
 from odescope.recordings.record import Records, within
 
 LARGEST_VALUE = 1e30  # products of a few such values would overflow
@@ -19,6 +18,8 @@ LENGTHS = frozenset(
 RADIANS = frozenset({"", "1", "-", "rad", "rads", "radian", "radians"})
 DEGREES = frozenset({"deg", "degs", "degree", "degrees", "°"})
 ISOLATED = 3  # samples in a row, at most, that are taken for outliers
+TO_AND_FRO = 1.5  # of its range, that what swings goes altogether: to one side and half of it back
+SMALL_TURN = 0.1  # of its range: where a column turns by less, that may be noise
 TURNS = 2.0  # that an angle in radians spans, from which on it may be one in degrees
 
 
@@ -68,11 +69,11 @@ def _check_angle(angle: Coordinate, records: Records) -> None:
     for unit in (angle.unit, records.runs[0].units[records.names.index(angle.name)]):  # all runs have the same
         if unit is not None and is_degrees(unit):
             raise InputError(_in_degrees(f"angle {angle.name!r} has the unit {unit!r}", angle.name))
-        if unit is not None and not is_angular(unit) and is_unit(unit):
+        if unit is not None and not is_angular(unit):
             wanted = (
                 "a length is no angle, leave that word out"
                 if unit.strip() in LENGTHS
-                else "angles are in radians here, or in degrees with that unit: convert the column"
+                else 'angles are in radians here, or in degrees with unit = "deg": convert the column'
             )
             raise InputError(f"coordinate {angle.name!r} is said to be an angle, and to be in {unit}: {wanted}")
     for run in records:
@@ -153,14 +154,26 @@ def degrees_hints(records: Records, coordinates: Sequence[Coordinate]) -> tuple[
     said = []
     for c in (c for c in coordinates if c.angle and c.unit is None):
         columns = [run.column(c.name) for run in records]
-        span = max(float(np.ptp(y)) for y in columns)
-        returns = all(abs(y[-1] - y[0]) < 0.5 * np.ptp(y) for y in columns)
-        if span > TURNS * 2.0 * np.pi and returns and max(float(np.abs(y).max()) for y in columns) <= 360.0:
+        spans = [float(np.ptp(y)) for y in columns]
+        span, swings = max(spans), sum(map(_path, columns)) > TO_AND_FRO * sum(spans)
+        if span > TURNS * 2.0 * np.pi and swings and max(float(np.abs(y).max()) for y in columns) <= 360.0:
             said.append(
                 f"{c.name} goes {span / (2.0 * np.pi):.3g} turns to and fro as radians; if it is in degrees, give"
                 f' unit = "deg" in [coordinates.{c.name}], and "rad" if not'
             )
     return tuple(said)
+
+
+def _path(column: FloatArray) -> float:
+    """Return how far a column (N,) goes from turn to turn; turns that are small beside its range may be noise."""
+    from scipy.signal import find_peaks
+
+    prominence = SMALL_TURN * float(np.ptp(column))
+    if prominence == 0.0:
+        return 0.0
+    turns = [find_peaks(y, prominence=prominence)[0] for y in (column, -column)]
+    at = np.unique(np.concatenate([[0, int(column.argmin()), int(column.argmax()), len(column) - 1], *turns]))
+    return float(np.abs(np.diff(column[at])).sum())
 
 
 def order_hints(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:

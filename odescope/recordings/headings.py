@@ -106,6 +106,12 @@ _WHOLE = frozenset(
         "kn",
         "rps",
         "counts",
+        "gon",
+        "grad",
+        "Grad",
+        "ticks",
+        "steps",
+        "pulses",
         "cells",
     ]
 )

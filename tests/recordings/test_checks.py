@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from odescope.errors import InputError
-from odescope.recordings.checks import check_channels
+from odescope.recordings.checks import check_channels, degrees_hints
 from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.headings import Heading
 from odescope.recordings.record import Record, Records
 
 T = 0.01 * np.arange(3000)
@@ -33,3 +34,42 @@ def test_lost_readings_at_two_pi_are_no_wraps(seed):
     ph = 6.3 + 0.2 * np.sin(T) + 0.01 * rng.standard_normal(3000)
     ph[rng.choice(3000, 20, replace=False)] = 0.0
     check(ph)
+
+
+@pytest.mark.parametrize("unit", ["gon", "grad", "Grad", "ticks", "increments", "rev", "mrad", "my unit"])
+def test_an_angle_in_what_is_neither_radians_nor_degrees_is_refused(unit):
+    with pytest.raises(InputError, match=f"to be in {unit}: .*convert the column"):
+        check(np.sin(T), unit=unit, angle=True)
+
+
+@pytest.mark.parametrize("unit", [None, "", "rad", "Radians", "1", "-"])
+def test_an_angle_in_radians_is_none_of_these(unit):
+    check(np.sin(T), unit=unit, angle=True)
+
+
+def test_the_heading_of_an_angle_names_units_of_encoders_and_surveyors():
+    for unit in ("gon", "ticks", "Grad", "counts"):
+        assert (Heading.of(f"phi [{unit}]").name, Heading.of(f"phi [{unit}]").unit) == ("phi", unit)
+
+
+LET_GO = 100.0 * np.cos(3.0 * T) * np.exp(-0.2 * T)
+NOISE = np.random.default_rng(0).standard_normal(len(T))
+
+
+@pytest.mark.parametrize(
+    ("columns", "hinted"),
+    [
+        ([LET_GO], True),
+        ([LET_GO + 2.0 * NOISE], True),
+        ([LET_GO, np.linspace(0.0, 1.0, 500)], True),
+        ([170.0 * np.sin(0.9 * T)], True),
+        ([3.0 * T], False),
+        ([3.0 * T + 0.5 * np.sin(5.0 * T) + 0.5 * NOISE], False),
+        ([100.0 * (1.0 - np.exp(-T))], False),
+        ([4.0 * LET_GO], False),
+    ],
+)
+def test_what_swings_by_many_turns_may_be_in_degrees(columns, hinted):
+    records = Records(tuple(Record(T[: len(y)], y[:, None], ("x",), (None,)) for y in columns))
+    assert bool(degrees_hints(records, [Coordinate("x", 2, angle=True)])) == hinted
+    assert not degrees_hints(records, [Coordinate("x", 2, angle=True, unit="rad")])
