@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError, nearest
-from odescope.recordings.dates import DAY, FORMS, from_text, is_dates, is_text
+from odescope.recordings.dates import DAY, FORMS, from_text, is_dates, is_durations, is_text
 from odescope.recordings.headings import in_seconds
 from odescope.recordings.layout import Layout
 from odescope.recordings.text_files import NUMBER
@@ -42,14 +42,16 @@ def check_columns(labels: Sequence[str], available: Sequence[str], source: str) 
 
 
 def from_table(table: Table, layout: Layout) -> Columns:
-    """Return the used columns of an Arrow table, the codes of categories replaced by what they stand for."""
+    """Return the used columns of an Arrow table: what codes of categories stand for, views of text as text."""
+    return {label: _plain(table.column(label)) for label in layout.used}
+
+
+def _plain(column: ChunkedArray) -> ChunkedArray:
     import pyarrow as pa
 
-    columns = {label: table.column(label) for label in layout.used}
-    return {
-        label: column.cast(column.type.value_type) if pa.types.is_dictionary(column.type) else column
-        for label, column in columns.items()
-    }
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    return column.cast(pa.large_string()) if pa.types.is_string_view(column.type) else column
 
 
 def from_arrays(arrays: Mapping[str, object], source: str) -> Columns:
@@ -97,7 +99,8 @@ def numbers(column: ChunkedArray, label: str, source: str) -> FloatArray:
     if not any(is_kind(kind) for is_kind in numeric):
         raise InputError(f"column {label!r} in {source} holds {kind}, expected numbers; convert it first")
     try:
-        chunks = column.cast(pa.float64()).chunks
+        # A whole number of more than 53 bits, such as nanoseconds since 1970, is rounded, as it is where text is read.
+        chunks = column.cast(pa.float64(), safe=not types.is_integer(kind)).chunks
     except pa.ArrowException as error:
         raise InputError(f"column {label!r} in {source} does not fit 64-bit floats: {first_line(error)}") from error
     found, first = np.empty(len(column)), 0
@@ -135,7 +138,7 @@ def times(column: ChunkedArray, layout: Layout, source: str) -> FloatArray:
     """Return a column of times in seconds (N,), NaN where a cell is missing: of numbers, or of dates since 1970.
 
     Args:
-        column: of numbers in the layout's unit of time, or dates, as instants or as text.
+        column: of numbers in the layout's unit of time, of durations, or dates, as instants, days, clocks or text.
         layout: that names it.
         source: where it came from, for messages.
 
@@ -144,6 +147,8 @@ def times(column: ChunkedArray, layout: Layout, source: str) -> FloatArray:
     """
     if is_dates(column):
         return in_seconds_of_dates(column, str(layout.time), source)
+    if is_durations(column):
+        return _seconds(column, "duration")
     factor, over = in_seconds(layout.time_unit)
     found = numbers(column, str(layout.time), source)
     found *= factor
@@ -168,9 +173,24 @@ def in_seconds_of_dates(column: ChunkedArray, label: str, source: str) -> FloatA
         column = from_text(column, label, source)
     if pa.types.is_date(column.type):
         column = column.cast(pa.timestamp("s"))
+    if pa.types.is_time(column.type):
+        return _seconds(column, "time64")
     if not pa.types.is_timestamp(column.type):
         raise InputError(f"column {label!r} in {source} holds {column.type}, expected dates; {FORMS}")
-    ticks = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64()).combine_chunks()
+    return _seconds(column, "timestamp")
+
+
+def _seconds(column: ChunkedArray, kind: Literal["timestamp", "time64", "duration"]) -> FloatArray:
+    """Return a column of instants, clocks or durations in seconds (N,), NaN where a cell is missing.
+
+    Args:
+        column: that counts in any unit.
+        kind: of its type.
+    """
+    import pyarrow as pa
+
+    fine = pa.timestamp("ns", column.type.tz) if kind == "timestamp" else getattr(pa, kind)("ns")
+    ticks = column.cast(fine).cast(pa.int64()).combine_chunks()
     seconds = 1e-9 * ticks.fill_null(0).to_numpy().astype(np.float64)
     found: FloatArray = np.where(ticks.is_null().to_numpy(zero_copy_only=False), np.nan, seconds)
     return found

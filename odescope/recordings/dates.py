@@ -42,10 +42,18 @@ def is_text(column: ChunkedArray) -> bool:
 
 
 def is_dates(column: ChunkedArray) -> bool:
-    """Return whether a column holds dates: instants, or text that was read as such."""
+    """Return whether a column holds dates: instants, days, clocks, or text that was read as such."""
     import pyarrow as pa
 
-    return bool(pa.types.is_timestamp(column.type)) or is_text(column)
+    kinds = (pa.types.is_timestamp, pa.types.is_date, pa.types.is_time)
+    return any(is_kind(column.type) for is_kind in kinds) or is_text(column)
+
+
+def is_durations(column: ChunkedArray) -> bool:
+    """Return whether a column holds times that passed, which know their unit."""
+    import pyarrow as pa
+
+    return bool(pa.types.is_duration(column.type))
 
 
 def in_zone(column: ChunkedArray) -> bool:

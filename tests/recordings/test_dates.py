@@ -72,3 +72,40 @@ def test_days_of_a_table_stand_beside_a_clock_and_beside_nothing_else():
     assert run.t == pytest.approx(1706745550.5 + np.arange(100), abs=1e-6)
     with pytest.raises(InputError, match="'Day' holds the day of a clock, and 'x' in the data holds no clock"):
         records_from(table, replace(APART, time="x"))
+
+
+STEPS = 20 * np.arange(40)  # milliseconds
+NOW = 1_700_000_000_123_456_789
+CELLS = {
+    "epoch nanoseconds": (pa.array(NOW + STEPS * 1_000_000), "ns", 1e-9 * NOW),
+    "durations": (pa.array(STEPS, pa.duration("ms")), "s", 0.0),
+    "durations of a unit that their heading says otherwise": (pa.array(STEPS * 1000, pa.duration("us")), "ms", 0.0),
+    "clocks": (pa.array((43_200_000 + STEPS).astype(np.int32)).cast(pa.time32("ms")), "s", 43200.0),
+    "fine clocks": (pa.array(1_000_000 * STEPS).cast(pa.time64("ns")), "s", 0.0),
+    "dates in views of text": (
+        pa.array([f"2023-11-14 22:13:20.{k:03}" for k in STEPS.tolist()], pa.string_view()), "s", 1.7e9,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", CELLS)
+def test_times_of_every_kind_of_arrow_are_in_seconds(kind):
+    cells, unit, begin = CELLS[kind]
+    layout = Layout(time="t", time_unit=unit, columns=(("x", "x"),))
+    (run,) = records_from(pa.table({"t": cells, "x": np.sin(1e-3 * STEPS)}), layout)
+    np.testing.assert_allclose(run.t - begin, 1e-3 * STEPS, atol=1e-6)
+
+
+def test_days_and_timedeltas_of_numpy_are_times():
+    days = np.datetime64("2024-02-20") + np.arange(20)
+    (run,) = records_from({"t": days, "x": np.arange(20.0)}, Layout(time="t", columns=(("x", "x"),)))
+    np.testing.assert_allclose(np.diff(run.t), 86400.0)
+    passed = STEPS.astype("timedelta64[ms]")
+    (run,) = records_from({"t": passed, "x": STEPS}, Layout(time="t", columns=(("x", "x"),)))
+    np.testing.assert_allclose(run.t, 1e-3 * STEPS, atol=1e-12)
+
+
+def test_labels_of_recordings_may_be_views_of_text():
+    table = pa.table({"t": STEPS, "x": np.sin(STEPS), "run": pa.array(["a"] * 20 + ["b"] * 20, pa.string_view())})
+    found = records_from(table, Layout(time="t", columns=(("x", "x"),), recording="run"))
+    assert [len(run) for run in found] == [20, 20]
