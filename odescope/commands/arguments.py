@@ -17,6 +17,7 @@ from odescope.recordings.coordinate import Hold
 from odescope.recordings.gaps import Gaps
 from odescope.recordings.headings import Heading, find_label
 from odescope.recordings.readers import column_names, find_files
+from odescope.study.clock import with_time
 from odescope.study.library_options import MOST_DEGREE, Candidates
 from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import read_study, with_whole_paths
@@ -118,7 +119,7 @@ def study_of(sources: Sequence[Path], given: DataArguments) -> Study:
         library=_library(given),
     )
     study.measured()
-    scope = study.scope()
+    scope = with_time(study).scope()
     for function in study.library.basis or ():
         parse_term(function, scope)
     return study

@@ -13,6 +13,7 @@ from odescope.errors import InputError
 from odescope.recordings.angles import unwrap
 from odescope.recordings.chunks import Chunk
 from odescope.recordings.columns import Columns, numbers, recording_codes, row_seconds
+from odescope.recordings.dates import is_dates, is_durations
 from odescope.recordings.disorder import in_order
 from odescope.recordings.gaps import SHORTEST_RUN, RawRun, check_cells, pieces
 from odescope.recordings.layout import Layout
@@ -102,6 +103,13 @@ def _raw_runs(
     columns: Columns, layout: Layout, source: str, groups: Iterable[tuple[str, IntArray]], before: int
 ) -> Iterator[RawRun]:
     """Yield the run of each label and its row indices (n,); `before` rows of the file come before the table."""
+    for name, label in layout.columns:
+        if label == layout.time and (is_dates(columns[label]) or is_durations(columns[label])):
+            raise InputError(
+                f"{name!r} is the time as a variable, and the column {label!r} in {source} holds no numbers but"
+                f" {'durations' if is_durations(columns[label]) else 'dates'}: add a column with the seconds from the"
+                " start, and name that as the time"
+            )
     found = {label: numbers(columns[label], label, source) for label in dict(layout.columns).values()}
     factors = [np.pi / 180.0 if name in layout.degrees else 1.0 for name in layout.names]
     values = np.column_stack([found[column] for _, column in layout.columns]) * factors

@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -112,6 +113,15 @@ def test_arguments_make_the_study_that_they_say(logs):
     assert study.coordinates == {"x": Measured(cyclic=True)}
     assert study.inputs == {"u": Driven(hold="zero", delay=0.02)}
     assert study.library == Candidates(basis=("x_dot", "u", "abs(x_dot)"), degree=2)
+
+
+def test_a_basis_may_name_the_time(tmp_path):
+    run = tmp_path / "run.csv"
+    run.write_text("t,x,u\n0.0,1.0,0.0\n")
+    given = DataArguments(time="t", coordinates=("x",), inputs=("u",), basis=("x,sin(1.3*t)",))
+    assert study_of([run], given).library.basis == ("x", "sin(1.3*t)")
+    with pytest.raises(InputError, match="names the time, t: name the column that holds it"):
+        study_of([run], replace(given, time=None, sample_period=0.01))
 
 
 @pytest.mark.parametrize(

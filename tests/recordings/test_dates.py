@@ -109,3 +109,10 @@ def test_labels_of_recordings_may_be_views_of_text():
     table = pa.table({"t": STEPS, "x": np.sin(STEPS), "run": pa.array(["a"] * 20 + ["b"] * 20, pa.string_view())})
     found = records_from(table, Layout(time="t", columns=(("x", "x"),), recording="run"))
     assert [len(run) for run in found] == [20, 20]
+
+
+@pytest.mark.parametrize("cells", [[f"12:00:{k:02}" for k in range(40)], np.arange(40).astype("timedelta64[s]")])
+def test_dates_are_no_variable(cells):
+    table = {"time": np.array(cells), "x": np.arange(40.0)}
+    with pytest.raises(InputError, match=r"'t' is the time as a variable, .* add a column with the seconds"):
+        records_from(table, Layout(time="time", columns=(("x", "x"), ("t", "time"))))
