@@ -34,6 +34,7 @@ _SECONDS: dict[TimeUnit, tuple[float, float]] = {
 UNITS_OF_TIME: tuple[TimeUnit, ...] = tuple(_TIMES)
 _WITHOUT_BRACKETS = ("s", "ms", "us", "ns")  # in t_min the rest may be the least of something
 _OVER = re.compile(r"\s*(?:t|time|zeit|temps)\s*/\s*(\w+)\s*", re.IGNORECASE)  # as ISO 80000 has it: t/min
+_JOINED = re.compile(r"(?:.*(?:time|stamp|clock|zeit|temps)|t)([mµμun]s|[mu]sec|millis|micros|nanos)")  # TimeUS, timeMs
 _BRACKETED = re.compile(r"^(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]\s*$", re.DOTALL)
 _EXPONENT = re.compile(r"\^?[-+−]?\d+|[⁻⁺]?[⁰¹²³⁴-⁹]+")
 _PREFIXED = re.compile(
@@ -160,6 +161,8 @@ def time_unit(label: str) -> TimeUnit | None:
     if heading.unit is not None:
         return next((unit for unit, words in _TIMES.items() if heading.unit.casefold() in words), None)
     over, last = _OVER.fullmatch(label), _last_word(label)
+    if (joined := _JOINED.fullmatch(last)) is not None:
+        last = joined[1]
     known = UNITS_OF_TIME if over is not None else _WITHOUT_BRACKETS
     return next((unit for unit, words in _TIMES.items() if last in words and unit in known), None)
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError
+from odescope.library.functions import FUNCTIONS
 from odescope.recordings.chunks import Chunk
 from odescope.recordings.columns import numbers, recording_codes, row_seconds
-from odescope.recordings.coordinate import check_name
+from odescope.recordings.coordinate import Coordinate, check_name
 from odescope.recordings.dates import DAY
 from odescope.recordings.formats import Format, opened
 from odescope.recordings.headings import Heading, TimeUnit, doubtful_time_unit, time_unit
@@ -30,6 +32,8 @@ from odescope.study.toml import moved, parse_study
 TIMES = re.compile(
     r"(t|time|timestamp|date|datetime|datum|zeit|uhrzeit|zeitstempel|temps|clock|stamp)(_.*)?", re.IGNORECASE
 )
+DAYS = re.compile(r"(date|datetime|datum)(_.*)?", re.IGNORECASE)
+SERIAL = 20_000.0, 80_000.0  # days since 1899, as spreadsheets count dates: 1954 to 2119
 LABELS = re.compile(r"(run|segment|recording|experiment|trial|lap|series|batch|episode|id)(_.*)?", re.IGNORECASE)
 STEADY = 4.0  # times the median: no step of a clock that nobody calls one is longer
 LEAST_ROWS = 32  # of a recording, on average
@@ -61,12 +65,16 @@ class Drafted:
 
 @dataclass(frozen=True)
 class ClockColumn:
-    """The column of the time, its unit and what that rests on, and that of the day beside a clock; None for none."""
+    """The column of the time, its unit and what that rests on, and that of the day beside a clock; None for none.
+
+    `counts` is the column that counts the rows where none holds the time.
+    """
 
     label: str | None
     unit: TimeUnit
     why: str
     date: str | None = None
+    counts: str | None = None
 
 
 def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Drafted:
@@ -92,7 +100,7 @@ def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Draft
     clock = clock_of({label: values[: chunks[0].stop] for label, values in columns.items()}, dated)
     with opened(file) as kind:
         recording = _recording(kind, file, tuple(read), clock)
-    taken = (clock.label, recording, *dated)
+    taken = (clock.label, clock.counts, recording, *dated)
     others = [n for n in columns if n not in taken and np.isfinite(columns[n]).any()]
     headings = headings_of(others)
     if not headings:
@@ -104,11 +112,14 @@ def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Draft
     if not chunks[0].whole:
         at_rest = {n for n in records.names if all(np.ptp(run.column(n)) == 0.0 for run in records)}
         seen = tuple(_seldom(s, file, layout) if s.name in at_rest else s for s in seen)
+    seen = _apart(seen)
     if not any(s.role == "coordinate" for s in seen):
         told = "; ".join([*(f"{s.heading.label}: {s.why}" for s in seen), *_told(refusals)])
         raise InputError(f"no column of {file.name} looks like a coordinate ({told}): write a study, or use identify")
     empty = [label for label in labels if label not in (*others, clock.label, clock.date, recording)]
     unused = {label: refusals.get(label, "dates" if label in dated else "no numbers, or none") for label in empty}
+    if clock.counts is not None:
+        unused[clock.counts] = "it counts the rows"
     sampled = _sampled(clock, records, chunks)
     seen_files = dict.fromkeys(chunk.path.name for chunk in chunks)
     if len(seen_files) < len(files) or (len(files) == 1 and sources[0] != file):
@@ -140,7 +151,7 @@ def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColum
         if (heading.unit is not None and time_unit(label) is None) or _goes_back(columns[label]):
             continue
         if label not in dated and (TIMES.fullmatch(heading.name) or (time_unit(label) and heading.unit is None)):
-            return _clock(label)
+            return _clock(label, values=columns[label])
     days = [label for label in dated if not np.any(np.mod(columns[label], DAY))]
     for label in sorted((m for m in moving if m in dated), key=days.__contains__):  # a column of days alone comes last
         clock = len(days) == 1 and label not in days and columns[label].max() < DAY
@@ -148,12 +159,24 @@ def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColum
     for label, values in columns.items():
         steps = np.diff(values)
         if len(steps) and np.all(steps > 0.0) and steps.max() < STEADY * np.median(steps) and values[0] == 0.0:
-            return _clock(label, "it grows in even steps")
+            if np.all(steps == 1.0):
+                return ClockColumn(None, "s", "", counts=label)
+            return _clock(label, "in seconds? It grows in even steps: say in time_unit what in")
     return ClockColumn(None, "s", "")
 
 
-def _clock(label: str, why: str = "") -> ClockColumn:
-    """Return the column of the time; `why` is what makes it that, where its heading does not say its unit."""
+def _clock(label: str, why: str = "", values: FloatArray | None = None) -> ClockColumn:
+    """Return the column of the time.
+
+    Args:
+        label: its own.
+        why: what makes it that, where its heading does not say its unit.
+        values: the numbers in it, where it is called a time.
+    """
+    if values is not None and DAYS.fullmatch(Heading.of(label).name) and time_unit(label) is None:
+        if SERIAL[0] < np.nanmin(values) and np.nanmax(values) < SERIAL[1]:
+            return ClockColumn(label, "d", "days since 1899, it seems, as spreadsheets count them")
+        why = "in seconds? Its heading says a date: say which unit in time_unit"
     unit, doubt = time_unit(label), doubtful_time_unit(label) or next(iter({"d", "day"} & {label.casefold()}), None)
     if doubt:
         why = f"in seconds? Its heading says {doubt}: say which in time_unit"
@@ -190,17 +213,45 @@ def _recording(kind: Format, file: Path, labels: Sequence[str], clock: ClockColu
 
 
 def headings_of(labels: Sequence[str]) -> dict[str, Heading]:
-    """Return headings by names that are usable and differ."""
-    found: dict[str, Heading] = {}
-    for k, label in enumerate(labels, 1):
-        heading = Heading.of(label)
+    """Return headings by names that are usable and differ; a column that is called so itself keeps its name."""
+    headings, found = [Heading.of(label) for label in labels], dict[str, Heading]()
+    plain = {h.name for h in headings}
+    for k, heading in enumerate(headings, 1):
         name = heading.name
         try:
             check_name(name, "column")
         except InputError:
             name = f"column_{k}"
-        found[name if name not in found else f"{name}_{k}"] = heading
+        if name in found or name in FUNCTIONS or name == "identity":
+            name = _free(name, k, plain | set(found))
+        found[name] = heading
     return found
+
+
+def _free(name: str, k: int, taken: Collection[str]) -> str:
+    """Return a name with a number from k on that nothing else has."""
+    return next(free for free in (f"{name}_{number}" for number in count(k)) if free not in taken)
+
+
+def _apart(seen: Sequence[Seen]) -> tuple[Seen, ...]:
+    """Return columns of names other than those of the rates of coordinates, which cannot be called as such."""
+    coordinates = [s for s in seen if s.role == "coordinate"]
+    taken = {s.name for s in seen} | {n for s in coordinates for n in _derived(s)}
+    found = list[Seen]()
+    for s in seen:
+        of = next((c.name for c in coordinates if c is not s and s.name in _derived(c)), None)
+        if of is not None and s.role != "neither":
+            name = _free(s.name, 2, taken)
+            s = replace(s, name=name, why=f"{s.why}; not known as a derivative of {of}")
+            taken |= {name, *_derived(s)}
+        found.append(s)
+    return tuple(found)
+
+
+def _derived(s: Seen) -> tuple[str, ...]:
+    """Return the names of the derivatives of a coordinate up to the one that its equation is for."""
+    c = Coordinate(s.name, s.order)
+    return (*c.states[1:], c.target)
 
 
 def _layout(clock: ClockColumn, recording: str | None, headings: dict[str, Heading]) -> Layout:
@@ -283,7 +334,7 @@ def _lines(
     left_out += unused.items()
     if left_out:
         yield from ("", "# Left out:")
-        yield from (f"#   {label}: {why}" for label, why in left_out)
+        yield from (f"#   {_on_one_line(f'{label}: {why}')}" for label, why in left_out)
 
 
 def _coordinate(s: Seen) -> str:
@@ -308,7 +359,12 @@ def _quoted(value: str | list[str]) -> str:
 
 
 def _line(setting: str, comment: str) -> str:
-    return f"{setting:{WIDTH - 1}} # {comment}"
+    return f"{setting:{WIDTH - 1}} # {_on_one_line(comment)}"
+
+
+def _on_one_line(text: str) -> str:
+    """Return a comment as TOML may hold it: a label may have line breaks and other control characters."""
+    return re.sub(r"[\x00-\x1f\x7f]+", " ", text)
 
 
 def _count(number: int, what: str) -> str:

@@ -4,8 +4,10 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from logs import oscillator, pendulum, smooth, write
+from pyarrow import parquet
 
 from odescope.study.draft import draft
 from odescope.study.options import Driven, Measured
@@ -343,3 +345,55 @@ def test_an_amount_that_another_is_made_from_is_no_rate(here):
 def test_a_clock_whose_heading_is_no_more_than_a_unit_is_asked_about(here, label):
     _, text = drafted({label: T, "x": motion(9)})
     assert f"in seconds? Its heading says {label}: say which in time_unit" in text
+
+
+@pytest.mark.parametrize("label", ["", "Unnamed: 0", "index"])
+def test_a_column_that_counts_the_rows_is_no_time_in_seconds(here, label):
+    study, text = drafted({label: np.arange(len(T)), "x": motion(1)})
+    assert (study.data.time, study.data.sample_period, list(study.coordinates)) == (None, 1.0, ["x"])
+    assert "CHANGE THIS" in text
+    assert f"#   {label}: it counts the rows" in text
+
+
+def test_even_steps_alone_leave_the_unit_of_a_clock_open(here):
+    study, text = drafted({"k": T, "x": motion(1)})
+    assert study.data.time == "k"
+    assert "in seconds? It grows in even steps" in text
+
+
+@pytest.mark.parametrize(
+    ("label", "unit"), [("TimeUS", "us"), ("timeMs", "ms"), ("tms", "ms"), ("LogTimestampNs", "ns")]
+)
+def test_units_of_time_may_be_joined_to_the_word(here, label, unit):
+    study, _ = drafted({label: np.rint(T * {"us": 1e6, "ms": 1e3, "ns": 1e9}[unit]), "x": motion(1)})
+    assert (study.data.time, study.data.time_unit) == (label, unit)
+
+
+def test_dates_as_spreadsheets_count_them_are_days(here):
+    study, text = drafted({"Date": 45322.5 + T / 86400.0, "x": motion(1)})
+    assert (study.data.time, study.data.time_unit) == ("Date", "d")
+    assert "as spreadsheets count them" in text
+    _, text = drafted({"Date": T, "x": motion(1)})
+    assert "in seconds? Its heading says a date" in text
+
+
+def test_names_that_a_study_would_refuse_are_others(here):
+    study, _ = drafted({"t": T, "sin": motion(1), "cos": motion(2), "tanh [V]": motion(3)})
+    assert {c.column for c in (*study.coordinates.values(), *study.inputs.values())} == {"sin", "cos", "tanh [V]"}
+    noise = np.random.default_rng(5).standard_normal(len(T))
+    study, text = drafted({"t": T, "x [m]": motion(1), "x_dot [counts]": motion(2) + 0.01 * noise})
+    assert study.coordinates["x"].column == "x [m]"
+    assert "x_dot_2 = " in text
+
+
+def test_a_label_with_a_line_break_is_told_on_one_line(here):
+    parquet.write_table(pa.table({"t": T, "x": motion(1), "of two\nlines": 0.0 * T}), "log.parquet")
+    text = draft([Path("log.parquet")], [Path("log.parquet")], Path()).text
+    assert "#   of two lines: constant, 0" in text
+
+
+def test_no_column_is_lost_to_the_name_of_another(here):
+    made = {"t": T, "x_4": motion(1), "u": motion(2), "x (m)": motion(3), "x (mm)": motion(4)}
+    study, _ = drafted(made)
+    read = {c.column or name for name, c in (*study.coordinates.items(), *study.inputs.items())}
+    assert read == set(made) - {"t"}

@@ -35,10 +35,10 @@ def test_one_setting_changes_and_comments_stay():
 
 
 def test_what_lacks_is_added_and_what_goes_is_gone():
-    changed = with_setting(TEXT, ("library", "degree"), 4)
-    assert parse_study(changed).library.degree == 4
+    changed = with_setting(TEXT, ("random", "seed"), 4)
+    assert parse_study(changed).random.seed == 4
     assert changed.startswith(TEXT)
-    assert setting_at(changed, ("library", "degree")) == 4
+    assert setting_at(changed, ("random", "seed")) == 4
     gone = with_setting(changed, ("coordinates", "y"), None)
     assert set(parse_study(gone).coordinates) == {"x"}
     new = with_setting(TEXT, ("inputs", "u"), {"column": "U [V]", "unit": "V"})
