@@ -17,6 +17,7 @@ from odescope.recordings.text_files import NUMBER
 if TYPE_CHECKING:
     from pyarrow import ChunkedArray, Table
 
+ROUNDED = 1e-6  # of the range of whole numbers, by which floats may be off them
 Columns: TypeAlias = "Mapping[str, ChunkedArray]"
 
 
@@ -99,8 +100,7 @@ def numbers(column: ChunkedArray, label: str, source: str) -> FloatArray:
     if not any(is_kind(kind) for is_kind in numeric):
         raise InputError(f"column {label!r} in {source} holds {kind}, expected numbers; convert it first")
     try:
-        # A whole number of more than 53 bits, such as nanoseconds since 1970, is rounded, as it is where text is read.
-        chunks = column.cast(pa.float64(), safe=not types.is_integer(kind)).chunks
+        chunks = column.cast(pa.float64(), safe=not (types.is_integer(kind) and _may_be_rounded(column))).chunks
     except pa.ArrowException as error:
         raise InputError(f"column {label!r} in {source} does not fit 64-bit floats: {first_line(error)}") from error
     found, first = np.empty(len(column)), 0
@@ -109,6 +109,17 @@ def numbers(column: ChunkedArray, label: str, source: str) -> FloatArray:
         found[first : first + len(chunk)] = np.from_dlpack(chunk.fill_null(np.nan) if chunk.null_count else chunk)
         first += len(chunk)
     return found
+
+
+def _may_be_rounded(column: ChunkedArray) -> bool:
+    """Say whether whole numbers lose little as floats beside how far they go, as nanoseconds since 1970 do."""
+    import pyarrow.compute as pc
+
+    ends = pc.min_max(column).as_py()
+    if ends["min"] is None:
+        return True
+    step = float(np.spacing(float(max(abs(ends["min"]), abs(ends["max"])))))
+    return step <= max(1.0, ROUNDED * (ends["max"] - ends["min"]))
 
 
 def row_seconds(columns: Columns, layout: Layout, source: str) -> FloatArray:
