@@ -7,7 +7,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from odescope.errors import InputError
-from odescope.recordings.text_files import RowIndex, TextFile, part_of
+from odescope.recordings.text_files import RowIndex, part_of
+from odescope.recordings.text_headers import TextFile
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -119,7 +119,7 @@ def _may_be_rounded(column: ChunkedArray) -> bool:
     if ends["min"] is None:
         return True
     step = float(np.spacing(float(max(abs(ends["min"]), abs(ends["max"])))))
-    return step <= max(1.0, ROUNDED * (ends["max"] - ends["min"]))
+    return bool(step <= max(1.0, ROUNDED * (ends["max"] - ends["min"])))
 
 
 def row_seconds(columns: Columns, layout: Layout, source: str) -> FloatArray:

@@ -21,14 +21,13 @@ from odescope.recordings.parquet_files import (
     survey_parquet,
 )
 from odescope.recordings.text_files import (
-    TextFile,
     head_of,
     index_rows,
     read_columns,
-    read_header,
     refuse_blank_lines,
     settle_decimal,
 )
+from odescope.recordings.text_headers import TextFile, read_header
 
 SHEETS = (".xlsx", ".xls", ".xlsm", ".ods", ".numbers")
 

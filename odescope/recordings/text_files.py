@@ -1,53 +1,33 @@
-"""Text files of numbers: finds separator, header and decimal mark, and names the line where one goes wrong."""
+"""Text files of numbers: reads them whole or in parts, and names the line where one goes wrong."""
 
 from __future__ import annotations
 
 import contextlib
-import csv
-import gzip
 import io
 import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, cast
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
 from odescope.arrays import BoolArray, IntArray
 from odescope.errors import InputError
 from odescope.recordings.dates import DATE, MISSING, date_hint, from_text
+from odescope.recordings.text_headers import TextFile, open_bytes, zipped
 
 if TYPE_CHECKING:
     from pyarrow import ChunkedArray, DataType, NativeFile
 
-HEAD_BYTES = 1 << 20
 HEAD_PART = 1 << 18  # bytes that tell what kind of cells a column has
 BLOCK_BYTES = 1 << 20  # what counting lines reads at once
 MARK_ROWS = 8192  # the place of every so-manieth row is kept: part of a file is read from the one before it
 TELLING_MARKS = 8  # so many times MARK_ROWS rows are parsed at once to find the decimal mark
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE | re.ASCII)
+THOUSANDS = r"^\s*[+-]?[1-9]\d{0,2}(,\d{3})+\s*$"  # 1,250 may be a thousand and more, or one and a quarter
 RAGGED = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
-
-
-@dataclass(frozen=True, slots=True)
-class TextFile:
-    """A text file, or a part of one, and what its header line says.
-
-    `skip` lines come before the data; `decimals` are the decimal marks that its numbers may have, likeliest first.
-    A part is the bytes from `begin` to `end` of the file, and holds `rows` data rows after the `first` ones.
-    """
-
-    path: Path
-    separator: str
-    names: tuple[str, ...]
-    skip: int
-    decimals: tuple[str, ...]
-    begin: int = 0
-    end: int | None = None
-    first: int = 0
-    rows: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,39 +42,6 @@ class RowIndex:
     marks: IntArray
 
 
-def read_header(path: Path) -> TextFile:
-    """Read the header line, skipping blank lines before it.
-
-    Raises:
-        InputError: the file is empty, no text of one byte a character, or nothing follows the header.
-        csv.Error: a column's name is longer than 128 KiB.
-    """
-    with _open(path) as stream:
-        start = stream.read(HEAD_BYTES)
-    lines = start.splitlines()
-    filled = [k for k, line in enumerate(lines) if line.strip(b"\xef\xbb\xbf \t")]
-    if not filled:
-        raise InputError(f"{path.name} is empty")
-    text = _decoded(lines[filled[0]])
-    if "\0" in text:
-        raise InputError(f"{path.name} is not a text file in UTF-8; save it as UTF-8")
-    if len(filled) == 1 and len(start) < HEAD_BYTES:
-        raise InputError(f"{path.name} holds column names but no rows of data")
-    bare = re.sub(r'"[^"]*"', "", text)  # a separator within quotes belongs to a name
-    separator = max("\t;,", key=bare.count)
-    names = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
-    decimals = (",", ".") if separator == ";" else (".",)
-    return TextFile(path, separator, tuple(name.strip() for name in names), filled[0] + 1, decimals)
-
-
-def _decoded(line: bytes) -> str:
-    """Return a header line of UTF-8, or of Windows in western Europe, where spreadsheets save in that unless asked."""
-    try:
-        return line.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return line.decode("cp1252", errors="replace")
-
-
 def index_rows(file: TextFile, blanks: bool) -> RowIndex:
     """Count the rows of data of a whole file, without parsing them or holding more than a block of it.
 
@@ -103,7 +50,7 @@ def index_rows(file: TextFile, blanks: bool) -> RowIndex:
     """
     rows = lines = lone = blank = 0
     marks = []
-    with _open(file.path) as stream:
+    with open_bytes(file.path) as stream:
         for starts, empty, returns in _line_starts(stream):
             header = max(file.skip - lines, 0)
             filled = starts[header:][~empty[header:]]
@@ -115,7 +62,7 @@ def index_rows(file: TextFile, blanks: bool) -> RowIndex:
         rows = sum(1 for _ in _filled_lines(file))
     if blank and not blanks:  # which of them lie between samples takes a look at each line
         refuse_blank_lines(file)
-    if lone or _zipped(file.path):
+    if lone or zipped(file.path):
         return RowIndex(rows, np.empty(0, dtype=np.int64))
     return RowIndex(rows, np.concatenate(([0], np.concatenate(marks)[1:], [size])))
 
@@ -154,7 +101,7 @@ def part_of(file: TextFile, index: RowIndex, start: int, stop: int) -> TextFile:
 
 def head_of(file: TextFile) -> TextFile:
     """Return the part of a whole file that its first lines are; of a compressed one, the whole."""
-    if _zipped(file.path) or file.path.stat().st_size <= HEAD_PART:
+    if zipped(file.path) or file.path.stat().st_size <= HEAD_PART:
         return file
     with file.path.open("rb") as stream:
         end = stream.read(HEAD_PART).rfind(b"\n") + 1
@@ -180,8 +127,35 @@ def settle_decimal(file: TextFile, index: RowIndex, numeric: Sequence[str]) -> T
                 _parse(part, dict.fromkeys(numeric, pa.float64()), decimal)
                 fitting.append(decimal)
         if len(fitting) == 1:
+            _refuse_thousands(part, numeric, fitting[0])
             return replace(file, decimals=tuple(fitting))
     return file
+
+
+def _refuse_thousands(file: TextFile, numeric: Sequence[str], decimal: str) -> None:
+    """Refuse numbers whose commas may all stand between thousands; where semicolons separate, they are decimal.
+
+    Args:
+        file: or a part of one.
+        numeric: the columns that hold numbers.
+        decimal: the mark with which they can be read.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if decimal != "," or file.separator == ";" or len(file.decimals) == 1:
+        return
+    found = None
+    for label, cells in _parse(file, dict.fromkeys(numeric, pa.string()), ".").items():
+        marked = cells.filter(pc.fill_null(pc.match_substring(cells, ","), False))
+        if not pc.all(pc.match_substring_regex(marked, THOUSANDS)).as_py() and len(marked):
+            return
+        found = (label, marked[0].as_py()) if len(marked) else found
+    if found is not None:
+        raise InputError(
+            f"column {found[0]!r} in {file.path.name} has numbers such as {found[1].strip()!r}, whose comma may stand"
+            " between thousands or before decimals: write them without the one, or with points for the other"
+        )
 
 
 def refuse_blank_lines(file: TextFile) -> None:
@@ -223,9 +197,11 @@ def read_columns(
     dated = [] if time is None else [types | {time: pa.timestamp("ns", zone)} for zone in (None, "UTC")]
     for decimal, kinds in itertools.product(file.decimals, (types, *dated)):
         try:
-            return _parse(file, kinds, decimal)
+            found = _parse(file, kinds, decimal)
         except pa.ArrowInvalid:
             continue  # what follows finds the cells at fault, or reads those that only Arrow refuses ("+1")
+        _refuse_thousands(file, [label for label in numeric if kinds[label] == types[label]], decimal)
+        return found
     if time is not None:
         for decimal in file.decimals:
             with contextlib.suppress(pa.ArrowInvalid, InputError):
@@ -242,6 +218,7 @@ def read_columns(
         if rows := faults[decimal][label]:
             _refuse_cells(file, label, texts[label], rows, label == time)
         columns[label] = [_float(cell, decimal) for cell in texts[label]]
+    _refuse_thousands(file, checked, decimal)
     own = {time: dates} if time is not None and dates is not None else {}
     return own | {
         label: pa.chunked_array([pa.array(columns[label], types[label])]) for label in labels if label not in own
@@ -291,7 +268,7 @@ def _arrow_stream(file: TextFile) -> NativeFile:
     import pyarrow as pa
 
     if file.end is None:
-        return pa.input_stream(str(file.path), compression="gzip" if _zipped(file.path) else None)
+        return pa.input_stream(str(file.path), compression="gzip" if zipped(file.path) else None)
     return pa.OSFile(str(file.path)).get_stream(file.begin, file.end - file.begin)
 
 
@@ -353,16 +330,8 @@ def _newlines(path: Path, stop: int) -> int:
         return sum(stream.read(size).count(b"\n") for size in sizes)
 
 
-def _zipped(path: Path) -> bool:
-    return path.name.lower().endswith(".gz")
-
-
-def _open(path: Path) -> IO[bytes]:
-    return cast(IO[bytes], gzip.open(path)) if _zipped(path) else path.open("rb")
-
-
 def _lines(path: Path, begin: int = 0) -> IO[str]:
     """Open for counting lines: Latin-1 decodes any byte, and all three line endings come as one."""
-    stream = _open(path)
+    stream = open_bytes(path)
     stream.seek(begin)
     return io.TextIOWrapper(stream, encoding="latin-1")

@@ -15,9 +15,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from odescope.errors import InputError
+from odescope.recordings.chunks import cut
+from odescope.recordings.columns import numbers, times
+from odescope.recordings.formats import opened
 from odescope.recordings.layout import Layout
 from odescope.recordings.readers import read_records
-from odescope.recordings.text_files import read_header
+from odescope.recordings.text_headers import read_header
 
 LAYOUT = Layout(time="t", columns=(("x", "x"), ("u", "force")))
 N = 30
@@ -190,7 +193,7 @@ def test_missing_cells_are_gaps(tmp_path, cell):
         ("t,x,force\n1,1_0,3\n2,1d3,4\n", r"line 2: '1_0', line 3: '1d3'"),
         ("t;x;force\n1;1.000,5;3\n2;2;3\n", r"\(line 2: '1.000,5'\)"),
         ("t;x;force\n1;1,5;3\n2;2.5;3\n", r"column 'x' in run1.csv has cells that are not numbers \(line \d: '\d.5'\)"),
-        ("t\tx\tforce\n1\t1,5\t3\n2\t2,5\t3\n", r"\(line 2: '1,5', line 3: '2,5'\)"),
+        ("t\tx\tforce\n1\t1,5\t3\n2\t2.5\t3\n", r"'x' .*\(line \d: '\d[,.]5'\)"),
         ("t,x,force\n2024-01-01 00:00,1,3\n2,1,4\n", r"'t' .*line 2: '2024-01-01 00:00'"),
         ("t,x,force\n1,²,3\n2,1,4\n", r"'x' .*line 2: '²'"),
         ("t,x,force\n1,2,3\n".encode("utf-16"), "not a text file in UTF-8"),
@@ -228,3 +231,43 @@ def test_no_text_gets_past_an_input_error(tmp_path, text):
     body = b"t,x,force\n0,1,2\n" + (text if isinstance(text, bytes) else text.encode())
     with contextlib.suppress(InputError):
         assert all(np.isfinite(run.values).all() for run in read_records([write(tmp_path, body)], LAYOUT))
+
+
+LAID_OUT = {
+    "tabs": "t\tx\n0,00\t1,5\n0,25\t-2,250\n",
+    "quoted, and commas between": 't,x\n"0,00","1,5"\n"0,25","-2,250"\n',
+    "said by a spreadsheet": "sep=;\nt;x\n0,00;1,5\n0,25;-2,25\n",
+    "said to be commas": "sep=,\nt,x;y\n0.00,1.5\n0.25,-2.25\n",
+    "a name over two lines": 't,"x\n(m)"\n0.00,1.5\n0.25,-2.25\n',
+    "blank before a name over two lines": '\n"t","x\r\n(m)"\r\n0.00,1.5\r\n0.25,-2.25\r\n',
+    "tabs, and dates": "t\tx\n00:00:00,00\t1,5\n00:00:00,25\t-2,250\n",
+}
+
+
+@pytest.mark.parametrize("kind", LAID_OUT)
+@pytest.mark.parametrize("rows", [2, 40_000])
+def test_what_spreadsheets_of_all_countries_write_is_read(tmp_path, kind, rows):
+    head, lines = LAID_OUT[kind].rsplit("\n", 3)[0], LAID_OUT[kind].splitlines()[-2:]
+    path = tmp_path / "a.csv"
+    path.write_bytes(("\n".join([head, *lines * (rows // 2)]) + "\n").encode())
+    name = {"said to be commas": "x;y", "a name over two lines": "x (m)"}.get(kind, "x (m)" if "blank" in kind else "x")
+    layout = Layout(time="t", columns=(("x", name),))
+    with opened(path) as format_of:
+        found = format_of.read(path, layout)
+        np.testing.assert_allclose(times(found["t"], layout, "a"), [0.0, 0.25] * (rows // 2))
+        np.testing.assert_allclose(numbers(found[name], name, "a"), [1.5, -2.25] * (rows // 2))
+        survey = format_of.survey(path, layout)
+        assert survey.rows == rows
+        parts = [format_of.read_chunk(chunk, layout) for chunk in cut(survey, 10_000)]
+        np.testing.assert_allclose(
+            np.concatenate([numbers(p[name], name, "a") for p in parts]), [1.5, -2.25] * (rows // 2)
+        )
+
+
+@pytest.mark.parametrize("separator", ["\t", ","])
+def test_commas_that_may_stand_between_thousands_are_refused(tmp_path, separator):
+    path, quote = tmp_path / "a.csv", '"' if separator == "," else ""
+    cells = [(k, f"{quote}{k + 900:,}{quote}") for k in range(200)]
+    path.write_text("\n".join([f"t{separator}x", *(f"{k}{separator}{x}" for k, x in cells)]) + "\n")
+    with pytest.raises(InputError, match="such as '1,000', whose comma may stand between thousands or before decimals"):
+        read_records([path], Layout(time="t", columns=(("x", "x"),)))

@@ -1,0 +1,87 @@
+"""The header line of a text file of numbers: the names of its columns, what separates them, and its decimal marks."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, cast
+
+from odescope.errors import InputError
+
+HEAD_BYTES = 1 << 20
+SAID = re.compile(r"sep=([;,|\t])", re.IGNORECASE)  # the first line of spreadsheets' own: what separates
+DECIMAL_COMMA = re.compile(rb"\d,\d")
+QUOTED_COMMA = re.compile(rb'"\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*"')  # where commas separate
+
+
+@dataclass(frozen=True, slots=True)
+class TextFile:
+    """A text file, or a part of one, and what its header line says.
+
+    `skip` lines come before the data; `decimals` are the decimal marks that its numbers may have, likeliest first.
+    A part is the bytes from `begin` to `end` of the file, and holds `rows` data rows after the `first` ones.
+    """
+
+    path: Path
+    separator: str
+    names: tuple[str, ...]
+    skip: int
+    decimals: tuple[str, ...]
+    begin: int = 0
+    end: int | None = None
+    first: int = 0
+    rows: int | None = None
+
+
+def read_header(path: Path) -> TextFile:
+    """Read the header line, skipping blank lines before it.
+
+    Raises:
+        InputError: the file is empty, no text of one byte a character, or nothing follows the header.
+        csv.Error: a column's name is longer than 128 KiB.
+    """
+    with open_bytes(path) as stream:
+        start = stream.read(HEAD_BYTES)
+    lines = start.splitlines()
+    filled = [k for k, line in enumerate(lines) if line.strip(b"\xef\xbb\xbf \t")]
+    if not filled:
+        raise InputError(f"{path.name} is empty")
+    text = _decoded(lines[filled[0]])
+    if "\0" in text:
+        raise InputError(f"{path.name} is not a text file in UTF-8; save it as UTF-8")
+    said = SAID.fullmatch(text.strip(" \r\n"))
+    at = filled[1] if said is not None and len(filled) > 1 else filled[0]
+    text = _decoded(lines[at])
+    while text.count('"') % 2 and at + 1 < len(lines):  # a line break within quotes belongs to a name
+        at += 1
+        text = f"{text} {_decoded(lines[at])}"
+    if filled[-1] <= at and len(start) < HEAD_BYTES:
+        raise InputError(f"{path.name} holds column names but no rows of data")
+    bare = re.sub(r'"[^"]*"', "", text)  # a separator within quotes belongs to a name
+    separator = max("\t;,", key=bare.count) if said is None else said[1]
+    names = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
+    mark = QUOTED_COMMA if separator == "," else DECIMAL_COMMA
+    commas = mark.search(b"\n".join(lines[at + 1 :])) is not None
+    decimals = (",", ".") if separator == ";" else (".", ",") if commas else (".",)
+    return TextFile(path, separator, tuple(" ".join(name.split()) for name in names), at + 1, decimals)
+
+
+def _decoded(line: bytes) -> str:
+    """Return a header line of UTF-8, or of Windows in western Europe, where spreadsheets save in that unless asked."""
+    try:
+        return line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return line.decode("cp1252", errors="replace")
+
+
+def zipped(path: Path) -> bool:
+    """Return whether a file is compressed, by its name."""
+    return path.name.lower().endswith(".gz")
+
+
+def open_bytes(path: Path) -> IO[bytes]:
+    """Open a text file, compressed or not."""
+    return cast(IO[bytes], gzip.open(path)) if zipped(path) else path.open("rb")
