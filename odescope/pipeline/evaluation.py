@@ -7,6 +7,7 @@ from importlib.metadata import version
 
 import numpy as np
 
+from odescope.arrays import BoolArray
 from odescope.errors import NoModelError
 from odescope.likelihood.findings import likelihood_scores
 from odescope.likelihood.refine import Refinement
@@ -19,7 +20,7 @@ from odescope.pipeline.joint_models import Search, samples_of
 from odescope.pipeline.reduce import Whole
 from odescope.recordings.bridges import bridged
 from odescope.recordings.coordinate import Coordinate, Input
-from odescope.recordings.record import Records
+from odescope.recordings.record import Record, Records
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
 from odescope.validation.free_runs import FreeRunOf, free_run_score
@@ -150,7 +151,10 @@ def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequ
         inputs: what drove it.
     """
     repairs = [run.repairs for run in records]
-    lacking = {c.name: [run.counted(c.name) == 0.0 for run in records] for c in coordinates}
+    due = [_due(run) for run in records]
+    lacking = {
+        c.name: [run.counted(c.name)[d] == 0.0 for run, d in zip(records, due, strict=True)] for c in coordinates
+    }
     missing = {
         name: (sum(int(m.sum()) for m in cells), sum(int(np.sum(np.diff(m, prepend=False) & m)) for m in cells))
         for name, cells in lacking.items()
@@ -160,11 +164,24 @@ def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequ
         disordered=sum(r.disordered for r in repairs),
         doubled=sum(r.doubled for r in repairs),
         jitter=max(r.jitter for r in repairs),
-        samples=records.samples,
+        samples=sum(int(d.sum()) for d in due),
         missing={name: told for name, told in missing.items() if told[0]},
         bridged={i.name: gap for i in inputs if i.hold != "zero" and (gap := bridged(records, i.name))[0]},
     )
     return found if found.disordered or found.doubled or found.jitter or found.missing or found.bridged else None
+
+
+def _due(run: Record) -> BoolArray:
+    """Return at which points (N,) of a recording samples were due: at every k-th on the grid of a faster one."""
+    there = np.zeros(len(run), dtype=np.bool_)
+    for name in run.names:
+        there |= run.counted(name) > 0.0
+    at = np.flatnonzero(there)
+    steps = np.diff(at)
+    every = int(np.gcd.reduce(steps)) if len(steps) else 1
+    due = np.zeros(len(run), dtype=np.bool_)
+    due[at[0] % every :: every] = True
+    return due
 
 
 def provenance(study: Study, signals: Signals, whole: Whole | None) -> dict[str, Json]:

@@ -35,6 +35,12 @@ UNITS_OF_TIME: tuple[TimeUnit, ...] = tuple(_TIMES)
 _WITHOUT_BRACKETS = ("s", "ms", "us", "ns")  # in t_min the rest may be the least of something
 _OVER = re.compile(r"\s*(?:t|time|zeit|temps)\s*/\s*(\w+)\s*", re.IGNORECASE)  # as ISO 80000 has it: t/min
 _JOINED = re.compile(r"(?:.*(?:time|stamp|clock|zeit|temps)|t)([mµμun]s|[mu]sec|millis|micros|nanos)")  # TimeUS, timeMs
+_OF_DATES = re.compile(  # zones, and forms such as yyyy-mm-dd HH:MM:SS
+    r"(?:utc|gmt)(?:\s*[+-−]\s*\d{1,2}(?::?\d\d)?)?|local(?: time)?|z|iso(?:[ -]?8601)?"
+    r"|[aecmpw]k?[sd]t|[ecw]es?t|[bhijk]st|mesz|mez"
+    r"|[ymdhsfa]{2,4}(?:[-./:, t_]+[ymdhsfa]{1,4})+",
+    re.IGNORECASE,
+)
 _BRACKETED = re.compile(r"^(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]\s*$", re.DOTALL)
 _EXPONENT = re.compile(r"\^?[-+−]?\d+|[⁻⁺]?[⁰¹²³⁴-⁹]+")
 _PREFIXED = re.compile(
@@ -170,13 +176,14 @@ def time_unit(label: str) -> TimeUnit | None:
 def doubtful_time_unit(label: str) -> str | None:
     """Return what the heading of a column of time may name as its unit without its being taken for one; None for none.
 
-    That is what stands in brackets and is no unit of time that is known, or a last word such as hours.
+    That is what stands in brackets and is no unit of time that is known, nor the zone or the form of dates; or a last
+    word such as hours.
     """
     if time_unit(label) is not None:
         return None
     found, last = _BRACKETED.match(label), _last_word(label)
     if found is not None:
-        return found[2] or None
+        return None if not found[2] or _OF_DATES.fullmatch(found[2]) else found[2]
     named = last not in ("d", "day")  # as in time_of_day, and where the days are dates
     return last if named and any(last in words for words in _TIMES.values()) else None
 

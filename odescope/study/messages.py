@@ -39,6 +39,7 @@ _KINDS: dict[str, Any] = {
     "differentiator": AnyDifferentiator,
     "cutoff": AnyCutoff,
 }
+_AS_TYPES = {bool: "true, false", int: "a whole number", float: "a number without quotes", str: "a text"}
 _AT = r"(?: - at `\$\.?(?P<path>.*)`)?$"
 _UNKNOWN = re.compile(r"unknown field `(?P<key>.*?)`" + _AT, re.DOTALL)
 _CHOICE = re.compile(r"^Invalid (?:enum )?value '(?P<value>.*)'" + _AT, re.DOTALL)
@@ -101,4 +102,4 @@ def _choices(path: str) -> list[str]:
         return kinds + [name for place in PLACES if place.key == parts[-2] for name in place.installed()]
     hint = get_type_hints(_SECTIONS[parts[0]])[parts[-1]]
     options = [value for part in get_args(hint) for value in (get_args(part) or (part,)) if value is not NoneType]
-    return ["true, false" if value is bool else str(value) for value in options]
+    return [_AS_TYPES.get(value, str(value)) for value in options]

@@ -134,8 +134,10 @@ class Driven(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         if self.hold not in ("auto", *get_args(Hold)):
             expected = ", ".join(map(repr, ("auto", *get_args(Hold))))
             raise InputError(f"hold must be one of {expected}, got {self.hold!r}")
+        if isinstance(self.delay, str) and self.delay not in ("auto", "estimate"):
+            raise InputError(f'delay must be a number of seconds, "auto" or "estimate", got {self.delay!r}')
         check_fields(self)
-        if self.delay not in ("auto", "estimate") and not (isinstance(self.delay, float) and math.isfinite(self.delay)):
+        if isinstance(self.delay, float) and not math.isfinite(self.delay):
             raise InputError(f'delay must be a number of seconds, "auto" or "estimate", got {self.delay!r}')
 
 

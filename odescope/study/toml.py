@@ -26,7 +26,7 @@ def read_study(path: Path | str) -> Study:
     """
     path = as_path(path, "a study file")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # some editors save a byte order mark, which is no TOML
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read the study {path}: {getattr(error, 'strerror', None) or error}") from error
     try:

@@ -5,6 +5,9 @@ import pytest
 
 from odescope.pipeline.evaluation import time_score
 from odescope.recordings.coordinate import Coordinate, Input
+from odescope.recordings.layout import Layout
+from odescope.recordings.periods import at_one_period
+from odescope.recordings.readers import records_from
 from odescope.recordings.record import Record, Records
 
 T = 0.01 * np.arange(2000)
@@ -22,3 +25,16 @@ def test_a_gap_of_an_input_is_told_where_coordinates_lack_nothing_unless_it_was_
         assert longest == 20
         assert off > 0.01
         assert found.missing == {}
+
+
+def test_a_recording_on_the_grid_of_a_faster_one_lacks_nothing():
+    fast = {"t": T, "x": np.sin(T), "u": np.cos(T)}
+    slow = {name: column[::2] for name, column in fast.items()}
+    layout = Layout(time="t", columns=(("x", "x"), ("u", "u")), inputs=frozenset("u"))
+    records = at_one_period(records_from([fast, slow], layout), layout)
+    assert [len(run) for run in records] == [2000, 1999]
+    assert time_score(records, [Coordinate("x")], [Input("u", hold="zero")]) is None
+    slow["x"] = np.where(np.arange(1000) == 500, np.nan, slow["x"])
+    records = at_one_period(records_from([fast, slow], layout), layout)
+    found = time_score(records, [Coordinate("x")], [Input("u", hold="zero")])
+    assert (found.missing, found.rows, found.samples) == ({"x": (1, 1)}, 3000, 3000)

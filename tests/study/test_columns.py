@@ -50,7 +50,7 @@ def test_a_study_that_contradicts_a_heading_is_pointed_out(x, u, time, said):
     assert all(part in sentence for part, sentence in zip(said, found, strict=True))
 
 
-@pytest.mark.parametrize("label", ["time_hours", "time (ticks)"])
+@pytest.mark.parametrize("label", ["time_hours", "time (ticks)", "time (m/s)", "time (ft)"])
 def test_a_unit_of_time_that_nobody_knows_is_pointed_out_until_the_study_says_which(label):
     labels = (label, "x")
     study = Study(data=Data(time=label), coordinates={"x": Measured()})
@@ -101,3 +101,12 @@ def test_labels_come_from_the_first_file_or_table(tmp_path):
     assert settled_columns(of_files, None)[0].data.time == "time (ms)"
     for data in (frame, [frame, frame], {label: [0.0] for label in LABELS}):
         assert settled_columns(STUDY, data)[0] == with_labels(STUDY, LABELS, "the data")
+
+
+@pytest.mark.parametrize(
+    "label",
+    ["time (UTC)", "time [GMT+2]", "time (CEST)", "Date (yyyy-mm-dd HH:MM:SS)", "time (hh:mm:ss)", "time (local)"],
+)
+def test_the_zone_or_the_form_of_dates_is_no_unit_of_time(label):
+    study = Study(data=Data(time=label), coordinates={"x": Measured()})
+    assert doubted_headings(with_labels(study, (label, "x"), "run.csv")) == ()

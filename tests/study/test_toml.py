@@ -307,3 +307,15 @@ def test_the_choices_that_are_told_are_those_of_toml():
         InputError, match=r"unknown value 'year' at `data.time_unit`; there are: s, ms, us, ns, min, h, d$"
     ):
         parse_study('[data]\ntime_unit = "year"\n[coordinates.x]\n')
+
+
+def test_a_study_may_have_a_byte_order_mark(tmp_path):
+    (tmp_path / "study.toml").write_text(TEXT, encoding="utf-8-sig")
+    assert read_study(tmp_path / "study.toml") == parse_study(TEXT)
+
+
+def test_a_number_in_quotes_is_told_what_is_wanted():
+    told = refused('[coordinates.x]\n[inputs.u]\ndelay = "0.02"\n')
+    assert told == "unknown value '0.02' at `inputs.u.delay`; there are: a number without quotes, auto, estimate"
+    with pytest.raises(InputError, match='delay must be a number of seconds, "auto" or "estimate", got'):
+        Driven(delay="0.02")
