@@ -156,7 +156,10 @@ class DelayScore(msgspec.Struct, frozen=True):
 
 
 class HoldScore(msgspec.Struct, frozen=True):
-    """What an input was found to do between samples, and what that gains in log-likelihood over linear."""
+    """What an input was found to do between samples, and what that gains in log-likelihood over linear.
+
+    The gain is null where an input with few cells was held and one of the two models does not follow the record.
+    """
 
     hold: Hold
     gain: Number
