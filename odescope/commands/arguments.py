@@ -128,16 +128,10 @@ def study_of(sources: Sequence[Path], given: DataArguments) -> Study:
 def _library(given: DataArguments) -> Candidates:
     """Return the library of a basis; the default one where none is given."""
     basis = tuple(part.strip() for text in given.basis for part in text.split(",") if part.strip())
-    if given.degree is not None and not basis:
-        raise InputError(
-            "--degree is that of a basis: name its functions, such as --basis x,x_dot,u; without, the library is the"
-            " default of the coordinates"
-        )
     if given.degree is not None and not 1 <= given.degree <= MOST_DEGREE:
         raise InputError(f"--degree {given.degree}: expected a whole number from 1 to {MOST_DEGREE}")
-    if not basis:
-        return Candidates()
-    return Candidates(basis=basis) if given.degree is None else Candidates(basis=basis, degree=given.degree)
+    found = Candidates(basis=basis or None)
+    return found if given.degree is None else msgspec.structs.replace(found, degree=given.degree)
 
 
 def _delayed(inputs: dict[str, Driven], texts: Sequence[str]) -> dict[str, Driven]:

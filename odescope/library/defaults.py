@@ -47,7 +47,11 @@ def paper_rules(coordinates: Sequence[Coordinate], inputs: Sequence[Input], targ
 
 
 def default_library(
-    coordinates: Sequence[Coordinate], inputs: Sequence[Input], targets: Sequence[str], scope: Scope
+    coordinates: Sequence[Coordinate],
+    inputs: Sequence[Input],
+    targets: Sequence[str],
+    scope: Scope,
+    degree: int | None = None,
 ) -> Library:
     """Return the default candidates for relations that are linear in `targets`.
 
@@ -61,6 +65,7 @@ def default_library(
         inputs: enter as states do.
         targets: those that may multiply a product, each to the first power.
         scope: the names that the products are made of.
+        degree: how many functions a product holds at most, targets aside, where that is asked for.
     """
     states = [
         c.derivative(k)
@@ -73,15 +78,17 @@ def default_library(
     friction = Library.of(default_friction(coordinates, targets), scope)
     if not angles:
         names = [*states, *driven]
-        degree = next((d for d in (3, 2) if comb(len(names) + d, d) <= COMFORTABLE), 1)
-        polynomial = Library.of(names, scope).powers(degree)
+        usual = next((d for d in (3, 2) if comb(len(names) + d, d) <= COMFORTABLE), 1)
+        polynomial = Library.of(names, scope).powers(usual if degree is None else degree)
         return polynomial * Library.of(("1", *targets), scope) + friction
-    velocities = Library.of([s for s in states if s not in {c.name for c in coordinates}], scope).powers(2)
-    positions = Library.of([s for s in states if s in {c.name for c in coordinates}], scope)
-    trigonometric = Library.of([f"{f}({a})" for a in angles for f in ("sin", "cos")], scope).powers(2)
+    own, waves = {c.name for c in coordinates}, [f"{f}({a})" for a in angles for f in ("sin", "cos")]
+    velocities = Library.of([s for s in states if s not in own], scope).powers(degree or 2)
+    positions = Library.of([s for s in states if s in own], scope)
+    trigonometric = Library.of(waves, scope).powers(degree or 2)
     trigonometric = trigonometric.thin([Identity(f"sin({a})") for a in angles], scope)
     moving = velocities + Library.of([*driven], scope) + positions + Library.of(targets, scope)
-    return moving * trigonometric + friction
+    asked = [] if degree is None else [MaximumDegree((*states, *driven, *waves), degree)]
+    return (moving * trigonometric).thin(asked, scope) + friction
 
 
 def default_rules(

@@ -90,7 +90,7 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
             if sample.records.samples < len(library):
                 raise InputError(
                     f"{sample.records.samples} samples cannot decide between {len(library)} candidate terms for"
-                    f" {c.target}: record longer, or shrink the library: [library] rules, or a basis and its degree"
+                    f" {c.target}: record longer, or shrink the library: [library] degree, rules or a basis"
                 )
     return Prepared(sample, libraries, mechanisms)
 

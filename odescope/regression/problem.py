@@ -206,7 +206,7 @@ def pose(
     if signals.samples < len(candidates):
         raise InputError(
             f"after filtering, {signals.samples} samples cannot decide between {len(candidates)} candidate terms for"
-            f" {target}: record longer, or shrink the library: [library] rules, or a basis and its degree"
+            f" {target}: record longer, or shrink the library: [library] degree, rules or a basis"
         )
     blocks = cut_blocks(signals, folds)
     kept, dependent = _kept(signals, target, candidates, blocks)

@@ -54,7 +54,7 @@ def _too_short(signals: Signals, problems: Sequence[Problem]) -> Iterator[str]:
             yield (
                 f"below the cutoff of {lowest:.3g} Hz the record holds about {values:.0f} independent values, few for"
                 f" the {len(problem.terms)} candidates for {problem.target}: record longer, or with less noise, or"
-                " shrink the library: [library] rules, or a basis and its degree"
+                " shrink the library: [library] degree, rules or a basis"
             )
 
 

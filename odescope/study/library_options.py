@@ -38,7 +38,8 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     Attributes:
         preset: the library where none is named: that of odescope, or the 330 products of the paper.
         basis: functions of states and inputs whose products are the candidates, as "sin(phi)".
-        degree: how many functions of the basis a product holds at most, powers counted; without a basis it is refused.
+        degree: how many functions of the basis a product holds at most, powers counted; other
+            than 3, also products of the default library, targets aside.
         terms: the candidates themselves, in place of a basis.
         extra: candidates of relations beside those of the preset or the basis, which nothing multiplies.
         rules: what products of the basis must obey to stay; left out, those that the kinds of coordinates ask for.
@@ -114,26 +115,22 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         if self.terms is not None and self.basis is not None:
             raise InputError("terms and basis exclude each other: name the terms, or a basis to build them from")
         fixed = "terms" if self.terms is not None else "the paper's preset" if self.preset == "paper" else None
-        if self.rules is not None and fixed and self.basis is None:
-            raise InputError(f"rules do not apply to {fixed}; leave them out, or name a basis")
+        for name, given in (("rules", self.rules), ("degree", self.own_degree)):
+            if given is not None and fixed and self.basis is None:
+                raise InputError(f"[library] {name} does not apply to {fixed}; leave it out, or name a basis")
         self._check_effects()
 
     def _check_effects(self) -> None:
         """Refuse what would change nothing."""
         form = self.own_form
         if form not in (None, "relations"):
-            without = {"basis": self.basis, "terms": self.terms, "rules": self.rules}
+            without = {"basis": self.basis, "terms": self.terms, "rules": self.rules, "degree": self.own_degree}
             idle = [name for name, given in without.items() if given is not None]
             if idle := idle + ["preset"] * (self.preset != "default"):
                 raise InputError(
                     f'[library] {idle[0]} makes candidates of relations, and the form is "{form}": leave {idle[0]} out,'
                     f" or {_OF_FORMS[form]}; relations alone are identified under another study"
                 )
-        if self.degree != _DEGREE and self.basis is None:
-            raise InputError(
-                f"[library] degree = {self.degree} is that of the products of a basis, and there is none: name its"
-                ' functions, such as basis = ["x", "x_dot", "u"], or leave degree out'
-            )
         if self.molecules != _MOLECULES and (form != "reactions" or self.composition is None):
             raise InputError(
                 f"[library] molecules = {self.molecules} is for the reactions that a composition allows, and there is"
@@ -148,7 +145,13 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     @property
     def by_hand(self) -> bool:
         """Whether a user chose candidates: what was left out is not to be put in again."""
-        return self.basis is not None or self.terms is not None or bool(self.extra) or self.preset != "default"
+        named = self.basis is not None or self.terms is not None or self.own_degree is not None
+        return named or bool(self.extra) or self.preset != "default"
+
+    @property
+    def own_degree(self) -> int | None:
+        """The degree that was asked for, None for the usual one."""
+        return None if self.degree == _DEGREE else self.degree
 
     @property
     def own_form(self) -> Form | None:

@@ -379,7 +379,8 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             library = Library.of(paper_basis(coordinates, inputs), scope).powers(4)
             library = library.thin(paper_rules(coordinates, inputs, target), scope)
         else:
-            library = default_library(coordinates, inputs, targets, scope).thin(options.rules or (), scope)
+            library = default_library(coordinates, inputs, targets, scope, options.own_degree)
+            library = library.thin(options.rules or (), scope)
         library = library + Library.of(options.extra, scope)
         check_basis(coordinates, library)
         return library

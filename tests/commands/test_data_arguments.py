@@ -115,6 +115,12 @@ def test_arguments_make_the_study_that_they_say(logs):
     assert study.library == Candidates(basis=("x_dot", "u", "abs(x_dot)"), degree=2)
 
 
+def test_a_degree_without_a_basis_is_that_of_the_default_library(logs):
+    assert study_of([Path("run1.csv")], DataArguments(time="t", coordinates=("x",), degree=2)).library == Candidates(
+        degree=2
+    )
+
+
 def test_a_basis_may_name_the_time(tmp_path):
     run = tmp_path / "run.csv"
     run.write_text("t,x,u\n0.0,1.0,0.0\n")
@@ -132,7 +138,6 @@ def test_a_basis_may_name_the_time(tmp_path):
         (("--delay", "u"), "--delay u: expected INPUT=SECONDS, such as u=0.02"),
         (("--delay", "u=soon"), "expected INPUT=SECONDS, such as u=0.02, or u=estimate"),
         (("--delay", "u=inf"), 'delay must be a number of seconds, "auto" or "estimate", got inf'),
-        (("--degree", "2"), "--degree is that of a basis: name its functions"),
         (("--basis", "x", "--degree", "13"), "--degree 13: expected a whole number from 1 to 12"),
         (("--basis", "x,sin(x"), "cannot read the term 'sin(x'"),
     ],

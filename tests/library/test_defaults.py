@@ -57,6 +57,24 @@ def test_the_default_of_a_pendulum_on_a_cart():
     assert len(library) == len(set(library)) == 49
 
 
+@pytest.mark.parametrize("degree", [1, 2, 4])
+def test_a_degree_that_is_asked_for_is_that_of_products_targets_aside(degree):
+    states = (Coordinate("a", order=1), Coordinate("b", order=1))
+    for coordinates, targets in ((CART, ("x_ddot", "phi_ddot")), (states, ("a_dot", "b_dot"))):
+        names = scope(coordinates, FORCE)
+        library = default_library(coordinates, FORCE, targets, names, degree)
+        dry = ("sign", "abs")
+        counted = [
+            sum(p for f, p in t.factors if getattr(f, "name", None) not in targets)
+            for t in library
+            if not any(d in t.text for d in dry)
+        ]
+        assert max(counted) == degree
+        assert len(library) == len(set(library))
+        usual = default_library(coordinates, FORCE, targets, names)
+        assert len(library) < len(usual) if degree < 3 else len(library) > len(usual)
+
+
 def test_a_position_that_is_neither_angle_nor_cyclic_enters_beside_an_angle():
     coordinates = (Coordinate("x", order=2), Coordinate("phi", order=2, angle=True))
     library, names = default(coordinates, ())

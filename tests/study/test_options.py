@@ -56,9 +56,9 @@ def test_a_library_that_cannot_be_read(table, parts):
 @pytest.mark.parametrize(
     ("table", "parts"),
     [
-        ("degree = 2", ["degree = 2", "there is none", "basis = ["]),
-        ('preset = "paper"\ndegree = 2', ["degree = 2"]),
-        ('terms = ["x"]\ndegree = 2', ["degree = 2"]),
+        ('preset = "paper"\ndegree = 2', ["degree", "paper's preset"]),
+        ('terms = ["x"]\ndegree = 2', ["degree", "terms"]),
+        ('form = "lagrangian"\ndegree = 2', ["degree", '"lagrangian"']),
         ('form = "lagrangian"\nbasis = ["x"]', ["basis", '"lagrangian"', "kinetic"]),
         ('kinetic = ["x_dot**2"]\nterms = ["x"]', ["terms", '"lagrangian"']),
         ('form = "lagrangian"\npreset = "paper"', ["preset"]),
