@@ -42,8 +42,8 @@ def agreement(pairs: Sequence[Pair]) -> Agreement:
 
 
 def _about_mean(measured: FloatArray) -> FloatArray:
-    """Return samples (N,) less their mean; the mean of equal ones may be rounded, and what is constant has no spread."""
-    return measured - (measured[0] if np.ptp(measured) == 0.0 else measured.mean())
+    """Return samples (N,) less their mean: zero where all are equal, of which a mean may be rounded."""
+    return np.zeros_like(measured) if np.ptp(measured) == 0.0 else measured - measured.mean()
 
 
 def valid_time(t: FloatArray, measured: FloatArray, predicted: FloatArray, noise: float = 0.0) -> float:
