@@ -24,7 +24,7 @@ from odescope.model.equations import Equation, Named, relation_with_names, shown
 from odescope.model.explicit import Quotient, explicit
 from odescope.model.given import GivenInputs, GivenState
 from odescope.model.notes import trust, uncertain
-from odescope.model.relation import FoundMechanism, FoundParameter, Relation
+from odescope.model.relation import FoundMechanism, FoundParameter, Relation, in_order
 from odescope.model.scores import ModelScores
 from odescope.model.screen import screen
 from odescope.model.switches import Switched, switched
@@ -43,7 +43,7 @@ class Model:
     `domain` is the range of each state and input in the data the model comes from, `scores` how well it did, where that
     is known; `provenance` is plain data for people and reports. `mechanisms` are the terms of energies, forces or
     reactions that the relations add up from, where the model was found as such; `parameters` are the constants within
-    functions that were found.
+    functions that were found. The relations are in the order of the targets.
     """
 
     coordinates: tuple[Coordinate, ...]
@@ -70,6 +70,7 @@ class Model:
                     raise InputError(f"the term {t.term} names {min(unknown)!r}, which is neither state nor input")
             if all(t.factor is None for t in relation.terms):
                 raise InputError("a relation of the model holds no target")
+        object.__setattr__(self, "relations", in_order(self.relations, self.targets))
 
     @cached_property
     def states(self) -> tuple[str, ...]:
