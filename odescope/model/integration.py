@@ -17,8 +17,9 @@ from odescope.model.linear_solve import solve_in_place
 from odescope.model.standstill import Contacts, balance, lasts, settle, show, touch
 from odescope.parallel.kernels import kernel
 
-STEPS_AN_INTERVAL = 2000  # more between two nodes than this and the run has ended
-STEPS_ON_AVERAGE = 100  # and more than this on average over a long record
+STEPS_AN_INTERVAL = 2000  # more between two nodes than this, or than its share in time of all, and the run has ended:
+STEPS_AT_LEAST = 100_000  # all are so many, of samples that may be far apart,
+STEPS_ON_AVERAGE = 100  # and so many a node, for long records
 LOCATED = 1e-10  # of the time between two nodes: so sharply is it known when an edge changes
 LARGEST = 1e12  # times the largest initial state, or 1
 REACHED, GREW, STIFF = range(3)  # how a run ends
@@ -131,7 +132,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
     states[0] = x
     reached = 1
     h, total_steps = 0.0, 0
-    budget = STEPS_AN_INTERVAL * 10 + STEPS_ON_AVERAGE * drive.t.shape[0]
+    budget = STEPS_AT_LEAST + STEPS_ON_AVERAGE * drive.t.shape[0]
     largest = LARGEST * max(1.0, np.abs(initial).max())
     for node in range(drive.t.shape[0] - 1):
         span, period = drive.t[node + 1] - drive.t[node], drive.period[node]
@@ -141,6 +142,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
         if h <= 0.0 or h > period:
             h = period
         steps = 0
+        share = max(STEPS_AN_INTERVAL, (budget - total_steps) * span / (drive.t[-1] - drive.t[node]))
         while done < span:
             step = span - done if span - done < h * (1.0 + 1e-9) else h
             if high > 0.0:
@@ -196,7 +198,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
                 low, high = 0.0, 0.0
                 if not h > 1e-12 * span:
                     return reached, GREW
-            if steps > STEPS_AN_INTERVAL or total_steps > budget:
+            if steps > share or total_steps > budget:
                 return reached, STIFF
         if drive.sample[node + 1] >= 0:
             states[drive.sample[node + 1]] = x

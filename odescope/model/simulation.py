@@ -22,6 +22,7 @@ _REASONS = {
     GREW: "the states grew without bound or met a pole",
     STIFF: "the equations became too stiff to follow",
 }
+_ADVICE = {STIFF: ", or move too fast for times so far apart: give more of these in between, or a larger rtol"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +100,7 @@ def follow(
         equations, driven, np.array(initial, dtype=np.float64), states, float(rtol), float(atol)
     )
     reason = _REASONS.get(ending)
-    ended = None if reason is None else f"{reason} after {t[reached - 1] - t[0]:.6g} s"
+    ended = None if reason is None else f"{reason} after {t[reached - 1] - t[0]:.6g} s{_ADVICE.get(ending, '')}"
     return Trajectory(np.array(t[:reached], dtype=np.float64), states[:reached].copy(), model.states, ended)
 
 
