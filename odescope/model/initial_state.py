@@ -9,9 +9,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from odescope.arrays import BoolArray, FloatArray
+from odescope.model.driven_record import DrivenRecord
 from odescope.model.integration import Drive
 from odescope.model.model import Model
-from odescope.model.simulation import drive, follow, known_from
+from odescope.model.simulation import follow
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, less_offsets
 from odescope.signals.differentiators import Differentiator, Spectral
@@ -48,7 +49,18 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
             and the delays of inputs.
         differentiator: filters and differentiates the coordinates.
     """
-    record = less_offsets(record, model.coordinates)
+    return first_state_of(model, DrivenRecord.of(model, record), differentiator)
+
+
+def first_state_of(model: Model, piece: DrivenRecord, differentiator: Differentiator = _DEFAULT) -> FloatArray:
+    """Return the state (n,) at the first sample of a record, or of a piece of one: see `initial_state`.
+
+    Args:
+        model: its coordinates are columns of the record.
+        piece: uniformly sampled.
+        differentiator: filters and differentiates the coordinates.
+    """
+    record = less_offsets(piece.record, model.coordinates)
     period = record.sample_period
     rests = [c for c in model.coordinates if _rests(record, c)]
     (record,) = filled(Records.of(record), model.coordinates, differentiator)
@@ -67,12 +79,10 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
     deviations = np.array([max(found[c.name].noise, EXACT * s) for c, s in zip(model.coordinates, sizes, strict=True)])
     measured = np.column_stack([record.column(c.name) for c in model.coordinates])
     counts = np.column_stack([record.counted(c.name) * (c not in rests) for c in model.coordinates])
-    counts[: known_from(model.inputs, record.t)] = 0.0
+    counts[: piece.known] = 0.0
     enough = np.flatnonzero(np.cumsum(np.count_nonzero(counts, axis=1)) >= LEAST_SAMPLES)
     shortest = max(shortest, int(enough[0]) + 1 if len(enough) else len(record))
-    inputs = np.array([record.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(record)).T
-    driven = drive(model.inputs, record.t, inputs)
-    stretch = _Stretch(model, record.t, driven, measured, np.sqrt(counts) / deviations, moves)
+    stretch = _Stretch(model, record.t, piece.driven, measured, np.sqrt(counts) / deviations, moves)
 
     def fit(length: int, state: FloatArray, evaluations: int) -> tuple[FloatArray, float]:
         begin = stretch.first(length)
@@ -111,7 +121,7 @@ class _Stretch:
 
     def first(self, length: int) -> _Stretch:
         """Return the first samples alone."""
-        t, driven, measured, weights = self.t[:length], self.driven.first(length), self.measured, self.weights
+        t, driven, measured, weights = self.t[:length], self.driven.part(0, length), self.measured, self.weights
         return replace(self, t=t, driven=driven, measured=measured[:length], weights=weights[:length])
 
     def placed(self, state: FloatArray, found: FloatArray) -> FloatArray:

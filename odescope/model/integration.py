@@ -52,11 +52,12 @@ class Drive(NamedTuple):
     end: FloatArray
     period: FloatArray
 
-    def first(self, samples: int) -> Drive:
-        """Return the drive up to and with so many samples."""
-        nodes = int(np.flatnonzero(self.sample == samples - 1)[0]) + 1
-        between = (part[: nodes - 1] for part in (self.begin, self.end, self.period))
-        return Drive(self.t[:nodes], self.sample[:nodes], *between)
+    def part(self, first: int, stop: int) -> Drive:
+        """Return the drive from one sample on until before another, numbered anew."""
+        low, high = (int(np.flatnonzero(self.sample == sample)[0]) for sample in (first, stop - 1))
+        between = (part[low:high] for part in (self.begin, self.end, self.period))
+        sample = self.sample[low : high + 1]
+        return Drive(self.t[low : high + 1], np.where(sample < 0, sample, sample - first), *between)
 
 
 @kernel(inline=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
+from odescope.model.driven_record import DrivenRecord
 from odescope.model.integration import Drive
 from odescope.model.model import Model
-from odescope.model.simulation import drive
 from odescope.observer.first_state import FirstState, first_state
 from odescope.observer.kernel import Begin, Course, Readings, backward, forward
 from odescope.observer.linearised import LinearisedModel, linearise
@@ -80,8 +80,6 @@ class ReadyRecord:
             start: (n,) and (n, n), the state before the first reading and the covariance of its error; None where
                 nothing is known of it.
         """
-        values = [record.column(i.name) for i in model.inputs]
-        inputs = np.array(values).reshape(len(model.inputs), len(record)).T
         plain = less_offsets(record, model.coordinates)
         first = first_state(model, record)
         counts = np.column_stack([record.counted(c.name) for c in model.coordinates])
@@ -92,7 +90,7 @@ class ReadyRecord:
             model=model,
             equations=linearise(model),
             record=record,
-            driven=drive(model.inputs, record.t, inputs),
+            driven=DrivenRecord.of(model, record).driven,
             y=np.column_stack([plain.column(c.name) for c in model.coordinates]),
             counts=counts,
             first=first,
@@ -111,7 +109,7 @@ class ReadyRecord:
         return replace(
             self,
             record=self.record.part(0, samples),
-            driven=self.driven.first(samples),
+            driven=self.driven.part(0, samples),
             y=self.y[:samples],
             counts=self.counts[:samples],
         )
