@@ -117,7 +117,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
         states: (N, n) is written to.
         rtol: tolerance of a step, relative to the largest value that a state has had: to a run, not to a value that
             happens to pass zero.
-        atol: absolute tolerance of a step.
+        atol: (n,) absolute tolerances of a step.
     """
     n, targets, edges = initial.shape[0], 0, equations.edges.shape[0]
     while targets * targets + targets < equations.outputs.shape[0]:
@@ -169,7 +169,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
                 estimate = 0.0
                 for r in range(7):
                     estimate += ERROR[r] * k[r, i]
-                limit = atol + rtol * max(scale[i], abs(y[i]))
+                limit = atol[i] + rtol * max(scale[i], abs(y[i]))
                 error += (step * estimate / limit) ** 2
             error = np.sqrt(error / n)
             steps += 1

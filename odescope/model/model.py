@@ -164,7 +164,7 @@ class Model:
     # Verbs stand above the model: a method is the function of the package that has its name.
 
     def simulate(
-        self, t: ArrayLike, inputs: GivenInputs, initial: GivenState, rtol: float = 1e-8, atol: float = 1e-10
+        self, t: ArrayLike, inputs: GivenInputs, initial: GivenState, rtol: float = 1e-8, atol: float | None = None
     ) -> odescope.Trajectory:
         """Return the free run of the model under sampled inputs, see `odescope.simulate`.
 
@@ -173,7 +173,7 @@ class Model:
             inputs: as they were recorded, by name or (N, inputs); None where there are none.
             initial: states at t[0], by name or (n,).
             rtol: relative tolerance of a step.
-            atol: absolute tolerance of a step.
+            atol: absolute tolerance of a step; by default by the sizes of states.
         """
         return odescope.simulate(self, t, inputs, initial, rtol, atol)
 
