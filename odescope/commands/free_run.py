@@ -18,6 +18,7 @@ from odescope.model.gate import counting_for
 from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
 from odescope.model.recorded import (
+    ROWS,
     TimeColumns,
     lacking_columns,
     layout_for,
@@ -115,13 +116,23 @@ def _recordings(
             )
         counting, told = counting_for(model, read_for(model, [data], columns, coordinates + inputs))
         return counting, counting, told
-    # An autonomous model with every state given still needs the sample times.
     there = [n for n in coordinates if model_columns(model)[n] not in lacking]
-    # Gaps in the coordinates are none of the run's business: inputs are read by themselves.
-    records = read_for(model, [data], columns, inputs or there[:1] or coordinates)
+    # Gaps in the coordinates are none of the run's business: inputs are read by themselves. An autonomous model with
+    # every state given needs the times alone.
+    driving = inputs or there[:1]
+    records = read_for(model, [data], columns, driving) if driving else _times_alone(model, data, columns)
     if lacking:
         return records, None, ()
     return records, *counting_for(model, read_for(model, [data], columns, coordinates))
+
+
+def _times_alone(model: Model, data: Path, columns: TimeColumns) -> Records:
+    """Return recordings that hold nothing but the times of their rows, as the file has them."""
+    layout = layout_for(model, [data], columns, [])
+    if layout.time is None:
+        return read_for(model, [data], columns, [])
+    times = {source: np.unique(t) for source, t in read_times(data, layout).items()}
+    return Records(tuple(Record(t, np.zeros((len(t), 1)), (ROWS,), source=source) for source, t in times.items()))
 
 
 def _fits(model: Model, records: Records, runs: list[Trajectory], measured: Records) -> Iterator[str]:

@@ -18,6 +18,7 @@ from odescope.model.explicit import blocks, short_explicit
 from odescope.model.model import Model
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation, RelationTerm
 from odescope.model.scores import ModelScores
+from odescope.recordings.checks import is_degrees
 from odescope.recordings.coordinate import Coordinate, Input
 
 OPTIONAL = ("delay", "offset")  # keys of an input and of a coordinate that a file may leave out
@@ -160,6 +161,7 @@ def from_json(data: bytes | str) -> Model:
     if len(set(names)) < len(names):
         raise InputError(f"the name {max(names, key=names.count)!r} is used twice")
     scope = Scope.of([n for c in coordinates for n in c.states] + [i.name for i in inputs])
+    _check_radians(coordinates)
     relations = tuple(Relation(tuple(_read_term(t, scope) for t in r.terms)) for r in file.relations)
     mechanisms = tuple(_read_mechanism(m) for m in file.mechanisms)
     named = _named_terms(file.provenance.pop(NAMED, {}))
@@ -178,6 +180,15 @@ def _check_complete(where: str, found: Sequence[Mapping[str, msgspec.Raw]], want
         for name in wanted:
             if name not in keys:
                 raise InputError(f"an object is missing required field `{name}` - at `{where}[{k}]`")
+
+
+def _check_radians(coordinates: Sequence[Coordinate]) -> None:
+    for c in coordinates:
+        if c.angle and is_degrees(c.unit):
+            raise InputError(
+                f'the angle {c.name!r} has the unit {c.unit!r}, but equations of angles are in radians: write "unit":'
+                f' "rad", and in "provenance", where the column that is read is in degrees, "degrees": ["{c.name}"]'
+            )
 
 
 def _explained(message: str) -> str:

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.library.expression import ONE, Call, Combination, Term
+from odescope.library.expression import ONE, Call, Combination, Power, Term
 from odescope.library.mechanism import Mechanism, merged
 from odescope.library.parse import MAXIMUM_POWER
 from odescope.library.product import Product
@@ -147,6 +147,8 @@ def mechanism_at(mechanism: Mechanism, values: Mapping[str, float | None]) -> Me
 def term_at(term: Term, values: Mapping[str, float | None]) -> tuple[float, Term]:
     """Return a term with numbers for some names, as a number times a term.
 
+    The number is NaN where the term has no value, as x/K at K = 0.
+
     Args:
         term: that may name constants.
         values: of constants by name; None makes of tanh(v/w) sign(v) again.
@@ -158,17 +160,25 @@ def term_at(term: Term, values: Mapping[str, float | None]) -> tuple[float, Term
         if isinstance(atom, Call):
             jump = any(values.get(name, 0.0) is None for name in atom.argument.names)
             inner = [(c, *term_at(t, values)) for c, t in atom.argument.parts]
+            if any(np.isnan(k) for _, k, _ in inner):
+                return float("nan"), ONE
             argument = Combination.of((c * k, t) for c, k, t in inner)
             function = "sign" if jump and atom.function == "tanh" else atom.function
             factor, raised = _simplified(function, argument)
-            share *= factor**power
+            share *= _raised(factor, power)
             rest *= Term.of((a, p * power) for a, p in raised.factors)
         elif atom.name in values:
             value = values[atom.name]
-            share *= 1.0 if value is None else value**power
+            share *= 1.0 if value is None else _raised(value, power)
         else:
             rest *= Term(((atom, power),))
     return share, rest
+
+
+def _raised(base: float, power: Power) -> float:
+    """Return a power, NaN where that is no real number."""
+    none = (base == 0.0 and power < 0) or (base < 0.0 and power != round(power))
+    return float("nan") if none else float(base**power)
 
 
 def _simplified(function: str, argument: Combination) -> tuple[float, Term]:

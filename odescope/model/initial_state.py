@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from odescope.arrays import FloatArray
+from odescope.arrays import BoolArray, FloatArray
+from odescope.model.driven_record import DrivenRecord
+from odescope.model.integration import Drive
 from odescope.model.model import Model
-from odescope.model.simulation import drive, follow, known_from
+from odescope.model.simulation import follow
+from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, less_offsets
 from odescope.signals.differentiators import Differentiator, Spectral
 from odescope.signals.filling import filled, measured_derivatives
@@ -20,6 +24,7 @@ EVALUATIONS = 20  # of the misfit of the shortest stretch, besides those for its
 FURTHER = 4  # and of a longer one, which the fit to the shorter one begins near its end or not at all
 LONGEST = 32  # times the shortest stretch
 FOLLOWED = 1.5  # root mean square misfit over the noise, up to which a model is said to follow
+EXACT = 1e-9  # of a coordinate's range: so well is known what shows no noise
 STEP = 1e-6  # of a difference quotient, in sizes of the coordinates: well above the tolerance of the integration
 CONVERGED = 1e-4  # relative fall of the cost that ends a fit: a hundredth of what chance does to a few hundred samples
 
@@ -35,7 +40,8 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
 
     Filtered values and derivatives start it; then the measured coordinates of a short first stretch are fitted by the
     model's own free run; values that nobody measured have no part in that, nor those before an input that acts late was
-    recorded (`known_from`).
+    recorded (`known_from`). What reads constant, as a joint that rests, shows no noise to weigh it by: it stays where
+    it reads, and the others are fitted.
 
     Args:
         model: its coordinates and inputs are columns of the record.
@@ -43,38 +49,49 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
             and the delays of inputs.
         differentiator: filters and differentiates the coordinates.
     """
-    record = less_offsets(record, model.coordinates)
+    return first_state_of(model, DrivenRecord.of(model, record), differentiator)
+
+
+def first_state_of(model: Model, piece: DrivenRecord, differentiator: Differentiator = _DEFAULT) -> FloatArray:
+    """Return the state (n,) at the first sample of a record, or of a piece of one: see `initial_state`.
+
+    Args:
+        model: its coordinates are columns of the record.
+        piece: uniformly sampled.
+        differentiator: filters and differentiates the coordinates.
+    """
+    record = less_offsets(piece.record, model.coordinates)
     period = record.sample_period
+    rests = [c for c in model.coordinates if _rests(record, c)]
     (record,) = filled(Records.of(record), model.coordinates, differentiator)
     found = {c.name: measured_derivatives(Records.of(record), c, differentiator) for c in model.coordinates}
     first = {c.derivative(k): found[c.name].values[0][k, 0] for c in model.coordinates for k in range(c.order)}
+    first |= {s: 0.0 if k else record.column(c.name)[0] for c in rests for k, s in enumerate(c.states)}
     start = np.array([first[s] for s in model.states])
     if all(c.order == 1 for c in model.coordinates) and all(d.noise == 0.0 for d in found.values()):
         return np.array([record.column(c.name)[0] for c in model.coordinates])
-    lowest = min(d.cutoff for d in found.values())
+    moves = ~np.isin(model.states, [s for c in rests for s in c.states])
+    if not moves.any():
+        return start
+    lowest = min(found[c.name].cutoff for c in model.coordinates if c not in rests)
     shortest = min(max(round(STRETCH / (lowest * period)), LEAST_SAMPLES, 4 * len(start)), len(record))
-    weights = np.array([1.0 / max(found[c.name].noise, 1e-9 * _size(record, c.name)) for c in model.coordinates])
+    sizes = [_size(record, c.name) for c in model.coordinates]
+    deviations = np.array([max(found[c.name].noise, EXACT * s) for c, s in zip(model.coordinates, sizes, strict=True)])
     measured = np.column_stack([record.column(c.name) for c in model.coordinates])
-    counts = np.column_stack([record.counted(c.name) for c in model.coordinates])
-    counts[: known_from(model.inputs, record.t)] = 0.0
+    counts = np.column_stack([record.counted(c.name) * (c not in rests) for c in model.coordinates])
+    counts[: piece.known] = 0.0
     enough = np.flatnonzero(np.cumsum(np.count_nonzero(counts, axis=1)) >= LEAST_SAMPLES)
     shortest = max(shortest, int(enough[0]) + 1 if len(enough) else len(record))
-    inputs = np.array([record.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(record)).T
-    driven = drive(model.inputs, record.t, inputs)
-    place = [model.states.index(c.name) for c in model.coordinates]
-    size = max(_size(record, c.name) for c in model.coordinates)
+    stretch = _Stretch(model, record.t, piece.driven, measured, np.sqrt(counts) / deviations, moves)
 
     def fit(length: int, state: FloatArray, evaluations: int) -> tuple[FloatArray, float]:
-        t, inside = record.t[:length], driven.first(length)
+        begin = stretch.first(length)
 
         def misfit(trial: FloatArray) -> FloatArray:
-            run = follow(model, t, inside, trial)
-            off = np.full((length, len(place)), np.nan)
-            if run.ended is None:
-                off = (run.states[:, place] - measured[:length]) * weights * np.sqrt(counts[:length])
-            return off[counts[:length] > 0.0]
+            return begin.misfit(begin.placed(state, trial))
 
-        return _fit(misfit, state, size, evaluations)
+        better, error = _fit(misfit, state[moves], max(sizes), evaluations)
+        return begin.placed(state, better), error
 
     length = shortest
     state, error = fit(length, start, EVALUATIONS)
@@ -87,8 +104,50 @@ def initial_state(model: Model, record: Record, differentiator: Differentiator =
     return state
 
 
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """What a free run is fitted to.
+
+    Shapes: t (N,) seconds; measured (N, c); weights (N, c) by which misfits count, 0 where nothing was measured; moves
+    (n,) which states are fitted.
+    """
+
+    model: Model
+    t: FloatArray
+    driven: Drive
+    measured: FloatArray
+    weights: FloatArray
+    moves: BoolArray
+
+    def first(self, length: int) -> _Stretch:
+        """Return the first samples alone."""
+        t, driven, measured, weights = self.t[:length], self.driven.part(0, length), self.measured, self.weights
+        return replace(self, t=t, driven=driven, measured=measured[:length], weights=weights[:length])
+
+    def placed(self, state: FloatArray, found: FloatArray) -> FloatArray:
+        """Return a state (n,) with those of its values that are fitted set to what was found."""
+        whole = state.copy()
+        whole[self.moves] = found
+        return whole
+
+    def misfit(self, state: FloatArray) -> FloatArray:
+        """Return the misfit of a state (n,) in standard deviations; not finite where its free run ends early."""
+        run = follow(self.model, self.t, self.driven, state)
+        off = np.full(self.measured.shape, np.nan)
+        if run.ended is None:
+            off = run.states[:, [self.model.states.index(c.name) for c in self.model.coordinates]] - self.measured
+        counted = self.weights > 0.0
+        return np.asarray(off[counted] * self.weights[counted])
+
+
 def _size(record: Record, name: str) -> float:
     return max(float(np.ptp(record.column(name))), 1e-300)
+
+
+def _rests(record: Record, c: Coordinate) -> bool:
+    """Say whether a coordinate reads constant wherever it was measured, if it was at all."""
+    read = record.column(c.name)[record.counted(c.name) > 0.0]
+    return len(read) > 0 and bool(np.all(read == read[0]))
 
 
 def _fit(

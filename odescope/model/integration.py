@@ -17,8 +17,9 @@ from odescope.model.linear_solve import solve_in_place
 from odescope.model.standstill import Contacts, balance, lasts, settle, show, touch
 from odescope.parallel.kernels import kernel
 
-STEPS_AN_INTERVAL = 2000  # more between two nodes than this and the run has ended
-STEPS_ON_AVERAGE = 100  # and more than this on average over a long record
+STEPS_AN_INTERVAL = 2000  # more between two nodes than this, or than its share in time of all, and the run has ended:
+STEPS_AT_LEAST = 100_000  # all are so many, of samples that may be far apart,
+STEPS_ON_AVERAGE = 100  # and so many a node, for long records
 LOCATED = 1e-10  # of the time between two nodes: so sharply is it known when an edge changes
 LARGEST = 1e12  # times the largest initial state, or 1
 REACHED, GREW, STIFF = range(3)  # how a run ends
@@ -51,11 +52,12 @@ class Drive(NamedTuple):
     end: FloatArray
     period: FloatArray
 
-    def first(self, samples: int) -> Drive:
-        """Return the drive up to and with so many samples."""
-        nodes = int(np.flatnonzero(self.sample == samples - 1)[0]) + 1
-        between = (part[: nodes - 1] for part in (self.begin, self.end, self.period))
-        return Drive(self.t[:nodes], self.sample[:nodes], *between)
+    def part(self, first: int, stop: int) -> Drive:
+        """Return the drive from one sample on until before another, numbered anew."""
+        low, high = (int(np.flatnonzero(self.sample == sample)[0]) for sample in (first, stop - 1))
+        between = (part[low:high] for part in (self.begin, self.end, self.period))
+        sample = self.sample[low : high + 1]
+        return Drive(self.t[low : high + 1], np.where(sample < 0, sample, sample - first), *between)
 
 
 @kernel(inline=True)
@@ -115,7 +117,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
         states: (N, n) is written to.
         rtol: tolerance of a step, relative to the largest value that a state has had: to a run, not to a value that
             happens to pass zero.
-        atol: absolute tolerance of a step.
+        atol: (n,) absolute tolerances of a step.
     """
     n, targets, edges = initial.shape[0], 0, equations.edges.shape[0]
     while targets * targets + targets < equations.outputs.shape[0]:
@@ -131,7 +133,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
     states[0] = x
     reached = 1
     h, total_steps = 0.0, 0
-    budget = STEPS_AN_INTERVAL * 10 + STEPS_ON_AVERAGE * drive.t.shape[0]
+    budget = STEPS_AT_LEAST + STEPS_ON_AVERAGE * drive.t.shape[0]
     largest = LARGEST * max(1.0, np.abs(initial).max())
     for node in range(drive.t.shape[0] - 1):
         span, period = drive.t[node + 1] - drive.t[node], drive.period[node]
@@ -141,6 +143,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
         if h <= 0.0 or h > period:
             h = period
         steps = 0
+        share = max(STEPS_AN_INTERVAL, (budget - total_steps) * span / (drive.t[-1] - drive.t[node]))
         while done < span:
             step = span - done if span - done < h * (1.0 + 1e-9) else h
             if high > 0.0:
@@ -166,7 +169,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
                 estimate = 0.0
                 for r in range(7):
                     estimate += ERROR[r] * k[r, i]
-                limit = atol + rtol * max(scale[i], abs(y[i]))
+                limit = atol[i] + rtol * max(scale[i], abs(y[i]))
                 error += (step * estimate / limit) ** 2
             error = np.sqrt(error / n)
             steps += 1
@@ -196,7 +199,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
                 low, high = 0.0, 0.0
                 if not h > 1e-12 * span:
                     return reached, GREW
-            if steps > STEPS_AN_INTERVAL or total_steps > budget:
+            if steps > share or total_steps > budget:
                 return reached, STIFF
         if drive.sample[node + 1] >= 0:
             states[drive.sample[node + 1]] = x

@@ -24,7 +24,7 @@ from odescope.model.equations import Equation, Named, relation_with_names, shown
 from odescope.model.explicit import Quotient, explicit
 from odescope.model.given import GivenInputs, GivenState
 from odescope.model.notes import trust, uncertain
-from odescope.model.relation import FoundMechanism, FoundParameter, Relation
+from odescope.model.relation import FoundMechanism, FoundParameter, Relation, in_order
 from odescope.model.scores import ModelScores
 from odescope.model.screen import screen
 from odescope.model.switches import Switched, switched
@@ -43,7 +43,7 @@ class Model:
     `domain` is the range of each state and input in the data the model comes from, `scores` how well it did, where that
     is known; `provenance` is plain data for people and reports. `mechanisms` are the terms of energies, forces or
     reactions that the relations add up from, where the model was found as such; `parameters` are the constants within
-    functions that were found.
+    functions that were found. The relations are in the order of the targets.
     """
 
     coordinates: tuple[Coordinate, ...]
@@ -70,6 +70,7 @@ class Model:
                     raise InputError(f"the term {t.term} names {min(unknown)!r}, which is neither state nor input")
             if all(t.factor is None for t in relation.terms):
                 raise InputError("a relation of the model holds no target")
+        object.__setattr__(self, "relations", in_order(self.relations, self.targets))
 
     @cached_property
     def states(self) -> tuple[str, ...]:
@@ -163,7 +164,7 @@ class Model:
     # Verbs stand above the model: a method is the function of the package that has its name.
 
     def simulate(
-        self, t: ArrayLike, inputs: GivenInputs, initial: GivenState, rtol: float = 1e-8, atol: float = 1e-10
+        self, t: ArrayLike, inputs: GivenInputs, initial: GivenState, rtol: float = 1e-8, atol: float | None = None
     ) -> odescope.Trajectory:
         """Return the free run of the model under sampled inputs, see `odescope.simulate`.
 
@@ -172,7 +173,7 @@ class Model:
             inputs: as they were recorded, by name or (N, inputs); None where there are none.
             initial: states at t[0], by name or (n,).
             rtol: relative tolerance of a step.
-            atol: absolute tolerance of a step.
+            atol: absolute tolerance of a step; by default by the sizes of states.
         """
         return odescope.simulate(self, t, inputs, initial, rtol, atol)
 

@@ -18,6 +18,7 @@ from odescope.recordings.parquet_files import folder_labels
 from odescope.recordings.readers import column_names, find_files, read_records, records_from
 from odescope.recordings.record import Record, Recorded, Records
 
+ROWS = "rows"  # what records of nothing but their times call them
 TIME_NAMES = ("t", "time", "Time", "T", "TIME")
 
 
@@ -107,7 +108,7 @@ def read_for(model: Model, files: Sequence[Path], given: TimeColumns, names: Seq
         model: whose columns are meant.
         files: data.
         given: where the time is; by default as identified, else t, time and the like.
-        names: coordinates and inputs that are wanted.
+        names: coordinates and inputs that are wanted; where there are none, the records hold the times of their rows.
 
     Raises:
         InputError: a file cannot be read, or columns are missing: all of them are named.
@@ -171,9 +172,9 @@ def _layout(model: Model, tables: Sequence[TableLabels], given: TimeColumns, nam
         _check_complete(model, table, given, names)
     first = tables[0]
     place = _places(model, first, given)
-    labels = {name: _label(name, place, first) or place[name] for name in names}
-    angles = frozenset(c.name for c in model.coordinates if c.angle and c.name in names)
     time, day = _time_label(model, first, given), model.provenance.get("date")
+    labels = {name: _label(name, place, first) or place[name] for name in names} or _rows_alone(model, first, given)
+    angles = frozenset(c.name for c in model.coordinates if c.angle and c.name in names)
     beside = isinstance(day, str) and time is not None and time == model.provenance.get("time")
     return Layout(
         time=time,
@@ -187,6 +188,13 @@ def _layout(model: Model, tables: Sequence[TableLabels], given: TimeColumns, nam
         recording=_recording(model, first, given),
         time_unit="s" if time is None else _time_unit(model, time),
     )
+
+
+def _rows_alone(model: Model, table: TableLabels, given: TimeColumns) -> dict[str, str]:
+    """Return a column for a run that needs none, since nothing drives it: the time, else the first that is there."""
+    recording = _recording(model, table, given)
+    others = [label for label in table.labels if label != recording]
+    return {ROWS: _time_label(model, table, given) or (others or list(table.labels))[0]}
 
 
 def recording_column(model: Model, file: Path, given: TimeColumns) -> str | None:

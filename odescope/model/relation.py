@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -95,6 +96,40 @@ class Relation:
         return tuple(t for t in self.terms if t.factor is not None)
 
     @property
+    def targets(self) -> tuple[str, ...]:
+        """The targets that it holds, each once, that of the term with coefficient 1 first."""
+        first = sorted(self.left, key=lambda t: t.coefficient != 1.0)
+        return tuple(dict.fromkeys(t.factor for t in first if t.factor is not None))
+
+    @property
     def right(self) -> Combination:
         """What stands on the right where the targets stand on the left: the terms without one, negated."""
         return Combination(tuple((-c, term) for c, term in self.part(None).parts))
+
+
+def in_order(relations: Sequence[Relation], targets: Sequence[str]) -> tuple[Relation, ...]:
+    """Return relations so that each holds the target that it stands for, as whoever writes them by hand may not.
+
+    They stay as they are where they do so already, as coupled ones do in any order, or where they cannot: then two
+    targets stand in one relation alone.
+
+    Args:
+        relations: as many as targets.
+        targets: in their order.
+    """
+    if all(target in r.targets for target, r in zip(targets, relations, strict=True)):
+        return tuple(relations)
+    taken = dict[str, Relation]()
+
+    def placed(relation: Relation, tried: set[str]) -> bool:
+        """Say whether a relation found a target, moving others to others of theirs (an augmenting path)."""
+        for target in relation.targets:
+            if target not in tried:
+                tried.add(target)
+                if target not in taken or placed(taken[target], tried):
+                    taken[target] = relation
+                    return True
+        return False
+
+    whole = all(placed(relation, set()) for relation in relations)
+    return tuple(taken[target] for target in targets) if whole else tuple(relations)

@@ -13,15 +13,18 @@ from odescope.errors import InputError, check_kind, nearest
 from odescope.model.given import GivenInputs, GivenState, first_state, sample_times, sampled_inputs
 from odescope.model.integration import GREW, STIFF, Drive, Equations, integrate
 from odescope.model.model import Model
+from odescope.model.state_sizes import small_sizes
 from odescope.recordings.between_samples import FINER, laid_out
 from odescope.recordings.coordinate import Input, following_states
 
+ATOL = 1e-10  # of a state of size 1
 SAME = 1e-9  # of the shortest time between samples: kinks that are nearer to a sample are that sample
 
 _REASONS = {
     GREW: "the states grew without bound or met a pole",
     STIFF: "the equations became too stiff to follow",
 }
+_ADVICE = {STIFF: ", or move too fast for times so far apart: give more of these in between, or a larger rtol"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ def simulate(
     inputs: GivenInputs,
     initial: GivenState,
     rtol: float = 1e-8,
-    atol: float = 1e-10,
+    atol: float | None = None,
 ) -> Trajectory:
     """Return the free run of a model under sampled inputs.
 
@@ -67,7 +70,8 @@ def simulate(
             an array (N, inputs) in the order of `model.inputs`, (N,) for one; None where the model has none.
         initial: states at t[0]: by name, velocities too, or (n,) in the order of `model.states`.
         rtol: relative tolerance of a step.
-        atol: absolute tolerance of a step.
+        atol: absolute tolerance of a step, in the units of the states; by default 1e-10, of states that are smaller
+            than 1 times their sizes: in the data that the model came from, else at the first sample.
 
     Raises:
         InputError: a shape or a name does not fit the model, a number is not finite, or time does not ascend.
@@ -80,7 +84,7 @@ def simulate(
 
 
 def follow(
-    model: Model, t: FloatArray, driven: Drive, initial: FloatArray, rtol: float = 1e-8, atol: float = 1e-10
+    model: Model, t: FloatArray, driven: Drive, initial: FloatArray, rtol: float = 1e-8, atol: float | None = None
 ) -> Trajectory:
     """Return the free run of a model under inputs that have been laid out: `simulate` for many runs.
 
@@ -90,16 +94,16 @@ def follow(
         driven: the model's inputs.
         initial: (n,) states at t[0], in the order of `model.states`.
         rtol: relative tolerance of a step.
-        atol: absolute tolerance of a step.
+        atol: absolute tolerance of a step, see `simulate`.
     """
     tape, edges = model.switched.tape, model.switched.edges
     equations = Equations(tape.instructions, tape.outputs, following_states(model.coordinates), edges)
     states = np.empty((len(t), len(model.states)))
-    reached, ending = integrate(
-        equations, driven, np.array(initial, dtype=np.float64), states, float(rtol), float(atol)
-    )
+    start = np.array(initial, dtype=np.float64)
+    tolerances = ATOL * small_sizes(model, start) if atol is None else np.full(len(start), float(atol))
+    reached, ending = integrate(equations, driven, start, states, float(rtol), tolerances)
     reason = _REASONS.get(ending)
-    ended = None if reason is None else f"{reason} after {t[reached - 1] - t[0]:.6g} s"
+    ended = None if reason is None else f"{reason} after {t[reached - 1] - t[0]:.6g} s{_ADVICE.get(ending, '')}"
     return Trajectory(np.array(t[:reached], dtype=np.float64), states[:reached].copy(), model.states, ended)
 
 

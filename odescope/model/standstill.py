@@ -51,29 +51,29 @@ def along(edge: FloatArray, x: FloatArray) -> float:
 
 
 @kernel(inline=True)
-def nearness(edge: FloatArray, scale: FloatArray, atol: float) -> float:
+def nearness(edge: FloatArray, scale: FloatArray, atol: FloatArray) -> float:
     """Return the size of v up to which it is zero.
 
     Args:
         edge: (n + 1,) c and c0.
         scale: (n,) the largest size that each state has had.
-        atol: absolute tolerance of a step.
+        atol: (n,) absolute tolerances of a step.
     """
-    total = 0.01 * atol
+    total = 0.0
     for i in range(scale.shape[0]):
-        total += NEAR * abs(edge[i]) * scale[i]
+        total += abs(edge[i]) * (0.01 * float(atol[i]) + NEAR * float(scale[i]))
     return total
 
 
 @kernel()
-def touch(contacts: Contacts, x: FloatArray, scale: FloatArray, atol: float) -> None:
+def touch(contacts: Contacts, x: FloatArray, scale: FloatArray, atol: FloatArray) -> None:
     """Set where every edge stands at the state x (n,): held at zero, or moving with its sign.
 
     Args:
         contacts: held and values are written to.
         x: (n,) the state.
         scale: (n,) the largest size that each state has had.
-        atol: absolute tolerance of a step.
+        atol: (n,) absolute tolerances of a step.
     """
     for k in range(contacts.held.shape[0]):
         v = along(contacts.edges[k], x)
@@ -129,14 +129,14 @@ def balance(contacts: Contacts, out: FloatArray, limited: bool) -> None:
 
 
 @kernel()
-def lasts(contacts: Contacts, x: FloatArray, scale: FloatArray, atol: float) -> bool:
+def lasts(contacts: Contacts, x: FloatArray, scale: FloatArray, atol: FloatArray) -> bool:
     """Say whether every edge still does what it did: moves the same way, or is held with less than all friction.
 
     Args:
         contacts: values are those at x.
         x: (n,) the state after a step.
         scale: (n,) the largest size that each state has had.
-        atol: absolute tolerance of a step.
+        atol: (n,) absolute tolerances of a step.
     """
     for k in range(contacts.held.shape[0]):
         v, near = along(contacts.edges[k], x), nearness(contacts.edges[k], scale, atol)
@@ -149,14 +149,14 @@ def lasts(contacts: Contacts, x: FloatArray, scale: FloatArray, atol: float) -> 
 
 
 @kernel()
-def settle(contacts: Contacts, x: FloatArray, scale: FloatArray, atol: float) -> None:
+def settle(contacts: Contacts, x: FloatArray, scale: FloatArray, atol: FloatArray) -> None:
     """After a step, stop the edges that have passed zero, and take from those that are held what rounding moved.
 
     Args:
         contacts: held and values are written to.
         x: (n,) the state, written to.
         scale: (n,) the largest size that each state has had.
-        atol: absolute tolerance of a step.
+        atol: (n,) absolute tolerances of a step.
     """
     n = x.shape[0]
     for k in range(contacts.held.shape[0]):

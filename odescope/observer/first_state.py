@@ -10,6 +10,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.model.initial_state import initial_state
 from odescope.model.model import Model
+from odescope.model.simulation import known_from
 from odescope.recordings.record import Record, less_offsets
 from odescope.signals.differentiators import Spectral
 
@@ -21,6 +22,7 @@ VAGUE = 2.0  # sizes of a state: the standard deviation of what is known of it
 class FirstState:
     """What is known of the state before the first reading: mean (n,), covariance (n, n), sizes (n,) over the record.
 
+    The first reading is the sample `known`, from which on all that acts was recorded.
     target_sizes (T,) are those of the targets; `values` (M,) about those of states, targets and inputs in a first
     stretch, by name.
     """
@@ -30,13 +32,16 @@ class FirstState:
     sizes: FloatArray
     target_sizes: FloatArray
     values: Mapping[str, FloatArray]
+    known: int
 
 
 def first_state(model: Model, record: Record) -> FirstState:
     """Return the state that a short stretch suggests, with so wide a covariance that readings are not used twice.
 
-    The equations are linearised about it; what is known of it should come from the filter alone.
+    The equations are linearised about it; what is known of it should come from the filter alone. Where an input acts
+    late it is that of the filtered signal: of a state before what acts is known the equations say nothing.
     """
+    known = known_from(model.inputs, record.t)
     even = _even(model, record)
     plain = less_offsets(even, model.coordinates)
     differentiator = Spectral()
@@ -48,9 +53,10 @@ def first_state(model: Model, record: Record) -> FirstState:
         np.array([max(float(np.abs(values[name]).max()), 1e-12) for name in names])
         for names in (model.states, model.targets)
     )
-    mean = initial_state(model, even)
+    at = min(int(np.searchsorted(even.t, record.t[known])), len(even) - 1)
+    mean = np.array([values[name][at] for name in model.states]) if known else initial_state(model, even)
     mean = np.where(np.isfinite(mean), mean, 0.0)
-    return FirstState(mean, np.diag((VAGUE * size) ** 2), size, targets, values)
+    return FirstState(mean, np.diag((VAGUE * size) ** 2), size, targets, values, known)
 
 
 def _even(model: Model, record: Record) -> Record:

@@ -29,6 +29,18 @@ class Readings(NamedTuple):
     angle: BoolArray
 
 
+class Begin(NamedTuple):
+    """What is known before the readings.
+
+    Shapes: state (n,) and covariance (n, n) of its error at the sample `known`, and at all before it: what acted there
+    was not recorded, so nothing can be followed.
+    """
+
+    state: FloatArray
+    covariance: FloatArray
+    known: int
+
+
 class Course(NamedTuple):
     """What a filter writes, one row a sample.
 
@@ -113,7 +125,7 @@ def _take(measured, j, x, p, gain, scratch, course):
 
 
 @kernel()
-def forward(model, drive, measured, q, start, covariance, scale, rtol, course):
+def forward(model, drive, measured, q, begin, scale, rtol, course):
     """Filter a record; return how many samples were reached.
 
     Args:
@@ -121,20 +133,22 @@ def forward(model, drive, measured, q, start, covariance, scale, rtol, course):
         drive: its inputs.
         measured: the readings.
         q: (n,) spectral density of the noise in the derivative of every state.
-        start: (n,) the state at the first sample, before its readings.
-        covariance: (n, n) of the error of that.
+        begin: what is known before the readings.
         scale: (n,) sizes of the states, by which errors of the integration are judged.
         rtol: tolerance of a step of the integration.
         course: is written to.
     """
-    n, samples = start.shape[0], measured.y.shape[0]
+    n, samples = begin.state.shape[0], measured.y.shape[0]
     room = make_room(model, drive.begin.shape[1])
-    x, p, gain, scratch = start.copy(), covariance.copy(), np.empty(n), np.empty((n, n))
+    x, p, gain, scratch = begin.state.copy(), begin.covariance.copy(), np.empty(n), np.empty((n, n))
     keep = course.before.shape[0] == samples
     node, h, cost = 0, 0.0, 0.0
-    course.transition[0] = 0.0
     for j in range(samples):
-        if j > 0:
+        while drive.sample[node] < min(j, begin.known):
+            node += 1
+        if j <= begin.known:
+            course.transition[j if keep else 0] = 0.0
+        else:
             set_inputs(drive, node, 0.0, n, room)
             last = node
             while drive.sample[last + 1] < 0:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
+from odescope.model.driven_record import DrivenRecord
 from odescope.model.integration import Drive
 from odescope.model.model import Model
-from odescope.model.simulation import drive
 from odescope.observer.first_state import FirstState, first_state
-from odescope.observer.kernel import Course, Readings, backward, forward
+from odescope.observer.kernel import Begin, Course, Readings, backward, forward
 from odescope.observer.linearised import LinearisedModel, linearise
 from odescope.observer.noise import ObserverNoise
 from odescope.recordings.record import Record, less_offsets
@@ -57,7 +57,8 @@ class StateEstimate:
 class ReadyRecord:
     """A recording and its model as the kernels take them.
 
-    Shapes: y (N, c) readings less their offsets; counts (N, c) how many samples are behind each.
+    Shapes: y (N, c) readings less their offsets; counts (N, c) how many samples are behind each, 0 before what acts is
+    known.
     """
 
     model: Model
@@ -79,19 +80,19 @@ class ReadyRecord:
             start: (n,) and (n, n), the state before the first reading and the covariance of its error; None where
                 nothing is known of it.
         """
-        values = [record.column(i.name) for i in model.inputs]
-        inputs = np.array(values).reshape(len(model.inputs), len(record)).T
         plain = less_offsets(record, model.coordinates)
         first = first_state(model, record)
+        counts = np.column_stack([record.counted(c.name) for c in model.coordinates])
+        counts[: first.known] = 0.0
         if start is not None:
             first = replace(first, mean=np.array(start[0], dtype=np.float64), covariance=start[1])
         return ReadyRecord(
             model=model,
             equations=linearise(model),
             record=record,
-            driven=drive(model.inputs, record.t, inputs),
+            driven=DrivenRecord.of(model, record).driven,
             y=np.column_stack([plain.column(c.name) for c in model.coordinates]),
-            counts=np.column_stack([record.counted(c.name) for c in model.coordinates]),
+            counts=counts,
             first=first,
             vague=start is None,
         )
@@ -108,7 +109,7 @@ class ReadyRecord:
         return replace(
             self,
             record=self.record.part(0, samples),
-            driven=self.driven.first(samples),
+            driven=self.driven.part(0, samples),
             y=self.y[:samples],
             counts=self.counts[:samples],
         )
@@ -126,7 +127,10 @@ def run_filter(prepared: ReadyRecord, noise: ObserverNoise, smooth: bool = False
     measured, course, reached = _filtered(prepared, noise, smooth)
     samples = len(prepared.record)
     std = course.deviation[:reached]
-    settling = _settling(std, np.sqrt(np.diag(first.covariance)), samples) if prepared.vague else 0
+    settling = 0
+    if prepared.vague:
+        known = min(first.known, reached)
+        settling = known + _settling(std[known:], np.sqrt(np.diag(first.covariance)), samples - known)
     if smooth:
         kept = Course(*(part if part.shape[0] == 1 else part[:reached] for part in course))
         backward(Readings(measured.y[:reached], measured.variance[:reached], measured.state, measured.angle), kept)
@@ -177,10 +181,10 @@ def _filtered(prepared: ReadyRecord, noise: ObserverNoise, smooth: bool) -> tupl
         np.empty((kept, n, n)),
         np.empty((kept, n, n)),
     )
-    start, covariance = first.mean.copy(), np.array(first.covariance, dtype=np.float64, order="C")
-    reached = forward(
-        prepared.equations, prepared.driven, measured, density, start, covariance, first.sizes, TOLERANCE, course
-    )
+    # Where the start is not known, neither is what unrecorded inputs made of it.
+    known = first.known if prepared.vague else 0
+    begin = Begin(first.mean.copy(), np.array(first.covariance, dtype=np.float64, order="C"), known)
+    reached = forward(prepared.equations, prepared.driven, measured, density, begin, first.sizes, TOLERANCE, course)
     return measured, course, int(reached)
 
 

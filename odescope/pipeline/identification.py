@@ -94,7 +94,7 @@ class Identification:
     # Verbs stand above the result, too: a method is the function of the package that has its name.
 
     def simulate(
-        self, t: ArrayLike, inputs: GivenInputs, initial: GivenState, rtol: float = 1e-8, atol: float = 1e-10
+        self, t: ArrayLike, inputs: GivenInputs, initial: GivenState, rtol: float = 1e-8, atol: float | None = None
     ) -> Trajectory:
         """Return the free run of the model under sampled inputs, see `odescope.simulate`.
 
@@ -103,7 +103,7 @@ class Identification:
             inputs: as they were recorded, by name or (N, inputs); None where there are none.
             initial: states at t[0], by name or (n,).
             rtol: relative tolerance of a step.
-            atol: absolute tolerance of a step.
+            atol: absolute tolerance of a step; by default by the sizes of states.
         """
         return self.model.simulate(t, inputs, initial, rtol, atol)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from odescope.model.model import Model
 from odescope.model.scores import FreeRun
 from odescope.pipeline.evaluation import free_run_scores
 from odescope.pipeline.identification import Identification
@@ -10,7 +9,7 @@ from odescope.recordings.coordinate import Coordinate
 from odescope.report.data import Panel, RunShown, Stays, Thumbnail, Thumbnails, side_by_side
 from odescope.report.downsample import line_of
 from odescope.report.recorded import MOST_PANELS, WHOLE, labels, near
-from odescope.validation.free_runs import FreeRunOf, beside, counting, free_runs
+from odescope.validation.free_runs import FreeRunOf, beside, free_runs
 
 MOST_ROWS = 20  # of panels
 WORDY = 6  # recordings: of more, thumbnails are too narrow for many words
@@ -57,7 +56,7 @@ def thumbnails(result: Identification, runs: tuple[FreeRunOf, ...]) -> Thumbnail
     label, pixels = labels(result), WHOLE // side_by_side(len(shown))
     found = []
     for of, score in ((runs[k], scores[k]) for k in shown):
-        panels = tuple(_panel(result.model, of, c, label[c.name], pixels) for c in coordinates)
+        panels = tuple(_panel(of, c, label[c.name], pixels) for c in coordinates)
         mark = None if score.stays else score.valid_time
         found.append(Thumbnail(title=_title(score, len(runs)), panels=panels, mark=mark))
     return Thumbnails(runs=tuple(found), left_out=len(runs) - len(shown))
@@ -74,12 +73,12 @@ def _title(score: FreeRun, runs: int) -> str:
     return went if runs == 1 else f"recording {score.recording}: {went}"
 
 
-def _panel(model: Model, of: FreeRunOf, c: Coordinate, label: str, pixels: int) -> Panel:
-    there = counting(model, c, of.record)
+def _panel(of: FreeRunOf, c: Coordinate, label: str, pixels: int) -> Panel:
+    there = of.record.counted(c.name) > 0.0
     t, measured = (of.record.t - of.record.t[0])[there], of.record.column(c.name)[there]
     if not len(measured):
         return Panel(label=label, wide=())
-    (_, predicted), _ = beside(model, c, of, 0.0)
+    (_, predicted), _ = beside(c, of, 0.0)
     followed = near([t[: len(predicted)]], [predicted], [measured])
     return Panel(
         label=label,

@@ -35,10 +35,15 @@ class Agreement:
 def agreement(pairs: Sequence[Pair]) -> Agreement:
     """Return the agreement over the measured samples of some recordings together, each beside its own mean."""
     error = np.concatenate([measured - predicted for measured, predicted in pairs])
-    spread = np.concatenate([measured - measured.mean() for measured, _ in pairs])
+    spread = np.concatenate([_about_mean(measured) for measured, _ in pairs])
     size = float(np.linalg.norm(spread))
     fit = 100.0 * (1.0 - float(np.linalg.norm(error)) / size) if size > 0.0 else None
     return Agreement(fit, float(np.sqrt(np.mean(error**2))))
+
+
+def _about_mean(measured: FloatArray) -> FloatArray:
+    """Return samples (N,) less their mean: zero where all are equal, of which a mean may be rounded."""
+    return np.zeros_like(measured) if np.ptp(measured) == 0.0 else measured - measured.mean()
 
 
 def valid_time(t: FloatArray, measured: FloatArray, predicted: FloatArray, noise: float = 0.0) -> float:

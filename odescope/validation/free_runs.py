@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from odescope.arrays import BoolArray
-from odescope.model.initial_state import initial_state
+from odescope.model.driven_record import DrivenRecord
+from odescope.model.initial_state import first_state_of
 from odescope.model.model import Model
 from odescope.model.scores import CoordinateRun, FreeRun
-from odescope.model.simulation import Trajectory, known_from, simulate
+from odescope.model.simulation import Trajectory, follow
 from odescope.parallel.workers import nothing
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records
@@ -23,7 +23,10 @@ MOST_SAMPLES = 500_000  # of these together: of longer recordings the first part
 
 @dataclass(frozen=True, eq=False)
 class FreeRunOf:
-    """The free run of one model over one recording, by its number from 1, beside what was measured."""
+    """The free run of one model over one recording, by its number from 1, beside what was measured.
+
+    Samples with `counts` of 0 are not compared: nobody measured them, or what acted then was not recorded.
+    """
 
     model: str
     number: int
@@ -31,11 +34,9 @@ class FreeRunOf:
     run: Trajectory
 
 
-def run_freely(model: Model, part: Record) -> Trajectory:
-    """Return the free run over a record, or part of one, from a state fitted to its first stretch."""
-    start = initial_state(model, part)
-    inputs = np.array([part.column(i.name) for i in model.inputs]).reshape(len(model.inputs), len(part)).T
-    return simulate(model, part.t, np.ascontiguousarray(inputs), start)
+def run_freely(model: Model, piece: DrivenRecord) -> Trajectory:
+    """Return the free run over a record, or a piece of one, from a state fitted to its first stretch."""
+    return follow(model, piece.record.t, piece.driven, first_state_of(model, piece))
 
 
 def free_runs(model: Model, records: Records, check: Callable[[], None] = nothing) -> tuple[FreeRunOf, ...]:
@@ -53,21 +54,21 @@ def free_runs(model: Model, records: Records, check: Callable[[], None] = nothin
     for number in numbers:
         check()
         record = records.runs[number]
-        part = record if len(record) <= longest else record.part(0, longest)
-        found.append(FreeRunOf("model", number + 1, part, run_freely(model, part)))
+        whole = DrivenRecord.of(model, record)
+        piece = whole if len(record) <= longest else whole.part(0, longest)
+        found.append(FreeRunOf("model", number + 1, piece.compared(model), run_freely(model, piece)))
     return tuple(found)
 
 
-def beside(model: Model, c: Coordinate, of: FreeRunOf, noise: float) -> tuple[Pair, float]:
+def beside(c: Coordinate, of: FreeRunOf, noise: float) -> tuple[Pair, float]:
     """Return what was measured of a coordinate beside a free run, as far as that goes, and the valid time in seconds.
 
     Args:
-        model: that was run.
         c: the coordinate.
-        of: the run; of its record values that nobody measured have no part, nor those before `known_from`.
+        of: the run.
         noise: standard deviation of a sample of the coordinate, 0 where it is not known.
     """
-    record, there = of.record, counting(model, c, of.record)
+    record, there = of.record, of.record.counted(c.name) > 0.0
     measured, predicted = record.column(c.name), of.run.column(c.name) + c.offset
     seen = there[: len(predicted)]
     if not seen.any():
@@ -79,19 +80,6 @@ def beside(model: Model, c: Coordinate, of: FreeRunOf, noise: float) -> tuple[Pa
     whole = valid >= float(t[len(predicted) - 1] - t[0])
     end = float(of.run.t[-1]) if whole else valid + float(t[0])
     return (measured[: len(predicted)], predicted), end - float(record.t[0])
-
-
-def counting(model: Model, c: Coordinate, record: Record) -> BoolArray:
-    """Return which samples (N,) of a coordinate a free run is compared with.
-
-    Args:
-        model: whose inputs may act late: what acted before the record began is not known.
-        c: the coordinate.
-        record: that is run over.
-    """
-    there: BoolArray = record.counted(c.name) > 0.0
-    there[: known_from(model.inputs, record.t)] = False
-    return there
 
 
 def free_run_score(model: Model, of: FreeRunOf, noise: Mapping[str, float], recorded: float) -> FreeRun:
@@ -117,9 +105,9 @@ def free_run_score(model: Model, of: FreeRunOf, noise: Mapping[str, float], reco
 
 def _coordinates(model: Model, of: FreeRunOf, noise: Mapping[str, float]) -> Iterator[tuple[str, CoordinateRun]]:
     for c in model.coordinates:
-        if not counting(model, c, of.record).any():
+        if not of.record.counted(c.name).any():
             continue
-        pair, valid = beside(model, c, of, noise.get(c.name, 0.0))
+        pair, valid = beside(c, of, noise.get(c.name, 0.0))
         agreed = None if of.run.ended else agreement([pair])
         yield (
             c.name,

@@ -10,6 +10,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, check_kind
+from odescope.model.driven_record import DrivenRecord
 from odescope.model.gate import counting_for
 from odescope.model.model import Model
 from odescope.model.recorded import records_for
@@ -19,7 +20,7 @@ from odescope.observer.noise import measurement_noise
 from odescope.recordings.record import Record, Recorded, Records
 from odescope.validation.agreement import Agreement, Pair, agreement
 from odescope.validation.domain import outside_domain
-from odescope.validation.free_runs import FreeRunOf, beside, counting, run_freely
+from odescope.validation.free_runs import FreeRunOf, beside, run_freely
 
 STARTS = 20  # runs in all, spread over the recordings by their lengths
 LEAST_STARTS = 2  # of a recording that is long enough
@@ -116,8 +117,9 @@ def _validated(name: str, model: Model, records: Records, noise: Mapping[str, fl
         if noise:
             raise
         unknown = f"{name}: no one-step predictions: {error}"
-    free = [(record, run_freely(model, record)) for record in records]
-    pieces = [list(_many(model, record, records)) for record in records]
+    driven = [DrivenRecord.of(model, record) for record in records]
+    free = [(whole.compared(model), run_freely(model, whole)) for whole in driven]
+    pieces = [list(_many(model, whole, records)) for whole in driven]
     rows = [*_rows(name, model, FREE, [[run] for run in free], known), *_rows(name, model, MANY, pieces, known)]
     notes = [
         f"{name}: the free run of {_label(number, record)} ended early: {run.ended}"
@@ -141,16 +143,16 @@ def _measured(model: Model) -> tuple[str, ...]:
     return tuple(c.name for c in model.coordinates)
 
 
-def _many(model: Model, record: Record, records: Records) -> Iterator[tuple[Record, Trajectory]]:
+def _many(model: Model, whole: DrivenRecord, records: Records) -> Iterator[tuple[Record, Trajectory]]:
     """Yield free runs over the pieces of a record, but for those without a sample of what the record has samples of."""
-    there = [counted for c in model.coordinates if (counted := counting(model, c, record)).any()]
+    record = whole.compared(model)
+    there = [counted for c in model.coordinates if (counted := record.counted(c.name)).any()]
     share = max(LEAST_STARTS, round(STARTS * len(record) / records.samples))
     count = max(1, min(share, len(record) // SHORTEST))
     edges = np.linspace(0, len(record), count + 1).astype(np.int64).tolist()
     for first, stop in pairwise(edges):
         if all(counted[first:stop].any() for counted in there):
-            part = record.part(first, stop)
-            yield part, run_freely(model, part)
+            yield record.part(first, stop), run_freely(model, whole.part(first, stop))
 
 
 def _label(number: int, record: Record) -> str:
@@ -172,12 +174,12 @@ def _rows(
     for c in model.coordinates:
         every, times = list[Pair | None](), list[tuple[float, float]]()
         for number, everything in enumerate(runs, 1):
-            own = [(record, run) for record, run in everything if counting(model, c, record).any()]
+            own = [(record, run) for record, run in everything if record.counted(c.name).any()]
             if not own:
                 continue
             pieces, spans = list[Pair](), list[tuple[float, float]]()
             for record, run in own:
-                pair, valid = beside(model, c, FreeRunOf(name, number, record, run), noise.get(c.name, 0.0))
+                pair, valid = beside(c, FreeRunOf(name, number, record, run), noise.get(c.name, 0.0))
                 pieces.append(pair)
                 spans.append((valid, record.duration))
             whole = all(run.ended is None for _, run in own)

@@ -8,6 +8,7 @@ import pytest
 from logs import linear, oscillator, pendulum, smooth, write
 from pyarrow import parquet
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from odescope.commands.free_run import free_runs
 from odescope.errors import InputError
@@ -267,3 +268,22 @@ def test_there_is_one_row_for_each_row_of_the_file(simulated, spoilt):
     found, _ = simulated(oscillator_model(), log, initial=["x=1", "x_dot=0.5"])
     assert np.array_equal(found["t"].astype(float), log["t"])
     assert np.abs(numbers(found, "x", "x_dot") - exact).max() < 0.02 * np.ptp(exact)
+
+
+@pytest.mark.parametrize("column", ["t", "time", "t [ms]"])
+def test_a_model_that_nothing_drives_runs_at_the_times_alone(simulated, column):
+    """As the file has them: uneven, in any order, and twice."""
+    terms = [("x_ddot", "1", 1.0), (None, "x", 4.0), (None, "x_dot", 0.3)]
+    t = np.array([0.0, 0.7, 0.9, 3.0, 2.5, 2.5])
+    log = {column: t * 1000.0 if "ms" in column else t}
+    found, notes = simulated(model([("x", 2)], [terms]), log, initial=["x=1", "x_dot=0.5"])
+    exact = np.array([expm(A * at) @ [1.0, 0.5] for at in t])
+    assert np.array_equal(found[column].astype(float), log[column])
+    np.testing.assert_allclose(numbers(found, "x", "x_dot"), exact, rtol=0, atol=1e-7)
+    assert notes == []
+
+
+def test_a_model_that_nothing_drives_runs_with_a_sample_period(simulated):
+    terms = [("x_dot", "1", 1.0), (None, "x", 1.0)]
+    found, _ = simulated(model([("x", 1)], [terms]), {"q": np.arange(5.0) ** 2}, sample_period=0.5, initial=["x=2"])
+    np.testing.assert_allclose(numbers(found, "t", "x")[:, 1], 2.0 * np.exp(-0.5 * np.arange(5)), rtol=1e-7)

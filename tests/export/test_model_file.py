@@ -211,6 +211,19 @@ def test_a_coordinate_that_cannot_be(field, value, part):
     assert part in refused(file)
 
 
+@pytest.mark.parametrize("unit", ["deg", "°", "Degrees"])
+def test_an_angle_in_degrees_is_refused_with_what_to_write(unit):
+    """Its equations are in radians, and every result would call these degrees."""
+    file = copy.deepcopy(GOOD)
+    (angle,) = [c for c in file["coordinates"] if c["angle"]]
+    angle["unit"] = unit
+    message = refused(file)
+    assert '"unit": "rad"' in message
+    assert f'"degrees": ["{angle["name"]}"]' in message
+    angle["angle"] = False
+    assert from_json(json.dumps(file)).coordinates[file["coordinates"].index(angle)].unit == unit
+
+
 @pytest.mark.parametrize("scores", [{}, {"r2": 0.9, "worst": {"x": None}}])
 def test_scores_that_say_nothing_known_are_none(scores):
     model = from_json(json.dumps(changed(scores=scores)))

@@ -136,3 +136,24 @@ def test_a_prompt_shows_no_more_than_a_screen():
     assert lines[0].startswith("long_name_0_dot = ")
     assert lines[-1] == "(more: odescope.to_text(model), model.coefficients)"
     assert isinstance(large, Model)
+
+
+def test_relations_in_another_order_are_named_by_the_target_that_they_hold():
+    """Of three, two hold more than one target: there is one order in which each holds its own."""
+    x, y, z = Coordinate("x"), Coordinate("y"), Coordinate("z")
+    of_z = [("z_dot", "1", 1.0), ("x_dot", "y", 0.5), (None, "z", 3.0)]
+    of_x = [("x_dot", "1", 1.0), (None, "x", 7.0)]
+    of_y = [("z_dot", "x", 0.1), ("y_dot", "1", 1.0), (None, "y", -2.0)]
+    model = from_json(to_json(build([x, y, z], [], of_z, of_y, of_x)))
+    named = {(row.equation, row.term): row.coefficient for row in model.coefficients}
+    assert named["x_dot", "x"] == -7.0
+    assert named["y_dot", "y"] == 2.0
+    assert named["z_dot", "z"] == -3.0
+    assert model == build([x, y, z], [], of_x, of_y, of_z)
+
+
+def test_coupled_relations_stay_in_their_order():
+    both = [("x_dot", "1", 0.5), ("y_dot", "1", 1.0), (None, "x", 3.0)], [("x_dot", "1", 1.0), ("y_dot", "1", 0.1)]
+    model = build([Coordinate("x"), Coordinate("y")], [], *both)
+    assert model.coefficients[0].equation == "x_dot"
+    assert [r.terms[0].coefficient for r in model.relations] == [0.5, 1.0]

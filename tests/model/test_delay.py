@@ -136,7 +136,7 @@ def test_an_early_input_is_seen_beyond_a_short_stretch():
     # A run over the first samples alone sees what was recorded after them.
     t, u = 0.1 * np.arange(50), np.random.default_rng(1).standard_normal((50, 1))
     model = build([Input("u", delay=-0.35)], ("u", 1.0))
-    driven = drive(model.inputs, t, u).first(10)
+    driven = drive(model.inputs, t, u).part(0, 10)
     assert driven.sample[-1] == 9
     assert driven.end[-1, 0] == pytest.approx(np.interp(t[9] + 0.35, t, u[:, 0]))
 

@@ -44,3 +44,21 @@ def test_a_mean_of_several_samples_counts_as_much():
         off.append([np.abs(initial_state(model, run) - truth).max() for run in runs])
     known, unknown = np.mean(off, axis=0)
     assert known < unknown
+
+
+@pytest.mark.parametrize("level", [0.0, 0.3])
+def test_a_joint_that_reads_constant_leaves_the_others_their_fit(level):
+    """Beside it the other's velocity is that of the equations, not that of a filter at the edge of a record."""
+    plant = build(
+        [Coordinate("x", order=2), Coordinate("y", order=2)],
+        [],
+        [("x_ddot", "1", 1.0), (None, "x", 40.0), (None, "x_dot", 0.5)],
+        [("y_ddot", "1", 1.0), (None, "sign(y_dot)", 3.0), (None, "x", 0.01)],
+    )
+    truth = np.array([0.3, level, 2.0, 0.0])
+    clean, rng = free(plant, TIME[:1000], truth), np.random.default_rng(0)
+    read = np.column_stack([clean.column("x") + 0.05 * rng.standard_normal(1000), np.full(1000, level)])
+    found = initial_state(plant, Record(TIME[:1000], read, ("x", "y")))
+    assert found == pytest.approx(truth, abs=0.05)
+    assert found[1] == pytest.approx(level, abs=1e-12)
+    assert found[3] == pytest.approx(0.0, abs=1e-12)

@@ -12,6 +12,7 @@ from odescope.model.model import Model
 from odescope.model.relation import FoundParameter, Relation, RelationTerm
 from odescope.recordings.coordinate import Coordinate, Input
 
+X = Scope.of(["x", "u"])
 VALUES = {"K": 5.0, "n": 2.4}
 
 
@@ -34,3 +35,14 @@ def test_a_number_that_leaves_a_term_is_not_counted_twice(text):
     assert shown.terms[1].coefficient == pytest.approx(3.0)
     assert shown.terms[1].std_error == pytest.approx(0.03)
     assert "x_dot = u - 3.0*" in to_text(model, 3) or "x_dot = -3.0*" in to_text(model, 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("(x/K)**2", 0.0), ("exp(-x/K)", 0.0), ("x*tanh(u/K)", 0.0), ("x*K**0.5", -2.0)]
+)
+def test_a_term_without_a_value_at_its_constant_is_shown_with_its_number(text, value):
+    """A file may say so; the relations hold numbers, so that nothing but the name is lost."""
+    relation = Relation((RelationTerm(Product("x_dot"), 1.0), RelationTerm(Product(None, parse_term("x", X)), 3.0)))
+    constant = FoundParameter("K", value, None, ("x",), (text,))
+    model = Model((Coordinate("x"),), (Input("u"),), (relation,), parameters=(constant,))
+    assert repr(model).startswith("x_dot = -3.0*x")

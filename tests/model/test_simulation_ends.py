@@ -7,6 +7,7 @@ from simulation_cases import DECAY, X, Y, free, lagrange
 
 from odescope.errors import InputError
 from odescope.model.simulation import simulate
+from odescope.recordings.coordinate import Coordinate
 
 
 def test_a_blow_up_ends_the_run_where_it_happens():
@@ -56,6 +57,7 @@ def test_stiffness_ends_the_run_and_says_so():
     stiff = build([X], [], [("x_dot", "1", 1.0), (None, "x", 1e7), (None, "1", -1.0)])
     found = free(stiff, np.linspace(0.0, 1.0, 101), [1.0])
     assert "too stiff to follow after 0 s" in found.ended
+    assert "give more of these in between" in found.ended
     assert len(found.t) == 1
     mild = build([X], [], [("x_dot", "1", 1.0), (None, "x", 1e4), (None, "1", -1.0)])
     assert free(mild, np.linspace(0.0, 1.0, 101), [1.0]).states[-1, 0] == pytest.approx(1e-4, rel=1e-3)
@@ -97,3 +99,13 @@ def test_what_does_not_fit_the_model_is_refused(t, inputs, initial, message):
 def test_one_sample_is_the_start():
     found = free(DECAY, np.array([3.0]), [0.7])
     assert (found.t.tolist(), found.states.tolist(), found.ended) == ([3.0], [[0.7]], None)
+
+
+@pytest.mark.parametrize("t", [[0.0, 30.0], [0.0, 0.1, 30.0], [0.0, 300.0], [0.0, 1e-6, 2e-6, 40.0, 80.0]])
+def test_fast_motion_is_followed_between_times_far_apart(t):
+    """Three hertz for half a minute and more, to the end of a record of few samples."""
+    x = Coordinate("x", order=2)
+    model = build([x], [], [("x_ddot", "1", 1.0), (None, "x", (6.0 * np.pi) ** 2)])
+    found = free(model, np.array(t), [1.0, 0.0])
+    assert found.ended is None
+    assert found.states[:, 0] == pytest.approx(np.cos(6.0 * np.pi * np.array(t)), abs=1e-3)

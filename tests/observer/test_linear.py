@@ -119,7 +119,9 @@ def test_an_offset_and_a_delay_are_the_models():
     u, y = rng.standard_normal(200), rng.standard_normal(200)
     late = np.concatenate([u[:1], u[:1], u[:-2]])
     start, noise = (np.zeros(2), np.eye(2)), ObserverNoise({"x": 0.1}, {"x_ddot": 0.2})
-    plain = Record(t, np.column_stack([y, late]), ("x", "u"))
+    seen = np.ones((200, 2))
+    seen[:2, 0] = 0.0  # readings while the input that acts was not recorded
+    plain = Record(t, np.column_stack([y, late]), ("x", "u"), counts=seen)
     other = Record(t, np.column_stack([y + 0.7, u]), ("x", "u"))
     (expected,) = observed([ReadyRecord.of(oscillator(), plain, start)], noise).runs
     (found,) = observed([ReadyRecord.of(oscillator(delay=0.1, offset=0.7), other, start)], noise).runs

@@ -40,6 +40,15 @@ def test_a_constant_has_no_fit():
     assert "constant" in found.told(None)
 
 
+@pytest.mark.parametrize("level", [0.1, 0.3, 1.7e9 + 0.123, -1e-9])
+def test_a_constant_whose_mean_is_rounded_has_no_fit_either(level):
+    rest = np.full(1003, level)
+    assert agreement([(rest, rest + 1.0)]).fit is None
+    moving = (Y, Y + 0.1)
+    both, alone = agreement([(rest, rest), moving]), agreement([moving])
+    assert both.fit == alone.fit
+
+
 def test_the_valid_time_ends_where_the_error_has_grown():
     growing = Y + 0.1 * T  # its error passes 0.3 of the standard deviation at t = 0.3 / 0.1 / sqrt(2)
     assert valid_time(T, Y, growing) == pytest.approx(VALID_ERROR * Y.std() / 0.1, abs=0.07)

@@ -1,25 +1,29 @@
 """Free runs from the start of recordings: at rest, with late inputs, of very many or very long ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
+from odescope.model.driven_record import DrivenRecord
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.record import Record, Records
 from odescope.validation import free_runs as tested
 from odescope.validation.free_runs import free_run_score, free_runs
+from odescope.validation.validate import MANY, validate
 
 NOISE, PERIOD = 0.01, 0.02
 
 
-def tank(delay=0.0):
-    """x' = u(t - delay) - 0.5 x."""
+def tank(delay=0.0, decay=0.5):
+    """x' = u(t - delay) - decay x."""
     scope = Scope.of(("x", "u"))
     terms = [RelationTerm(Product("x_dot"), 1.0)]
-    terms += [RelationTerm(Product(None, parse_term(t, scope)), c) for t, c in (("u", -1.0), ("x", 0.5))]
+    terms += [RelationTerm(Product(None, parse_term(t, scope)), c) for t, c in (("u", -1.0), ("x", decay))]
     return Model((Coordinate("x", 1),), (Input("u", delay=delay),), (Relation(tuple(terms)),))
 
 
@@ -73,3 +77,31 @@ def test_of_very_many_some_are_run_and_of_long_ones_the_first_part(monkeypatch):
     assert [score.recording for score in found] == [1, 4, 7]
     assert all(score.duration == pytest.approx(199 * PERIOD) for score in found)
     assert all(score.recorded == pytest.approx(399 * PERIOD) for score in found)
+
+
+@pytest.mark.parametrize("delay", [1.96, -1.0])
+def test_a_run_that_starts_within_a_recording_has_what_was_recorded_around_it(delay):
+    """Pieces of two seconds: of a late input one sample was left to compare with; an early one stood still."""
+    log = record(0, 2000, delay=delay)
+    wrong, counts = tank(delay, decay=5.0), np.ones((2000, 2))
+    counts[log.t > log.t[-1] + delay, 0] = 0.0  # there the log itself does not hold what acts
+    log = replace(log, counts=counts)
+    (good,), (bad,) = ([r for r in validate(m, log).rows if r.prediction == MANY] for m in (tank(delay), wrong))
+    assert good.rmse == pytest.approx(NOISE, rel=0.15)
+    assert good.valid_time == good.duration
+    assert good.fit > 95.0
+    assert bad.rmse > 5.0 * NOISE
+
+
+def test_only_the_begin_of_a_recording_is_left_out_for_a_late_input():
+    log = record(0, 2000, delay=1.0)
+    whole = DrivenRecord.of(tank(1.0), log)
+    assert whole.known == pytest.approx(1.0 / PERIOD, abs=1)
+    assert whole.part(20, 100).known == whole.known - 20
+    assert whole.part(100, 200).known == 0
+    compared = whole.compared(tank(1.0)).counted("x")
+    assert np.array_equal(compared == 0.0, np.arange(2000) < whole.known)
+    piece = whole.part(100, 200).driven
+    acts = np.interp(piece.t, log.t + 1.0, log.column("u"))
+    np.testing.assert_allclose(piece.begin[:, 0], acts[:-1], rtol=0, atol=1e-12)
+    assert piece.sample[piece.sample >= 0].tolist() == list(range(100))

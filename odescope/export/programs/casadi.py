@@ -12,11 +12,13 @@ from odescope.export.spelling import Names, renamed
 from odescope.library.expression import Power, signed_sum
 from odescope.library.printer import Language, print_combination
 from odescope.model.model import Model
+from odescope.model.state_sizes import small_sizes
 from odescope.recordings.coordinate import state_chain
 
 _OWN = """
 casadi numpy derivative step acting simulate ode_x ode_u ode_a ode_b ode_dx STATES INPUTS DELAYS HOLDS OFFSETS float int
 """
+ABSTOL = 1e-12  # of a state of size 1; CVODES takes one for all
 _NAMES = Names(frozenset(_OWN.split()), underscore=True)
 _FUNCTIONS = {"abs": "fabs"}
 
@@ -64,7 +66,7 @@ step = _step()
 
 {acting}
 
-def simulate(x, t, u, reltol=1e-10, abstol=1e-12):
+def simulate(x, t, u, reltol=1e-10, abstol={abstol!r}):
     """Return the states (N, {n}) at times t (N,), from x at the first on, under inputs u (N, {m}) as recorded."""
     times, begin, end, samples = acting(t, u)
     state, share, span = casadi.SX.sym("x", {n}), casadi.SX.sym("share"), casadi.SX.sym("span")
@@ -110,6 +112,7 @@ def to_casadi(model: Model, name: str = NAME) -> ProgramFiles:
         right=", ".join(print_combination(language, c) for c in relations.right),
         following=", ".join(place[d] for d in state_chain(model.coordinates).values()),
         acting=acting_function(model),
+        abstol=ABSTOL * float(small_sizes(model).min()),
     )
     return ProgramFiles({f"{name}.py": text}, (*notes, *relations.notes))
 

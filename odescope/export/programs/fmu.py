@@ -11,8 +11,10 @@ from odescope.export.c_code.fields import c_fields, filled
 from odescope.export.program_files import NAME, ProgramFiles, check_no_early_input, check_program_name
 from odescope.export.spelling import Names, renamed
 from odescope.model.model import Model
+from odescope.model.state_sizes import small_sizes
 
 _VARIABLES = Names(frozenset({"time"}), underscore=True)  # the independent variable has that name
+ATOL = 1e-11  # of a state of size 1, in a step of Co-Simulation
 _DAY = (1980, 1, 1, 0, 0, 0)  # the first that an archive can say: the same model makes the same file
 
 _TAKEN = "In Co-Simulation inputs are set as recorded, and the unit delays them; in Model Exchange, as they act."
@@ -45,6 +47,7 @@ def to_fmu(model: Model, name: str = NAME) -> ProgramFiles:
         "description": "Equations of motion, written by odescope. " + _TAKEN,
         "late": any(i.delay for i in model.inputs),
         "latest": repr(max((float(i.delay) for i in model.inputs), default=0.0)),
+        "tolerances": ", ".join(map(repr, (ATOL * small_sizes(model)).tolist())),
         "held": [int(i.hold == "zero") for i in model.inputs],
     }
     sources["fmi3.c"] = filled("fmi3.c.jinja", fields)
