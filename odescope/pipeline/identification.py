@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import msgspec
@@ -38,6 +38,7 @@ from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.forcing import with_forcing
 from odescope.pipeline.found_settings import delay_scores, hold_scores, offset_scores
 from odescope.pipeline.joint_models import Search, to_relation
+from odescope.pipeline.late_inputs import with_late_inputs
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.regressed import Regressed
@@ -272,7 +273,8 @@ def identify(
         def under(posed: Study, monitor: Monitor) -> tuple[Identification, Contender]:
             return _identified(Work(with_time(posed), monitor, workers, deadline), own, store)
 
-        result, contender, suspected = with_forcing(settled, monitor, under, NothingFound)
+        late = partial(with_late_inputs, run=under, in_vain=NothingFound)
+        result, contender, suspected = with_forcing(settled, monitor, late, NothingFound)
         known = () if result.model.scores is None else result.model.scores.suspicions
         return _with_scores(result, suspicions=(*known, *suspected)), contender
 
