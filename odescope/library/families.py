@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,11 +24,15 @@ WAVES = 12.0  # and of a sine
 ARC, TURNS = 0.4, 60.0  # radians that an angle moves over: over less its functions are powers
 BEYOND = 1.0  # of the range of its variable: how far outside of it the middle of a step may be
 FLAT = 0.3  # least one
+POLE = 2.0  # times as far below zero as noise takes what has no sign the pole of a saturation is, at least
 OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
 ABOVE_ZERO = {"K": 0.0, "kelvin": 0.0, "°C": 273.15, "degC": 273.15, "celsius": 273.15}  # kelvins, at 0 of each unit
+HALF = "half"  # how the constant of a saturation is called, before the name of its variable
 ACTIVATION = "activation"  # how the constant of Arrhenius' law is called, before the name of the temperature
 ENERGIES = (500.0, 50_000.0)  # of activation over the gas constant, in kelvins: 4 to 416 kJ/mol
+
+Drawn = tuple[str, tuple[Constant, ...]]  # a function as text, and its constants
 
 
 @dataclass(frozen=True)
@@ -101,18 +105,8 @@ def families_of(
     rate = constant("rate", 1.0 / reach, WAVES / reach)
     slope = constant("slope", 1.0 / reach, 2.0 * STEEP / reach)
     middle = constant("middle", low - BEYOND * reach, high + BEYOND * reach)
-    drawn: list[tuple[str, tuple[Constant, ...]]] = []
-    least, largest = (low, high) if high > -low else (-high, -low)
-    amount, plus = (variable, "+") if high > -low else (f"(-{variable})", "-")
-    if least > 0.0:
-        power = constant("exponent", *EXPONENTS)
-        half = constant("half", size / OFF, size / FLAT)
-        drawn += [(f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,))]
-        drawn.append((f"{variable}/({half.name} {plus} {variable})", (half,)))
-    elif least > -NEGLIGIBLE * largest:
-        drawn.append((f"sqrt(abs({variable}))", ()))
-    else:
-        drawn += [(f"abs({variable})", ()), (f"{variable}*abs({variable})", ())]
+    least = low if high > -low else -high
+    drawn = list(_by_sign(variable, low, high, constant))
     if is_angular(unit) and may_be_angle(values) if angle is None else angle:
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
     for kelvins, inverse, largest in _kelvins(variable, unit, low, high):
@@ -129,6 +123,31 @@ def families_of(
         (f"1/(1 + exp(-{slope.name}*({variable} - {middle.name})))", (slope, middle)),
     ]
     return tuple(_family(variable, text, constants, values) for text, constants in drawn)
+
+
+def _by_sign(
+    variable: str, low: float, high: float, constant: Callable[[str, float, float], Constant]
+) -> Iterator[Drawn]:
+    """Yield the functions that what has no sign has, and what has one.
+
+    Args:
+        variable: its name.
+        low: its least value.
+        high: its largest.
+        constant: makes one of a role, from the least to the largest.
+    """
+    least, largest = (low, high) if high > -low else (-high, -low)
+    amount, plus = (variable, "+") if high > -low else (f"(-{variable})", "-")
+    if least > 0.0:
+        power = constant("exponent", *EXPONENTS)
+        yield from ((f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,)))
+    elif least > -NEGLIGIBLE * largest:
+        yield f"sqrt(abs({variable}))", ()
+    if least > -NEGLIGIBLE * largest:
+        half = constant(HALF, max(largest / OFF, -POLE * least), largest / FLAT)
+        yield f"{variable}/({half.name} {plus} {variable})", (half,)
+    else:
+        yield from ((f"abs({variable})", ()), (f"{variable}*abs({variable})", ()))
 
 
 def _kelvins(variable: str, unit: str | None, low: float, high: float) -> Iterator[tuple[str, float, float]]:

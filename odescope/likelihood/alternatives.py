@@ -16,13 +16,13 @@ from odescope.library.families import ACTIVATION
 from odescope.library.product import Product
 from odescope.library.readable import readable
 from odescope.likelihood.add_and_drop import GAIN
-from odescope.likelihood.beginnings import Beginnings
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.function_space import FEW
 from odescope.likelihood.imitation import Choice, Imitated, Placed
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import Outcome, search
 from odescope.likelihood.settings import Start
+from odescope.likelihood.sharing import Sharing
 from odescope.likelihood.standing import Alternative, Standing
 from odescope.likelihood.suspicion import JOINT, Suspicion
 
@@ -32,7 +32,7 @@ PASSES = 3  # through all suspicions, at most: what is best for one may depend o
 
 
 @dataclass(frozen=True, eq=False)
-class _Work(Beginnings):
+class _Work(Sharing):
     """The choice of functions."""
 
     def holds_functions(self, fit: Fit) -> bool:
@@ -131,7 +131,7 @@ class _Work(Beginnings):
     def searched(self, standing: Standing) -> Outcome | None:
         """Return where a search with the functions that were chosen ends, over all candidates."""
         theta, mechanisms = standing.fit.theta, self.space.mechanisms
-        functions = [k for k in np.flatnonzero(theta).tolist() if k >= self.own and mechanisms[k].parts]
+        functions = self.everywhere(standing.fit)
         named = frozenset[str]().union(*(mechanisms[k].names for k in functions))
         constants = [k for name, k in self.space.needed.items() if name in named and k >= self.own]
         kept = np.array([*range(self.own), *functions, *constants])
@@ -153,7 +153,7 @@ class _Work(Beginnings):
             plain: number of its candidates; what else may be present are settings.
         """
         mechanisms, constants = self.space.mechanisms, self.space.frame.constants
-        chosen = [k for k in fit.present.tolist() if k >= self.own and mechanisms[k].parts]
+        chosen = self.everywhere(fit)
         held = frozenset[str]().union(*(mechanisms[k].names for k in chosen))
         asked = {n: k for n, k in self.space.needed.items() if k < self.own or n in held}
         return Alternative(
@@ -170,8 +170,13 @@ class _Work(Beginnings):
 
     @property
     def tried(self) -> tuple[tuple[str, ...], ...]:
-        """The functions that were compared, by number of the suspicion."""
-        return tuple(tuple(dict.fromkeys(readable(t) for c in found for t in c.terms)) for found in self.choices)
+        """The functions that were compared, by number of the suspicion, those of other relations last."""
+        candidates = [(r, p.term) for (r, p), k in self.number.items() if k >= self.own]
+        found = list[tuple[str, ...]]()
+        for s, choices in zip(self.suspected, self.choices, strict=True):
+            shared = (t for r, t in candidates if r == s.relation and self.split(t, s.variable) is not None)
+            found.append(tuple(dict.fromkeys(map(readable, (*(t for c in choices for t in c.terms), *shared)))))
+        return tuple(found)
 
     def _constants(self, named: Collection[str]) -> dict[str, Constant]:
         """Return the constants of the model, and of new ones those that are named."""
@@ -200,7 +205,9 @@ def alternative(
     standing = work.first(found)
     if standing is None:
         return None
-    standing, price = work.exchanged(standing), work.moves().penalised
+    work, standing = work.pooled(work.exchanged(standing))
+    standing, price = work.together(standing), work.moves().penalised
+    found = replace(found, theta=work.padded(refinement.fit.theta))
     before = work.tightened(found.theta) if refinement.exact else None
     gain = None if before is None else price(before) - price(standing.fit)
     if gain is not None and gain > work.least_gain(standing.fit) and work.holds_functions(standing.fit):

@@ -5,21 +5,24 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from odescope.library.expression import ONE, Name, Term
 from odescope.library.product import Product
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.function_space import FunctionSpace
 from odescope.likelihood.imitation import Choice, Imitated, Placed
-from odescope.likelihood.sparsest import Sparse, sparse
+from odescope.likelihood.saturating import Saturating
+from odescope.likelihood.sparsest import Sparse, grown, sparse
 from odescope.likelihood.standing import Standing
 from odescope.likelihood.suspicion import JOINT
 
+End = tuple[list[int], Sparse, Imitated]  # what may stand for a relation: plain terms, functions, what they say
+ONE_BY_ONE = 3  # ends of a relation that are tried while all others are as they were
+
 
 @dataclass(frozen=True, eq=False)
-class Beginnings(FunctionSpace):
+class Beginnings(Saturating):
     """The models that a choice of functions may begin with."""
 
     def first(self, found: Fit) -> Standing | None:
@@ -28,11 +31,10 @@ class Beginnings(FunctionSpace):
         Those of least penalised cost: functions beside what is no imitation alone, or beside all variables and a
         constant, too.
         """
-        standings = [self.beside(found, variables) for variables in (None, self.space.frame.variables)]
+        near = (self.beside(found, variables) for variables in (None, self.space.frame.variables))
         price = self.moves().penalised
-        return min(
-            (s for s in (*standings, self.sparse(found)) if s is not None), key=lambda s: price(s.fit), default=None
-        )
+        standings = (*near, self.sparse(found), self.saturating(found))
+        return min((s for s in standings if s is not None), key=lambda s: price(s.fit), default=None)
 
     def sparse(self, found: Fit) -> Standing | None:
         """Return the model with few terms and functions that come near to it: of those that do the likeliest.
@@ -45,27 +47,41 @@ class Beginnings(FunctionSpace):
         if not self.exact:
             return None
         standing = Standing(found, (Placed(Choice()),) * len(self.suspected), found)
-        relations, price = dict.fromkeys(s.relation for s in self.suspected), self.moves().penalised
+        relations = dict.fromkeys(s.relation for s in self.suspected)
         ends = {r: e for r in relations if (e := self.sparse_ends(found, r))}
         if not ends:
             return None
+        plain, price, best = self.tightened(found.theta), self.moves().penalised, None
+        if plain is not None:
+            few = {r: e[:ONE_BY_ONE] for r, e in ends.items()}
+            best = self.one_by_one(replace(standing, fit=plain), few)
+            best = None if best.fit is plain else best
         for r in ends:
             standing = self.with_relation(standing, r, *ends[r][0])
         fit = self.tightened(standing.fit.theta)
         if fit is None:
-            return None
-        standing = replace(standing, fit=fit)
-        for r in ends:
-            for base, one, imitated in ends[r][1:]:
-                if self.space.budget.over:
-                    return standing
-                trial = self.with_relation(standing, r, base, one, imitated)
-                other = self.tightened(trial.fit.theta)
-                if other is not None and price(other) < price(standing.fit):
-                    standing = replace(trial, fit=other)
+            return best
+        standing = self.one_by_one(replace(standing, fit=fit), {r: e[1:] for r, e in ends.items()})
+        return standing if best is None or price(standing.fit) < price(best.fit) else best
+
+    def one_by_one(self, standing: Standing, ends: Mapping[int, Sequence[End]]) -> Standing:
+        """Return the model with other ends of relations, each taken where it is better with the others as they are.
+
+        Args:
+            standing: the model.
+            ends: of relations, by number.
+        """
+        price = self.moves().penalised
+        for relation, end in ((r, end) for r, found in ends.items() for end in found):
+            if self.space.budget.over:
+                break
+            trial = self.with_relation(standing, relation, *end)
+            other = self.tightened(trial.fit.theta)
+            if other is not None and price(other) < price(standing.fit):
+                standing = replace(trial, fit=other)
         return standing
 
-    def sparse_ends(self, found: Fit, relation: int) -> list[tuple[list[int], Sparse, Imitated]]:
+    def sparse_ends(self, found: Fit, relation: int) -> list[End]:
         """Return what may stand for a relation, the best first: numbers of plain terms, functions, what they say.
 
         Args:
@@ -82,8 +98,13 @@ class Beginnings(FunctionSpace):
         bases = [[j for j, k in enumerate(base) if self.space.mechanisms[k].parts[0].product.text in f] for f in few]
         terms = sum(p.relation == relation for k in found.present for p in self.space.mechanisms[k].parts) - 1
         bar = self.unknown(found, relation, measured) / max(float(imitated.said @ imitated.said), 1e-300), terms
-        found_here = sparse(imitated, [self.choices[k] for k in mine], [*bases, range(len(base))], bar)
-        kept = ((s, [base[k] for k in s.kept]) for s in found_here)
+        choices = [self.choices[k] for k in mine]
+        found_here = sparse(imitated, choices, [*bases, range(len(base))], bar)
+        plain = self.plain(relation)
+        wide = self.imitated(relation, found, plain, measured)
+        kept = [(s, [base[k] for k in s.kept]) for s in found_here]
+        kept += [] if wide is None else [(s, [plain[k] for k in s.kept]) for s in grown(wide, choices, bar)]
+        kept.sort(key=lambda one: one[0].dear)
         ends = ((rows, s, self.imitated(relation, found, rows, measured)) for s, rows in kept)
         bare = (relation, Product(self.space.frame.targets[relation])) in self.number
         return [(rows, s, said) for rows, s, said in ends if said is not None and bare]

@@ -13,7 +13,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.expression import ONE, Name, Term
-from odescope.library.families import families_of
+from odescope.library.families import Family, families_of
 from odescope.library.mechanism import Mechanism, candidate
 from odescope.library.pairs import NO_UNITS, may_be_angles, pair_families, sines
 from odescope.library.product import Product
@@ -28,9 +28,10 @@ from odescope.likelihood.search import WIDTHS, WhiteResiduals
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT
 from odescope.likelihood.smoothed_targets import explicit, rates
+from odescope.likelihood.steps import STEP_SHARE
 from odescope.likelihood.suspicion import JOINT, Suspicion, imitates, values_of_variables
 
-STEPS = 4  # of RK4 at most, but for dry friction: what is found here is fitted again
+STEPS = 4  # of RK4 at most, but for dry friction, where more change next to nothing: what is found is fitted again
 FEW = 10  # steps of a fit that begins where it is likely to end
 
 
@@ -39,12 +40,14 @@ class FunctionSpace:
     """What the choice of functions works on.
 
     `space` holds the candidates of the model, then all functions that are tried, then their constants: only what is
-    present is on a tape. `choices` are those of every suspicion; `number` finds a candidate by relation and product,
-    `own` counts those of the model; `width` is that of the defects; `exact` is whether the model follows the record.
+    present is on a tape. `families` are the functions of every variable, `choices` those of every suspicion; `number`
+    finds a candidate by relation and product, `own` counts those of the model; `width` is that of the defects; `exact`
+    is whether the model follows the record.
     """
 
     space: SearchSpace
     suspected: tuple[Suspicion, ...]
+    families: Mapping[str, tuple[Family, ...]]
     choices: tuple[tuple[Choice, ...], ...]
     number: Mapping[tuple[int, Product], int]
     own: int
@@ -69,7 +72,7 @@ class FunctionSpace:
         """
         space = refinement.space
         segments = thinned(space.segments if refinement.process is None else space.segments.cut_anew(SEGMENT))
-        space = space.on(segments).finer(min(space.evaluator.substeps, STEPS))
+        space = _with_few_steps(space.on(segments), refinement.fit)
         space = space.within(Budget(limit, space.budget.monitor, space.budget.deadline))
         values = values_of_variables(space)
         taken = {*space.frame.variables, *space.frame.targets, *space.frame.constants}
@@ -93,7 +96,8 @@ class FunctionSpace:
         wide = space.among([*space.mechanisms, *added, *settings]).with_constants(constants)
         number = {(m.parts[0].relation, m.parts[0].product): k for k, m in enumerate(wide.mechanisms) if m.parts}
         width = refinement.outcome.width if refinement.process is None else np.inf
-        return cls(wide, tuple(suspected), choices, number, len(space.mechanisms), float(width), refinement.exact)
+        own = len(space.mechanisms)
+        return cls(wide, tuple(suspected), families, choices, number, own, float(width), refinement.exact)
 
     def padded(self, theta: FloatArray) -> FloatArray:
         """Return coefficients of the model as those of all candidates."""
@@ -125,13 +129,25 @@ class FunctionSpace:
                     found.append(k)
         return found
 
+    def present(self, fit: Fit, relation: int) -> list[tuple[int, Product]]:
+        """Return the number and product of what stands in a relation of a model."""
+        parts = ((k, p) for k in fit.present.tolist() for p in self.space.mechanisms[k].parts)
+        return [(k, p.product) for k, p in parts if p.relation == relation]
+
+    def plain(self, relation: int) -> list[int]:
+        """Return the numbers of the candidates of the model before that hold no target."""
+        parts = ((k, p) for k, m in enumerate(self.space.mechanisms[: self.own]) for p in m.parts)
+        return [k for k, p in parts if p.relation == relation and p.product.factor is None]
+
     def alone(self, relation: int, fit: Fit) -> list[str]:
         """Return the variables that stand by themselves in a relation of a model."""
         here = {(p.relation, p.product) for k in fit.present.tolist() for p in self.space.mechanisms[k].parts}
         names = self.space.frame.variables
         return [n for n in names if (relation, Product(None, Term(((Name(n), 1),)))) in here]
 
-    def imitated(self, relation: int, found: Fit, base: Sequence[int], measured: bool) -> Imitated | None:
+    def imitated(
+        self, relation: int, found: Fit, base: Sequence[int], measured: bool, at: FloatArray | None = None
+    ) -> Imitated | None:
         """Return what a relation says, None where it says nothing somewhere.
 
         Args:
@@ -139,12 +155,14 @@ class FunctionSpace:
             found: the model.
             base: numbers of what stands beside functions.
             measured: whether it is what differences of the smoothed states say.
+            at: (mechanisms,) coefficients whose constants the base has; those of the model by default.
         """
         space = self.space
         said = (rates(space) if measured else explicit(space, found))[relation]
         every = -(-len(said) // SEEN)
         terms = [space.mechanisms[k].parts[0].product.term for k in base]
-        columns = space.evaluated(terms, found.theta)[:, ::every] if terms else np.zeros((0, len(said[::every])))
+        theta = found.theta if at is None else at
+        columns = space.evaluated(terms, theta)[:, ::every] if terms else np.zeros((0, len(said[::every])))
         values = {name: column[::every] for name, column in values_of_variables(space).items()}
         return Imitated(said[::every], columns, values) if np.isfinite(said).all() else None
 
@@ -203,11 +221,11 @@ class FunctionSpace:
         judge = WhiteResiduals(self.space, self.space.segments.spread * self.width)
         return Moves(self.space, judge, self.width, 1.0, [])
 
-    def pruned(self, fit: Fit) -> Fit:
-        """Return the fit without the plain terms that are not worth their price."""
+    def pruned(self, fit: Fit, functions: Collection[int] = ()) -> Fit:
+        """Return the fit without the plain terms that are not worth their price, nor those of some functions."""
         moves = self.moves()
-        plain = [k for k in fit.free.tolist() if k < self.own and self.space.mechanisms[k].parts]
-        gone = worthless(self.space, fit, plain)
+        able = [k for k in fit.free.tolist() if (k < self.own and self.space.mechanisms[k].parts) or k in functions]
+        gone = worthless(self.space, fit, able)
         if len(gone):
             theta = fit.theta.copy()
             theta[gone] = 0.0
@@ -215,6 +233,17 @@ class FunctionSpace:
             fewer = self.space.fit(theta, present, fit.x0, moves.defect_std, fit.strength, FEW)
             return fewer if fewer is not None and moves.penalised(fewer) < moves.penalised(fit) else fit
         return fit
+
+
+def _with_few_steps(space: SearchSpace, found: Fit) -> SearchSpace:
+    """Return the space with no more steps than the model needs: what is stiff, as a substrate that runs out, does."""
+    few = space.finer(min(space.evaluator.substeps, STEPS))
+    if few.evaluator.substeps == space.evaluator.substeps:
+        return few
+    loose, segments = space.segments.spread * np.inf, space.segments
+    fits = [s.fit(found.theta, found.present, segments.initial, loose, iterations=FEW) for s in (space, few)]
+    costs = [np.inf if f is None else f.cost for f in fits]
+    return few if abs(costs[1] - costs[0]) < STEP_SHARE * costs[0] else space
 
 
 def _joint(

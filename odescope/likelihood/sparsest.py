@@ -13,13 +13,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from odescope.arrays import FloatArray
-from odescope.likelihood.imitation import DEARER, Choice, Imitated, Placed
+from odescope.likelihood.imitation import DEARER, NOTHING_LEFT, Choice, Imitated, Placed
 
 LOOKED_AT = 400  # samples
 SHORTLIST = 6  # functions of which constants are fitted, and plain terms left out
 COUPLES = 2  # of functions without constants, the same
 FUNCTIONS = 2  # of a relation
 STEPS, FEWER_STEPS = 40, 12  # of the fit of constants, at the end and while terms are left out
+COARSER = 3  # points of a grid from one that is looked at to the next: a fit goes on from there
 SMALL = 1e-14  # share of what is said that rounding leaves
 
 
@@ -55,9 +56,7 @@ def sparse(
         bases: rows of the base to begin with beside one function, one choice of them after the other.
         bar: share of what is said that is not known, and the number of terms that say it now.
     """
-    every = -(-len(imitated.said) // LOOKED_AT)
-    values = {name: column[::every] for name, column in imitated.values.items()}
-    seen = Imitated(imitated.said[::every], imitated.base[:, ::every], values)
+    seen = _thinned(imitated)
     unknown, terms = max(bar[0], SMALL), bar[1] + 1
     small = [[c for c in among if c.size < terms] for among in choices]
     none = Sparse(tuple(range(len(seen.base))), (Placed(Choice()),) * len(choices), np.inf)
@@ -72,6 +71,105 @@ def sparse(
     distinct = {(one.kept, tuple(p.choice for p in one.placed)): one for one in found}
     better = (one for one in distinct.values() if one.dear < unknown * DEARER**terms)
     return sorted(better, key=lambda one: one.dear)[:SHORTLIST]
+
+
+def grown(
+    imitated: Imitated, choices: Sequence[Sequence[Choice]], bar: tuple[float, int], cheap: int = 1
+) -> list[Sparse]:
+    """Return what says a relation with one function and, of many plain terms, the fewest beside it, the best first.
+
+    A function is recognised beside the right terms alone, and these may be products: a flow times a concentration.
+
+    Args:
+        imitated: what the relation says, with all plain terms.
+        choices: the functions for every suspicion, of which one at most is taken.
+        bar: share of what is said that is not known, and the number of terms that say it now.
+        cheap: constants that a function may have.
+    """
+    seen, unknown, terms = _thinned(imitated), max(bar[0], SMALL), bar[1] + 1
+    said, base, found = _unit(seen.said[None])[0], _unit(seen.base), list[Sparse]()
+    none = (Placed(Choice()),) * len(choices)
+    for k, choice in ((k, c) for k, among in enumerate(choices) for c in among if len(c.constants) <= cheap):
+        points, columns = seen.on_grid(choice)
+        tried = list[Sparse]()
+        for values, here in list(zip(points, columns, strict=True))[::COARSER]:
+            rows = np.vstack([base, _unit(here)])
+            kept, missed = _growth(said, rows, range(len(base), len(rows)), unknown)
+            placed = (*none[:k], Placed(choice, values), *none[k + 1 :])
+            tried.append(Sparse(tuple(r for r in kept if r < len(base)), placed, missed + unknown))
+        found += sorted(tried, key=lambda one: one.dear)[:1]
+    best = sorted(found, key=lambda one: one.dear)[:SHORTLIST]
+    ends = [_leaner(seen, _fitted(seen, one, STEPS, unknown), unknown) for one in best]
+    return sorted((e for e in ends if e.dear < unknown * DEARER**terms), key=lambda one: one.dear)
+
+
+def beside(imitated: Imitated, given: Sequence[int], unknown: float) -> list[int]:
+    """Return the rows of a base, of those that are given and others, that say a relation with the fewest terms.
+
+    Args:
+        imitated: what the relation says.
+        given: rows to begin with.
+        unknown: share of what is said that is not known.
+    """
+    seen, unknown = _thinned(imitated), max(unknown, SMALL)
+    kept, missed = _growth(_unit(seen.said[None])[0], _unit(seen.base), given, unknown)
+    return list(_leaner(seen, Sparse(tuple(kept), (), missed + unknown), unknown).kept)
+
+
+def _thinned(imitated: Imitated) -> Imitated:
+    every = -(-len(imitated.said) // LOOKED_AT)
+    values = {name: column[::every] for name, column in imitated.values.items()}
+    return Imitated(imitated.said[::every], imitated.base[:, ::every], values)
+
+
+def _unit(rows: FloatArray) -> FloatArray:
+    """Return rows (b, N) of length 1."""
+    scaled: FloatArray = rows / np.maximum(np.linalg.norm(rows, axis=1), 1e-300)[:, None]
+    return scaled
+
+
+def _growth(said: FloatArray, rows: FloatArray, given: Sequence[int], unknown: float) -> tuple[list[int], float]:
+    """Return which rows say what is said, those given and others, and the share that they leave.
+
+    Rows come one by one or in couples, neither of which may say much alone, while each halves what is left.
+
+    Args:
+        said: (N,) of length 1.
+        rows: (b, N), each of length 1.
+        given: rows to begin with.
+        unknown: share of what is said that is not known.
+    """
+    kept = list(given)
+    while True:
+        left, explained = _explained(said, rows, kept)
+        dear = (np.maximum(left - explained, 0.0) + unknown) * DEARER ** (2.0 - np.eye(len(explained)))
+        if not dear.size or not dear.min() < left + unknown:
+            return kept, left
+        others = [k for k in range(len(rows)) if k not in kept]
+        kept += [others[k] for k in dict.fromkeys(np.unravel_index(int(np.argmin(dear)), dear.shape))]
+
+
+def _explained(said: FloatArray, rows: FloatArray, kept: Sequence[int]) -> tuple[float, FloatArray]:
+    """Return the share of what is said that rows leave, and what every other row, or two, explain of it.
+
+    Args:
+        said: (N,) of length 1.
+        rows: (b, N), each of length 1.
+        kept: those that are there.
+    """
+    here, _, _ = np.linalg.svd(rows[list(kept)].T, full_matrices=False)
+    rest = said - here @ (here.T @ said)
+    own = np.delete(rows, list(kept), axis=0)
+    own = own - (own @ here) @ here.T
+    sizes = np.linalg.norm(own, axis=1)
+    told = sizes**2 > NOTHING_LEFT
+    own = np.where(told[:, None], own / np.maximum(sizes, 1e-300)[:, None], 0.0)
+    both, alone = own @ own.T, own @ rest
+    apart = 1.0 - both**2
+    squares = alone[:, None] ** 2 + alone**2 - 2.0 * both * np.outer(alone, alone)
+    couples = np.where(apart > NOTHING_LEFT, squares / np.maximum(apart, NOTHING_LEFT), 0.0)
+    np.fill_diagonal(couples, alone**2)
+    return float(rest @ rest), couples
 
 
 def _promising(

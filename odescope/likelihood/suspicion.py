@@ -106,15 +106,16 @@ def _imitation(relation: int, products: Sequence[Product], name: str) -> Suspici
 
 
 def _growing(space: SearchSpace, suspected: Suspicion) -> Suspicion:
-    """Return a suspicion with its variable among what stands beside functions of it, where that is what it grows by.
+    """Return a suspicion with the relation's own state among what stands beside functions, where neither has a sign.
 
-    What has no sign often changes in proportion to itself, at a rate that is a function of it.
+    What has none often changes in proportion to itself, at a rate that is a function of it, or of something else that
+    has none, as a temperature.
     """
-    name, frame = Name(suspected.variable), space.frame
-    own = name.name in frame.states and frame.following[frame.states.index(name.name)] == -1 - suspected.relation
-    if not own or values_of_variables(space)[name.name].min() <= 0.0:
+    own = space.frame.states[list(space.frame.following).index(-1 - suspected.relation)]
+    values = values_of_variables(space)
+    if min(values[own].min(), values[suspected.variable].min()) <= 0.0:
         return suspected
-    return replace(suspected, beside=tuple(dict.fromkeys((*suspected.beside, Term(((name, 1),))))))
+    return replace(suspected, beside=tuple(dict.fromkeys((*suspected.beside, Term(((Name(own), 1),))))))
 
 
 def _residual(space: SearchSpace, found: Fit, names: Collection[str]) -> list[Suspicion]:

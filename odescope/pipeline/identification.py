@@ -46,6 +46,7 @@ from odescope.pipeline.versions import best_version
 from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints, order_hints
 from odescope.recordings.coordinate import Input
+from odescope.recordings.headings import told_in_seconds
 from odescope.recordings.record import Recorded, Records
 from odescope.selection.advice import advice
 from odescope.signals.estimate import Signals
@@ -172,7 +173,7 @@ class Identification:
             searches = self.searches
             dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
         unit = self.study.data.time_unit
-        units = [] if unit in (None, "s") else [f"time was recorded in {unit}: here it is in seconds"]
+        units = [] if unit in (None, "s") else [told_in_seconds(unit)]
         units += [f"{name} was recorded in degrees: here it is in radians" for name in sorted(self.study.degrees)]
         told = notes_of(self.model.scores, dependent, self._doubts)
         return tuple(dict.fromkeys((*told, *units, *self.warnings)))

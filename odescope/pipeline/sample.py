@@ -15,7 +15,7 @@ from odescope.parallel.workers import Threads
 from odescope.pipeline.store import Store
 from odescope.recordings.chunks import Chunk, DataFile, cut
 from odescope.recordings.layout import Layout
-from odescope.recordings.readers import find_files, read_chunk, survey
+from odescope.recordings.readers import column_names, find_files, read_chunk, survey
 from odescope.recordings.record import Records
 from odescope.regression.rows import FOLDS
 from odescope.study.options import Data
@@ -82,7 +82,10 @@ def open_recordings(data: Data, layout: Layout, store: Store | None) -> Sample:
     if not data.files:
         raise InputError("the study names no files: set files in [data], or pass the recordings")
     paths = find_files([Path(f) for f in data.files])
-    surveyed = zip(Threads().map(survey, paths, layout), shortest_ends(paths), strict=True)
+    try:
+        surveyed = list(zip(Threads().map(survey, paths, layout), shortest_ends(paths), strict=True))
+    except InputError as error:
+        raise _unmeasured(paths, layout, error) from error
     files = tuple(replace(_anywhere(f), name=name) for f, name in surveyed)
     columns, total = len(layout.used), sum(f.rows for f in files)
     rows = rows_in_memory(data.memory, columns)
@@ -99,6 +102,20 @@ def open_recordings(data: Data, layout: Layout, store: Store | None) -> Sample:
     origin = tuple(k for k, records in enumerate(read) for _ in records)
     records = Records(tuple(record for own in read for record in own))
     return Sample(records, chunks, origin, files, rows // SAMPLED, complete, store)
+
+
+def _unmeasured(paths: Sequence[Path], layout: Layout, error: InputError) -> InputError:
+    """Return the error with what can be done where a column lacks in some files only: it was not measured there."""
+    names = {path: set(column_names(path)) for path in paths if path.is_file()}
+    for label in layout.used:
+        lacking = [path for path in names if label not in names[path]]
+        if 0 < len(lacking) < len(names):
+            left = ", ".join(dict.fromkeys(path.name for path in lacking))
+            return InputError(
+                f"column {label!r} lacks in {left}, and is in other files: every coordinate and input has to be"
+                f" measured in every recording; leave {left} out of files, or {label!r} out of the study"
+            )
+    return error
 
 
 def _refuse_indivisible(files: Sequence[DataFile], rows: int) -> None:

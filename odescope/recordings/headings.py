@@ -181,6 +181,13 @@ def in_seconds(unit: TimeUnit) -> tuple[float, float]:
     return _SECONDS[unit]
 
 
+def told_in_seconds(unit: TimeUnit) -> str:
+    """Return the words that times in a unit are in seconds, and, of a longer one, how rates are read in it."""
+    more, fewer = in_seconds(unit)
+    rates = f": a rate in 1/s times {more:g} is one in 1/{unit}" if more > fewer else ""
+    return f"time was recorded in {unit}: here it is in seconds{rates}"
+
+
 def check_time_unit(unit: str) -> None:
     """Refuse what is no unit of time."""
     if unit not in UNITS_OF_TIME:

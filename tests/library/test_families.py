@@ -25,6 +25,16 @@ def test_a_level_that_noise_takes_below_nothing_has_a_root_and_no_logarithm():
     found = texts(np.linspace(-0.01, 3.0, 500))
     assert "sqrt(abs(z))" in found
     assert "log(z)" not in found
+    assert "z/(half_z + z)" in found
+
+
+def test_a_saturation_of_what_noise_takes_below_nothing_has_its_pole_beyond_that():
+    for low in (-0.1, 1e-3, 0.5):
+        halves = [
+            c for f in families_of("z", np.linspace(low, 3.0, 500), ()) for c in f.constants if c.name == "half_z"
+        ]
+        assert len(halves) == 1
+        assert halves[0].low >= max(-2.0 * low, 0.03)
 
 
 def test_what_is_always_negative_has_the_functions_of_its_size():

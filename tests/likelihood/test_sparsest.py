@@ -6,7 +6,7 @@ from odescope.library.expression import ONE
 from odescope.library.families import families_of
 from odescope.library.pairs import pair_families
 from odescope.likelihood.imitation import Choice, Imitated, choices_of
-from odescope.likelihood.sparsest import sparse
+from odescope.likelihood.sparsest import beside, grown, sparse
 
 T = np.linspace(0.0, 12.0, 300)
 VALUES = {"x": 1.0 + 0.6 * np.sin(T), "y": 0.8 * np.cos(0.7 * T + 0.4), "z": np.sin(1.9 * T) + 0.3 * np.cos(T)}
@@ -40,3 +40,28 @@ def test_a_function_of_one_variable_is_found_beside_one_of_two():
 
 def test_nothing_is_begun_that_would_be_dearer_than_the_terms_there_are():
     assert ends(VALUES["x"] - 0.5 * VALUES["x"] ** 2, terms=1) == []
+
+
+def products():
+    """Return columns of products to degree 2, and their names."""
+    names = ["1", *VALUES, *(f"{a}*{b}" for k, a in enumerate(VALUES) for b in list(VALUES)[k:])]
+    values = {"1": np.ones_like(T), **VALUES}
+    return names, np.array([np.prod([values[n] for n in name.split("*")], axis=0) for name in names])
+
+
+def test_a_function_is_recognised_beside_products_that_alone_say_little():
+    names, base = products()
+    said = 0.8 * VALUES["z"] * (VALUES["y"] - 0.9) - 1.3 * np.exp(VALUES["x"] / 0.5)
+    single = choices_of(families_of("x", VALUES["x"], ()), (ONE,))
+    best = grown(Imitated(said, base, VALUES), [single], (UNKNOWN, 8))[0]
+    assert [names[k] for k in best.kept] == ["z", "y*z"]
+    assert [t.text for t in best.placed[0].choice.terms] == ["exp(rise_x**-1*x)"]
+    assert abs(best.placed[0].values["rise_x"] - 0.5) < 1e-3
+
+
+def test_what_stands_beside_a_given_row_is_the_fewest_products():
+    names, base = products()
+    rate = np.sqrt(VALUES["x"])
+    said = -1.1 * rate + 0.4 * VALUES["z"] - 0.7 * VALUES["x"] * VALUES["z"]
+    kept = beside(Imitated(said, np.vstack([rate, base]), VALUES), [0], UNKNOWN)
+    assert sorted(["rate", *names][k] for k in kept) == ["rate", "x*z", "z"]

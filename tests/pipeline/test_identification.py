@@ -323,6 +323,20 @@ def test_the_files_of_a_study_are_read_from_the_working_directory(decays, tmp_pa
         identify(DECAY)
 
 
+def test_what_was_not_measured_in_one_file_is_told_with_what_to_do(tmp_path, monkeypatch):
+    for k, names in enumerate(("t,x,y", "t,x,y", "t,x")):
+        rows = "\n".join(",".join([f"{0.1 * j}"] * (names.count(",") + 1)) for j in range(50))
+        (tmp_path / f"run{k}.csv").write_text(f"{names}\n{rows}\n")
+    monkeypatch.chdir(tmp_path)
+    both = {"x": Measured(), "y": Measured()}
+    study = msgspec.structs.replace(DECAY, coordinates=both, data=Data(time="t", files=("run*.csv",)))
+    with pytest.raises(InputError, match=r"column 'y' lacks in run2.csv, .*leave run2.csv out of files, or 'y' out of"):
+        identify(study)
+    nowhere = msgspec.structs.replace(study, coordinates={**both, "z": Measured()})
+    with pytest.raises(InputError, match=r"no column 'z' in run0.csv"):
+        identify(msgspec.structs.replace(nowhere, data=Data(time="t", files=("run0.csv", "run1.csv"))))
+
+
 def test_the_order_of_coordinates_does_not_change_the_equations(systems):
     case = systems.CASES["lorenz"]
     (data,) = systems.noisy(case, 0.001, np.random.default_rng(1))

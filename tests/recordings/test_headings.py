@@ -16,6 +16,7 @@ from odescope.recordings.headings import (
     in_seconds,
     plain_name,
     time_unit,
+    told_in_seconds,
 )
 from odescope.recordings.layout import Layout
 from odescope.recordings.readers import read_records, records_from
@@ -128,6 +129,11 @@ def test_times_come_in_seconds(unit, tmp_path):
     factor, over = in_seconds(unit)
     if unit == "ms":
         assert 1001.0 * factor / over == 1.001  # the nearest number, which a product with 0.001 is not
+
+
+def test_rates_of_slow_logs_are_told_in_the_unit_of_the_log():
+    assert told_in_seconds("ms") == "time was recorded in ms: here it is in seconds"
+    assert told_in_seconds("h").endswith("here it is in seconds: a rate in 1/s times 3600 is one in 1/h")
 
 
 def test_dates_have_no_unit():
