@@ -5,7 +5,7 @@ docs/method.md, Inputs between samples.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import get_args
 
@@ -14,12 +14,14 @@ import numpy as np
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.evidence import between, in_blocks
 from odescope.likelihood.fit import Fit
+from odescope.likelihood.search import WHITE
 from odescope.likelihood.search_space import SearchSpace
 from odescope.recordings.coordinate import Hold
 
 DEAREST = 10.0  # fall of the cost, in residual variances, that makes another hold credible, and
-SURE = 3.0  # standard deviations of that fall between blocks of the record: misfit is no white noise
+SURE = 3.0  # standard deviations of that fall between blocks of the record, where misfit is no white noise
 TRIAL_STEPS = 4  # of a refit, at most
+LAG = 0.5  # samples that a held input comes later than one that runs linearly, all in all
 
 Structure = tuple[FloatArray, IntArray]  # coefficients to begin with, and the numbers of what is present
 Trial = tuple[SearchSpace, Fit]
@@ -47,27 +49,28 @@ def holds_of(space: SearchSpace) -> tuple[Hold, ...]:
     return () if space.segments.driven is None else space.segments.driven.holds
 
 
-def choose_holds(space: SearchSpace, found: Fit, names: Collection[str]) -> HoldChoice:
+def choose_holds(space: SearchSpace, found: Fit, open_: Mapping[str, Hold]) -> HoldChoice:
     """Return the holds under which the structure that was found fits best, each input's in turn.
 
     All are judged on the same averages, in segments of their own: joined ones cannot be followed from one hold to
     another in a few steps. An input that is held looks late to one that runs linearly, by half a sample: where the
-    delay is open, another hold has to be better than a delay, too.
+    delay is open, another hold has to be better than a delay, too. One that was chosen before that delay was found has
+    to be better again: what the log shows needs no evidence, whatever else does.
 
     Args:
         space: whose segments know the samples of their inputs.
         found: a model under the holds of the space.
-        names: of the inputs whose holds are open.
+        open_: the inputs whose holds are open, by name, and the hold that the log itself shows.
     """
     choice = HoldChoice(space, found, {})
     for j, name in enumerate(space.frame.inputs):
-        if name in names:
-            choice = _chosen(choice, j, name)
+        if name in open_:
+            choice = _chosen(choice, j, name, open_[name])
     return choice
 
 
-def _chosen(choice: HoldChoice, j: int, name: str) -> HoldChoice:
-    """Return the choice with the best hold of input j, which is called so."""
+def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold) -> HoldChoice:
+    """Return the choice with the best hold of input j, called so, of which the log shows that hold."""
     space, found = choice.space, choice.fit
     late = [k for k, m in enumerate(space.mechanisms) if m.kind == "delay" and m.place == name]
     delayed, now = bool(np.isin(late, found.present).any()), holds_of(space)[j]
@@ -79,8 +82,9 @@ def _chosen(choice: HoldChoice, j: int, name: str) -> HoldChoice:
     if best != now and late and not delayed:
         trials = _trials(space, found, j, [later], trials)
         best = max(trials, key=lambda h: _fall(trials[h], trials[now]))
-    if best != now and not _credible(trials[best], trials[now]):
-        best = now
+    usual = seen if seen in trials else now
+    if best != usual and not _credible(trials[best], trials[usual]):
+        best = usual
     gains = dict(choice.gains)
     if best != "linear" and "linear" in trials:
         (_, linear), (there, fitted) = trials["linear"], trials[best]
@@ -103,10 +107,30 @@ def _trials(
     for hold in get_args(Hold):
         other = space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
         for theta, present in structures:
-            again = other.fit(theta, present, found.x0, loose, found.strength, TRIAL_STEPS)
+            begun = _as_late(space, j, theta, present, hold)
+            again = other.fit(begun, present, found.x0, loose, found.strength, TRIAL_STEPS)
             if again is not None and (hold not in trials or _fall((other, again), trials[hold]) > 0.0):
                 trials[hold] = other, again
     return trials
+
+
+def _as_late(space: SearchSpace, j: int, theta: FloatArray, present: IntArray, hold: Hold) -> FloatArray:
+    """Return coefficients with the delay of input j, if present, so long that under a hold it acts when it does now.
+
+    Args:
+        space: with the hold that it has now.
+        j: its number.
+        theta: (mechanisms,) coefficients.
+        present: numbers of the mechanisms in the model.
+        hold: that it is to have.
+    """
+    driven, name, moved = space.segments.driven, space.frame.inputs[j], theta.copy()
+    earlier = LAG * (int(hold == "zero") - int(holds_of(space)[j] == "zero"))
+    for k in present.tolist():
+        mechanism = space.mechanisms[k]
+        if driven is not None and mechanism.kind == "delay" and mechanism.place == name:
+            moved[k] -= earlier * driven.period
+    return moved
 
 
 def _scale(space: SearchSpace, found: Fit) -> float:
@@ -122,7 +146,13 @@ def _fall(better: Trial, worse: Trial) -> float:
 
 
 def _credible(better: Trial, worse: Trial) -> bool:
-    """Say whether the fall of the cost is large, also beside how it differs between blocks of the record."""
+    """Say whether the fall of the cost is large, also beside how it differs between blocks of the record.
+
+    What leaves no more than white noise tells by its cost alone: that some blocks say more of an input that moves less
+    in others is no doubt then.
+    """
+    if _scale(*better) < WHITE:
+        return _fall(better, worse) > DEAREST
     gains = in_blocks((_costs(*worse) - _costs(*better))[:, None]) / _scale(*better)
     spread = float(np.sqrt(between(gains)[0])) if len(gains) > 1 else 0.0
     return _fall(better, worse) > max(DEAREST, SURE * spread)

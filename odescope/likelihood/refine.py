@@ -150,17 +150,18 @@ def refine(
     segments = cut([i.hold for i in signals.inputs], SEGMENT)
     space = SearchSpace(Evaluator(segments, 1, budget), everything, frame)
     begun = promising(space.on(thinned(segments)), begun) if declared else begun
-    space = _first_held(cut, space, begun, held)
+    open_ = {i.name: i.hold for i in signals.inputs if i.name in held}
+    space = _first_held(cut, space, begun, open_)
     seen = space.on(thinned(space.segments))
     outcomes = searches(seen, begun, bare, monitor, workers)
-    seen, outcomes, gains = _held(cut, seen, begun, outcomes, held, monitor, workers)
+    seen, outcomes, gains = _held(cut, seen, begun, outcomes, open_, monitor, workers)
     if starts.rival is not None:
         outcomes += searches(seen, [whole(starts.rival)], None, monitor, workers)
     more = None if any(o.clear or o.loose for o in outcomes) else starts.further(_constants(seen, outcomes))
     if more is not None:
         begun = [whole(more), *begun]
         outcomes += searches(seen, begun[:1], None, monitor, workers)
-        seen, outcomes, gains = _held(cut, seen, begun, outcomes, held, monitor, workers)
+        seen, outcomes, gains = _held(cut, seen, begun, outcomes, open_, monitor, workers)
     budget.spent += sum(o.spent for o in outcomes)
     space, best = with_noise_settled(*_best(cut, space, seen, outcomes), begun, workers)
     if best is None:
@@ -260,19 +261,19 @@ def _first_held(
     cut: Callable[[Sequence[Hold], int], Segments],
     space: SearchSpace,
     begun: Sequence[FloatArray],
-    names: Collection[str],
+    open_: Mapping[str, Hold],
 ) -> SearchSpace:
     """Return the space with fine steps, under the holds that suit the start that fits best in loose segments."""
     space = with_fine_steps(space, begun)
     loose = np.full_like(space.segments.spread, np.inf)
     fits = [
         space.fit(theta, np.flatnonzero(theta), space.segments.initial, loose, iterations=TRIAL_STEPS)
-        for theta in (begun if names else ())
+        for theta in (begun if open_ else ())
     ]
     best = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
     if best is None:
         return space
-    holds = choose_holds(space, best, names).holds
+    holds = choose_holds(space, best, open_).holds
     return space if holds == holds_of(space) else with_fine_steps(space.on(cut(holds, SEGMENT)), begun)
 
 
@@ -281,7 +282,7 @@ def _held(
     space: SearchSpace,
     begun: Sequence[FloatArray],
     outcomes: Sequence[Outcome],
-    names: Collection[str],
+    open_: Mapping[str, Hold],
     monitor: Monitor,
     workers: Workers,
 ) -> tuple[SearchSpace, list[Outcome], dict[str, float]]:
@@ -290,15 +291,13 @@ def _held(
     A wrong hold looks like noise of the process, and asks for terms that stand for it: the search begins anew.
     """
     outcomes, gains = list(outcomes), dict[str, float]()
-    for _ in range(HOLDINGS if names else 0):
+    for _ in range(HOLDINGS if open_ else 0):
         best = min(outcomes, key=lambda o: o.rank, default=None)
-        # A wrong hold leaves something unexplained, unless the noise was thought to be more than it is.
-        explained = best is not None and best.clear and best.scale > 1.0 / WHITE
-        if best is None or (explained and set(holds_of(space)) == {"linear"}):
+        if best is None:
             break
-        choice = choose_holds(space.with_constants(best.constants), best.fit, names)
+        choice = choose_holds(space.with_constants(best.constants), best.fit, open_)
         if choice.holds == holds_of(space):
-            return space, outcomes, {name: gains.get(name, gain) for name, gain in choice.gains.items()}
+            return space, outcomes, {name: min(gain, gains.get(name, gain)) for name, gain in choice.gains.items()}
         starts = [choice.fit.theta, *begun]
         other = with_fine_steps(space.on(thinned(cut(choice.holds, SEGMENT))), starts)
         ends = searches(other, starts, None, monitor, workers)

@@ -42,7 +42,8 @@ class LikelihoodSearch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         enabled: whether there is one; without, the model is what regression proposes.
         starts: the proposals that searches begin from, beside a sparse forward selection.
         budget (about a second of two cores): where it is spent the best model so far is returned. It counts evaluations
-            by their size, so that the same study gives the same model on every machine.
+            by their size, so that the same study gives the same model on every machine. It limits what each form that
+            competes adds and drops: to fit one model, in segments that are open and then joined, takes what it takes.
         terms: the number of terms or mechanisms to stop at on the path of models, instead of what its errors say.
         seconds (s): how long after the run began the clock ends all searches as well, with the best model so far. What
             comes before and after takes its own time; a model that the clock has ended may differ from run to run.
@@ -165,6 +166,9 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
             space, refitted = narrowed(space, refitted, segments.spread * width)
         here = _settle(space, refitted, width, trail)
         scale = _scale(space, here, width)
+        if scale > NEAR_NOISE and width == widths[0]:
+            here = _settle(space, _found_again(space, here, width), width, trail)
+            scale = _scale(space, here, width)
         if np.isinf(width):
             space, here, scale = _with_narrow_friction(space, here, scale, trail)
         if width != widths[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or torn(space, here)):
@@ -180,6 +184,27 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
     return Outcome(
         *best, *prices, tuple(trail), not budget.over, budget.late, budget.spent, constants, log_noise=log_noise
     )
+
+
+def _found_again(space: SearchSpace, here: Fit, width: float) -> Fit:
+    """Return the fit with every segment that is nearer the record from its smoothed state begun there, if it is better.
+
+    What was right for a model that lacked much, or had its inputs at the wrong time, may lie in another minimum than
+    what is right for this one.
+
+    Args:
+        space: data and candidates.
+        here: where a search ended.
+        width: of the defects.
+    """
+    smoothed, none = space.segments.initial, np.zeros(0, dtype=np.int64)
+    program, theta = space.program(here.present), here.theta[here.present]
+    costs = [space.evaluator.integrate(program, theta, none, x0).cost for x0 in (here.x0, smoothed)]
+    nearer = costs[1] < costs[0]
+    if not nearer.any():
+        return here
+    again = space.again(here, np.where(nearer[:, None], smoothed, here.x0), space.segments.spread * width)
+    return again if again is not None and again.cost < here.cost else here
 
 
 def _with_narrow_friction(

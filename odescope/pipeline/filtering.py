@@ -165,6 +165,8 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
             libraries = prepared.libraries or tuple(study.candidates(c.target) for c in study.measured())
             libraries = tuple(library.without(study.parameters) for library in libraries)
             delays = _delays(work, records, libraries, wanted)
+            if study.likelihood.enabled:
+                delays = {name: _in_samples(d, records.runs[0].sample_period) for name, d in delays.items()}
         inputs = tuple(with_delays(inputs, {name: d.seconds for name, d in delays.items()}))
     lead = max((abs(i.delay) for i in inputs), default=0.0) or None
     with work.stage("signals"):
@@ -227,6 +229,14 @@ def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals
     return estimate_signals(
         records, study.measured(), inputs, options.differentiator, options.margin, options.decimate, LEAST
     )
+
+
+def _in_samples(delay: Delay, period: float) -> Delay:
+    """Return a delay in whole samples: between them the input would be interpolated before its hold is known.
+
+    The likelihood finds the rest.
+    """
+    return replace(delay, seconds=period * round(delay.seconds / period))
 
 
 def _delays(work: Work, records: Records, libraries: Sequence[Library], wanted: Sequence[str]) -> dict[str, Delay]:

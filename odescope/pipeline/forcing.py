@@ -54,7 +54,7 @@ def with_forcing(
     """
     ended = list[Event]()
     try:
-        result, contender = run(study, replace(monitor, tell=_without(monitor, in_vain, ended)))
+        result, contender = run(study, replace(monitor, tell=without(monitor, in_vain, ended)))
     except NoModelError as failure:
         sought = None
         if isinstance(failure, NoLaw) and failure.refinement is not None and failure.records is not None:
@@ -102,7 +102,7 @@ def _sought(
     monitor.tell(Progress("suspicion", "search with a sine of the rate at which the residual goes", 0, 1))
     try:
         named = _named(study, forcing, rate, waves)
-        other, forced = run(named, replace(monitor, tell=_without(monitor, in_vain, [])))
+        other, forced = run(named, replace(monitor, tell=without(monitor, in_vain, [])))
     except NoModelError:
         return None, _score(before, forcing, waves, ())
     except InputError:
@@ -173,7 +173,7 @@ def _named(study: Study, forcing: Forcing, rate: str, waves: tuple[str, ...]) ->
     return msgspec.structs.replace(study, library=library)
 
 
-def _without(monitor: Monitor, kind: type[Event], ended: list[Event]) -> Callable[[Event], None]:
+def without(monitor: Monitor, kind: type[Event], ended: list[Event]) -> Callable[[Event], None]:
     """Return what tells a monitor all but one kind of events, which it collects.
 
     Args:

@@ -38,6 +38,7 @@ from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.forcing import with_forcing
 from odescope.pipeline.found_settings import delay_scores, hold_scores, offset_scores, present_mechanisms
 from odescope.pipeline.joint_models import Search, to_relation
+from odescope.pipeline.late_inputs import with_late_inputs
 from odescope.pipeline.path_models import path_models, path_scores
 from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.regressed import Regressed
@@ -265,8 +266,7 @@ def identify(
             f"what is identified must be odescope.Study; {said(study)} came: odescope.read_study reads a study file"
         )
     study.measured()
-    seconds = study.likelihood.seconds
-    deadline = None if seconds is None else time.time() + seconds
+    deadline = None if (seconds := study.likelihood.seconds) is None else time.time() + seconds
 
     def run(version: Study, monitor: Monitor) -> tuple[Identification, Contender]:
         settled, own = settled_columns(version, data)
@@ -274,7 +274,8 @@ def identify(
         def once(posed: Study, monitor: Monitor) -> tuple[Identification, Contender]:
             return _identified(Work(with_time(posed), monitor, workers, deadline), own, store)
 
-        result, contender, suspected = with_forcing(settled, monitor, partial(_under_holds, once), NothingFound)
+        late = partial(with_late_inputs, run=partial(_under_holds, once), in_vain=NothingFound)
+        result, contender, suspected = with_forcing(settled, monitor, late, NothingFound)
         known = () if result.model.scores is None else result.model.scores.suspicions
         return _with_scores(result, suspicions=(*known, *suspected)), contender
 
@@ -283,9 +284,8 @@ def identify(
         result, versions = best_version(study, monitor, run, NothingFound)
     result = _with_scores(result, versions=versions)
     monitor.tell(EquationsReady(result))
-    warned = result.warnings
     for note in result.notes:
-        monitor.tell(Note(note, note in warned))
+        monitor.tell(Note(note, note in result.warnings))
     return result
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray
+from odescope.arrays import BoolArray, FloatArray, IntArray
 
 REACH = 32  # samples to each side that a value between samples is made of
 WINDOW = 8.0  # of Kaiser: what lies below 0.9 of half the sampling rate is kept to 1e-4
@@ -88,7 +88,8 @@ def _later(samples: FloatArray, fraction: float) -> FloatArray:
 def looks_held(samples: FloatArray) -> bool:
     """Say whether an input (N,) is seen to be held over several rows: runs of equal values between large jumps.
 
-    A slow signal after a coarse converter has runs, too, but its jumps are small.
+    A slow signal after a coarse converter has runs, too, but its jumps are small, and come at any row: a command that
+    is computed every so many rows changes at these alone, however little.
     """
     changes = np.diff(samples)
     jumps = changes != 0.0
@@ -97,4 +98,11 @@ def looks_held(samples: FloatArray) -> bool:
     still: BoolArray = ~jumps
     alone = still[:-2] & jumps[1:-1] & still[2:]
     large = float(np.median(np.abs(changes[jumps]))) > JUMP * float(samples.std())
-    return large and int(np.count_nonzero(alone)) > ALONE * int(np.count_nonzero(jumps))
+    apart = int(np.count_nonzero(alone)) > ALONE * int(np.count_nonzero(jumps))
+    return (large and apart) or _in_step(np.flatnonzero(jumps))
+
+
+def _in_step(jumps: IntArray) -> bool:
+    """Say whether an input jumps (J,) at every so many samples, two or more, and hardly ever between."""
+    every = int(np.bincount(np.diff(jumps)).argmax())
+    return every > 1 and int(np.bincount(jumps % every).max()) > ALONE * len(jumps)

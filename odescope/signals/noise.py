@@ -13,7 +13,7 @@ from odescope.signals.spectral import Spectrum
 MEDIAN_CHI_SQUARED = 0.45493642311957174
 
 
-SENSOR = 1e-5  # standard deviations of a channel: the white noise of most sensors is more than that, and
+SENSOR = 1e-5  # standard deviations of a channel beside a line: the white noise of most sensors is more than that, and
 DIGITS = 9  # decimal digits of its standard deviation: no logger writes more, and solvers do
 SOLVER = 1e-4  # standard deviations of a channel by which the solution of a solver may be off
 WHOLE = 0.01  # of a step of the sensor, by which a value may differ from a whole number of them
@@ -41,15 +41,24 @@ def least_noise(columns: Sequence[FloatArray], white: float) -> float:
     """Return the standard deviation that the noise of a channel has at least.
 
     That is what the steps of the sensor round away. Where there is next to no white noise, and more digits than a
-    logger writes, the channel was not measured but solved for: what a solver errs by is smooth, no white noise.
+    logger writes, the channel was not measured but solved for: what a solver errs by is smooth, no white noise. What
+    turns on and on goes as far as the record is long, which says nothing of its sensor: it is judged beside a line.
 
     Args:
         columns: (N,) a record; N may be 0 where a sensor said nothing.
         white: standard deviation of the white noise.
     """
     moves = float(np.concatenate([c - c.mean() for c in columns if len(c)]).std())
-    solved = white < SENSOR * moves and not _written(columns, moves)
+    shakes = float(np.concatenate([_beside_line(c) for c in columns if len(c)]).std())
+    solved = white < SENSOR * shakes and not _written(columns, moves)
     return max(rounding_error(columns), SOLVER * moves if solved else 0.0)
+
+
+def _beside_line(column: FloatArray) -> FloatArray:
+    """Return what a record (N,) is off the line that is nearest to it."""
+    mean, since = column - column.mean(), np.arange(len(column)) - 0.5 * (len(column) - 1)
+    off: FloatArray = mean - since * (since @ mean) / max(float(since @ since), 1.0)
+    return off
 
 
 def _written(columns: Sequence[FloatArray], moves: float) -> bool:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from odescope.export.model_file import from_json, to_json
+from odescope.likelihood.holds import choose_holds
 from odescope.pipeline.identification import identify
 from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Driven, Measured, Study
@@ -15,6 +16,10 @@ TRUTH = {"x": STIFFNESS, "x_dot": 0.6, "x**3": 2.0, "u": -1.0}
 
 def driving(hold, rng, rows=1):
     """Return an input as a function of time."""
+    if hold == "slow":  # so slow that to hold it is to have it half a sample later
+        f, phase = rng.uniform(0.005, 0.02, 30) / PERIOD, rng.uniform(0.0, 2.0 * np.pi, 30)
+        t, size = PERIOD * np.arange(COUNT), 20.0 * rng.standard_normal(30)
+        return lambda s: np.interp(s, t, np.sin(2.0 * np.pi * np.multiply.outer(t, f) + phase) @ size)
     if hold == "band-limited":
         f, phase = rng.uniform(0.03, 0.3, 30) / PERIOD, rng.uniform(0.0, 2.0 * np.pi, 30)
         size = 20.0 * rng.standard_normal(30)
@@ -25,10 +30,20 @@ def driving(hold, rng, rows=1):
     return lambda s: np.interp(s, PERIOD * np.arange(len(levels)), levels)
 
 
-def oscillator(hold, seed, late=0.0, rows=1, cubic=2.0):
+def in_bursts(hold, u):
+    """Return an input that says something only twice in a record."""
+    held = PERIOD if hold == "zero" else 1e-9
+    at, size, width = np.array([30.0, 75.0]), np.array([1.0, 0.6]), np.array([6.0, 4.0])
+    return lambda s: (
+        u(s) * (0.03 + np.exp(-0.5 * ((np.floor(np.asarray(s) / held)[..., None] * held - at) / width) ** 2) @ size)
+    )
+
+
+def oscillator(hold, seed, late=0.0, rows=1, cubic=2.0, bursts=False):
     """Return a log of x'' = -stiffness x - 0.6 x' - cubic x^3 + u(t - late), u between its samples as the hold says."""
     rng = np.random.default_rng(seed)
     u, step = driving(hold, rng, rows), PERIOD / FINE
+    u = in_bursts(hold, u) if bursts else u
     begin, inside = step * np.arange(COUNT * FINE) - late, 1e-6 * step
     acting = np.stack([u(begin + inside), u(begin + 0.5 * step), u(begin + step - inside)], axis=1).tolist()
 
@@ -85,6 +100,39 @@ def test_the_hold_is_found_together_with_a_delay(hold, late):
         error = model.scores.delays["u"].std_error
         assert model.inputs[0].delay == pytest.approx(late, abs=max(4.0 * error, 1e-4))
         assert max(np.abs(list(off(model).values()))) < 4.0
+
+
+@pytest.mark.parametrize("hold", ["zero", "band-limited"])
+def test_a_hold_is_found_that_shows_in_a_few_parts_of_the_record_alone(hold):
+    model = identify(study(), oscillator(hold, 2, bursts=True)).model
+    assert model.inputs[0].hold == hold
+    assert max(np.abs(list(off(model).values()))) < 4.0
+
+
+@pytest.mark.parametrize("seen", ["linear", "zero"])
+def test_a_hold_that_was_chosen_before_a_delay_was_found_stays_only_where_the_log_shows_it(seen):
+    found = identify(study(), oscillator("slow", 1, 0.45)).refinement
+    late = [m.kind for m in found.space.mechanisms].index("delay")
+    held = found.space.on(found.space.segments.held(["zero"]))
+    theta = found.fit.theta - 0.5 * PERIOD * (np.arange(len(found.fit.theta)) == late)
+    fit = held.fit(theta, found.fit.present, found.fit.x0, np.full_like(held.segments.spread, np.inf))
+    choice = choose_holds(held, fit, {"u": seen})
+    assert choice.holds == (seen,)
+    assert choice.fit.theta[late] == pytest.approx(0.45 - 0.5 * PERIOD * (seen == "zero"), abs=0.01)
+
+
+def test_segments_that_were_lost_under_the_wrong_delay_are_found_again():
+    model = identify(study(), oscillator("band-limited", 4, 0.1)).model
+    assert model.inputs[0].hold == "band-limited"
+    assert set(off(model)) == set(TRUTH)
+    assert max(np.abs(list(off(model).values()))) < 4.0
+
+
+def test_delays_are_estimated_before_regression_where_that_finds_no_law_at_once():
+    model = identify(study(), oscillator("linear", 1, 0.7)).model
+    assert model.inputs[0].delay == pytest.approx(0.7, abs=0.001)
+    assert set(off(model)) == set(TRUTH)
+    assert max(np.abs(list(off(model).values()))) < 4.0
 
 
 def test_a_command_held_over_several_rows_is_found_and_said():

@@ -60,6 +60,9 @@ def test_a_command_that_changes_every_fifth_row_is_seen_and_others_are_not():
     rng = np.random.default_rng(2)
     levels, t = rng.standard_normal(200), np.arange(1000)
     assert looks_held(np.repeat(levels, 5))
+    slow = np.sin(1e-3 * np.arange(3000))
+    assert looks_held(slow[(np.arange(3000) + 2) // 7 * 7])  # small jumps, all in step
+    assert not looks_held(np.round(300.0 * slow))  # of a converter, at any row
     assert not looks_held(levels)
     assert not looks_held(np.round(np.sin(2e-3 * t), 2))  # a slow signal after a converter of 8 bits
     assert not looks_held(np.repeat(levels[:10], 100))  # too few jumps to matter

@@ -30,6 +30,12 @@ def test_a_channel_with_white_noise_was_measured(part):
     assert least_noise([WAVE], white) == (pytest.approx(SOLVER * WAVE.std()) if part < 1.0 else 0.0)
 
 
+def test_a_sensor_of_what_turns_on_and_on_is_no_solver_for_how_far_it_went():
+    turned = WAVE + 1e4 * T
+    assert least_noise([turned], 3.0 * SENSOR * float(WAVE.std())) == 0.0
+    assert least_noise([turned], 0.0) == pytest.approx(SOLVER * turned.std())
+
+
 def test_what_records_differ_by_does_not_count_as_motion():
     assert least_noise([WAVE, WAVE + 100.0], 0.0) == pytest.approx(SOLVER * WAVE.std())
 

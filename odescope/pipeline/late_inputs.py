@@ -1,0 +1,56 @@
+"""Inputs so late that nothing at hand is a law of them: one identification more with their delays looked for first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import TypeVar
+
+import msgspec
+
+from odescope.errors import NoModelError
+from odescope.events import Event, Monitor, Progress
+from odescope.pipeline.competition import Contender
+from odescope.pipeline.forcing import without
+from odescope.study.options import Study
+
+Result = TypeVar("Result")
+
+
+def with_late_inputs(
+    study: Study, monitor: Monitor, run: Callable[[Study, Monitor], tuple[Result, Contender]], in_vain: type[Event]
+) -> tuple[Result, Contender]:
+    """Return the result or, where there is none, that with open delays estimated before regression, if it is exact.
+
+    The likelihood finds a delay from where regression puts a model. Beyond a third of the shortest period what acts
+    has little to do with what was recorded at that time, and regression puts none.
+
+    Args:
+        study: the options; delays that it states stay.
+        monitor: told what goes on.
+        run: identifies by a study.
+        in_vain: what a run tells last that finds no model: told where no delays lead to one.
+
+    Raises:
+        NoModelError: neither leads to a model.
+    """
+    late = [name for name, i in study.inputs.items() if i.delay == "auto"]
+    if not late:
+        return run(study, monitor)
+    ended = list[Event]()
+    told = replace(monitor, tell=without(monitor, in_vain, ended))
+    try:
+        return run(study, told)
+    except NoModelError as failure:
+        monitor.tell(Progress("delays", "search with delays estimated before regression", 0, 1))
+        looked_for = {name: msgspec.structs.replace(study.inputs[name], delay="estimate") for name in late}
+        estimated = msgspec.structs.replace(study, inputs={**study.inputs, **looked_for})
+        with suppress(NoModelError):
+            result, contender = run(estimated, replace(monitor, tell=without(monitor, in_vain, [])))
+            # An input that is shifted at will imitates a state that lacks: noise of the process would take the rest.
+            if contender.exact:
+                return result, contender
+        for event in ended:
+            monitor.tell(event)
+        raise failure
