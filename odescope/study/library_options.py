@@ -18,10 +18,6 @@ MOST_DEGREE = 12
 
 _DEGREE = 3
 _MOLECULES = 2
-_OF_FORMS: dict[Form, str] = {
-    "lagrangian": "give kinetic, potential, dissipation or forces",
-    "reactions": "give reactions or a composition",
-}
 _BELONG: dict[str, Form] = {
     "kinetic": "lagrangian",
     "potential": "lagrangian",
@@ -117,20 +113,12 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         fixed = "terms" if self.terms is not None else "the paper's preset" if self.preset == "paper" else None
         for name, given in (("rules", self.rules), ("degree", self.own_degree)):
             if given is not None and fixed and self.basis is None:
-                raise InputError(f"[library] {name} does not apply to {fixed}; leave it out, or name a basis")
+                raise InputError(f"[library] {name} would do nothing to {fixed}; leave it out, or name a basis")
         self._check_effects()
 
     def _check_effects(self) -> None:
         """Refuse what would change nothing."""
         form = self.own_form
-        if form not in (None, "relations"):
-            without = {"basis": self.basis, "terms": self.terms, "rules": self.rules, "degree": self.own_degree}
-            idle = [name for name, given in without.items() if given is not None]
-            if idle := idle + ["preset"] * (self.preset != "default"):
-                raise InputError(
-                    f'[library] {idle[0]} makes candidates of relations, and the form is "{form}": leave {idle[0]} out,'
-                    f" or {_OF_FORMS[form]}; relations alone are identified under another study"
-                )
         if self.molecules != _MOLECULES and (form != "reactions" or self.composition is None):
             raise InputError(
                 f"[library] molecules = {self.molecules} is for the reactions that a composition allows, and there is"

@@ -84,7 +84,7 @@ def test_without_process_noise_half_of_the_terms_at_their_limit_are_detected(slo
         it = space(SPRING, cut(states, measured, drive(count), SIGMA, spread, (count,), 25))
         found = fitted(it, gap=gap * spread)
         return it.penalty[slot], _evidence(
-            it, Outcome(found, gap, 1.0, it.penalty[found.free], it.price(found), (), True, False, 0.0)
+            it, Outcome(found, gap, 1.0, it.penalty[found.free], it.price(found), (), True, False, 0.0), 1.0
         )
 
     still = np.zeros((count, 2))

@@ -14,6 +14,7 @@ from odescope.errors import NoModelError
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.pipeline import competition, forms, stages
 from odescope.pipeline.identification import identify
+from odescope.study.options import Driven
 
 
 @pytest.fixture(scope="module")
@@ -54,8 +55,13 @@ def test_relations_that_regression_has_not_found_are_searched_only_beside_poor_m
     assert result.model.scores.forms == ()
 
 
+def at_once(study):
+    """Return a study whose input is known to act at once: where there is no model, delays are looked for otherwise."""
+    return msgspec.structs.replace(study, inputs={"u": Driven(delay=0.0)})
+
+
 def starts(study, data, monkeypatch):
-    posed = []
+    posed, study = [], at_once(study)
 
     def refined(work, filtered, form):
         posed.append((form, filtered.signals))
@@ -122,6 +128,6 @@ def test_regression_on_mechanisms_is_asked_for_only_where_no_search_ends_clear(l
 
 def test_where_regression_proposes_nothing_the_start_of_a_search_is_no_model(log, monkeypatch):
     monkeypatch.setattr(forms, "proposed", lambda *_: None)
-    study = msgspec.structs.replace(CART, likelihood=LikelihoodSearch(enabled=False))
+    study = msgspec.structs.replace(at_once(CART), likelihood=LikelihoodSearch(enabled=False))
     with pytest.raises(NoModelError, match="no model follows"):
         identify(study, columns(log))

@@ -58,11 +58,6 @@ def test_a_library_that_cannot_be_read(table, parts):
     [
         ('preset = "paper"\ndegree = 2', ["degree", "paper's preset"]),
         ('terms = ["x"]\ndegree = 2', ["degree", "terms"]),
-        ('form = "lagrangian"\ndegree = 2', ["degree", '"lagrangian"']),
-        ('form = "lagrangian"\nbasis = ["x"]', ["basis", '"lagrangian"', "kinetic"]),
-        ('kinetic = ["x_dot**2"]\nterms = ["x"]', ["terms", '"lagrangian"']),
-        ('form = "lagrangian"\npreset = "paper"', ["preset"]),
-        ('reactions = ["x ->"]\nrules = []', ["rules", '"reactions"', "composition"]),
         ("molecules = 3", ["molecules = 3", "composition ="]),
         ('reactions = ["x ->"]\nmolecules = 3', ["molecules = 3"]),
         ('saturating = ["x"]', ["saturating", "S/(K + S)"]),

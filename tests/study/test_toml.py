@@ -162,7 +162,7 @@ def test_what_a_study_leaves_out_has_its_default():
         (
             "[inputs.u]",
             "[inputs.u]\n[library]\npreset = 'paper'\nrules = [{kind = 'identity', of = 'sin(x)'}]",
-            ["rules do not apply to the paper's preset"],
+            ["rules would do nothing to the paper's preset"],
         ),
         ("coordinates.x", 'coordinates."x y"', ["coordinate 'x y' is not a plain name"]),
         ("coordinates.x", "coordinates.class", ["coordinate 'class' is not a plain name"]),
