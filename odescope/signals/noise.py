@@ -13,7 +13,8 @@ from odescope.signals.spectral import Spectrum
 MEDIAN_CHI_SQUARED = 0.45493642311957174
 
 
-SENSOR = 1e-5  # standard deviations of a channel beside a line: the white noise of most sensors is more than that, and
+SENSOR = 1e-5  # standard deviations of a channel: the white noise of most sensors is more than that, and
+TURNS_ON = 0.1  # of its standard deviation: what is never further off a line turns on and on
 DIGITS = 9  # decimal digits of its standard deviation: no logger writes more, and solvers do
 SOLVER = 1e-4  # standard deviations of a channel by which the solution of a solver may be off
 WHOLE = 0.01  # of a step of the sensor, by which a value may differ from a whole number of them
@@ -50,7 +51,8 @@ def least_noise(columns: Sequence[FloatArray], white: float) -> float:
     """
     moves = float(np.concatenate([c - c.mean() for c in columns if len(c)]).std())
     shakes = float(np.concatenate([_beside_line(c) for c in columns if len(c)]).std())
-    solved = white < SENSOR * shakes and not _written(columns, moves)
+    size = shakes if shakes < TURNS_ON * moves else moves
+    solved = white < SENSOR * size and not _written(columns, moves)
     return max(rounding_error(columns), SOLVER * moves if solved else 0.0)
 
 

@@ -36,6 +36,13 @@ def test_a_sensor_of_what_turns_on_and_on_is_no_solver_for_how_far_it_went():
     assert least_noise([turned], 0.0) == pytest.approx(SOLVER * turned.std())
 
 
+def test_what_drifts_while_it_moves_may_be_a_solvers():
+    drifting = WAVE + 2.0 * float(WAVE.std() / T.std()) * T
+    white = 0.7 * SENSOR * float(drifting.std())
+    assert white > SENSOR * float(WAVE.std())
+    assert least_noise([drifting], white) == pytest.approx(SOLVER * drifting.std())
+
+
 def test_what_records_differ_by_does_not_count_as_motion():
     assert least_noise([WAVE, WAVE + 100.0], 0.0) == pytest.approx(SOLVER * WAVE.std())
 
