@@ -274,39 +274,33 @@ def identify(
         def once(posed: Study, monitor: Monitor) -> tuple[Identification, Contender]:
             return _identified(Work(with_time(posed), monitor, workers, deadline), own, store)
 
-        late = partial(with_late_inputs, run=partial(_under_holds, once), in_vain=NothingFound)
+        def held_or_not(posed: Study, monitor: Monitor) -> tuple[Identification, Contender]:
+            found, contender, held = with_held_cells(posed, monitor, once, NothingFound)
+            return _with_scores(found, holds=_scores(found).holds | held), contender
+
+        late = partial(with_late_inputs, run=held_or_not, in_vain=NothingFound)
         result, contender, suspected = with_forcing(settled, monitor, late, NothingFound)
-        known = () if result.model.scores is None else result.model.scores.suspicions
-        return _with_scores(result, suspicions=(*known, *suspected)), contender
+        return _with_scores(result, suspicions=(*_scores(result).suspicions, *suspected)), contender
 
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
     with threadpool_limits(1, "blas"), open_workers(cluster) as workers:
-        result, versions = best_version(study, monitor, run, NothingFound)
-    result = _with_scores(result, versions=versions)
+        found, versions = best_version(study, monitor, run, NothingFound)
+    result = _with_scores(found, versions=versions)
     monitor.tell(EquationsReady(result))
+    warned = result.warnings
     for note in result.notes:
-        monitor.tell(Note(note, note in result.warnings))
+        monitor.tell(Note(note, note in warned))
     return result
 
 
-def _under_holds(
-    once: Callable[[Study, Monitor], tuple[Identification, Contender]], study: Study, monitor: Monitor
-) -> tuple[Identification, Contender]:
-    """Return what one run finds, or one with coarsely sampled inputs held, whichever is better.
-
-    Args:
-        once: a run.
-        study: the options.
-        monitor: told what goes on.
-    """
-    found, contender, held = with_held_cells(study, monitor, once, NothingFound)
-    known = {} if found.model.scores is None else found.model.scores.holds
-    return _with_scores(found, holds=known | held), contender
+def _scores(result: Identification) -> ModelScores:
+    """Return the scores of the model of a result."""
+    return result.model.scores or ModelScores()
 
 
 def _with_scores(result: Identification, **told: object) -> Identification:
     """Return a result with these scores of its model."""
-    scores = msgspec.structs.replace(result.model.scores or ModelScores(), **told)
+    scores = msgspec.structs.replace(_scores(result), **told)
     return replace(result, model=replace(result.model, scores=scores))
 
 
