@@ -5,17 +5,53 @@ They form a block-tridiagonal system with the parameters as border: all four are
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from odescope.arrays import BoolArray, FloatArray
+from odescope.likelihood.kernel import Sums
 from odescope.parallel.kernels import kernel
 
+ROUNDING = 1e-15  # of a matrix of correlations, for each of its rows
+LEAST = 1e-200  # information about a coefficient: what rounding leaves of none can be negative
 
-@kernel("contract")
-def eliminate(sums, x0, joined, defect_std, damping):
-    """Eliminate the initial states: block-tridiagonal Cholesky with the parameters as border.
 
-    One function, because forward elimination uses each block while it is in cache. Returns the defects' cost, the
-    reduced matrix (p, p) and gradient (p,), what back-substitution needs, log det of the states' block, and success.
+class Eliminated(NamedTuple):
+    """The system of states and parameters after the states are eliminated.
+
+    Shapes: information (p, p) and gradient (p,) of half the cost; factor (J, n, n), border (J, n, p + 1) and carry
+    (J, n, n), from which the states follow; log_det is that of their block.
+    """
+
+    defect_cost: float
+    information: FloatArray
+    gradient: FloatArray
+    log_det: float
+    factor: FloatArray
+    border: FloatArray
+    carry: FloatArray
+
+
+def scaled(information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the information as correlations, and the scale of each coefficient, its square root."""
+    scale = np.sqrt(np.maximum(np.diag(information), LEAST))
+    with np.errstate(over="ignore"):  # two coefficients of which the data say nothing: rounding over next to nothing
+        correlations: FloatArray = np.clip(information / scale / scale[:, None], -1.0, 1.0)
+    return correlations, scale
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of segments that ran away
+def eliminate(
+    sums: Sums, x0: FloatArray, joined: BoolArray, defect_std: FloatArray, damping: float
+) -> Eliminated | None:
+    """Eliminate the initial states, by block-tridiagonal Cholesky with the parameters as border.
+
+    None where the states' block is not positive definite. Segments that are tied closely bring large numbers that
+    cancel: the rounding of what 1, T and T^2 have in common at 300 K would be more than what tells them apart. So
+    parameters are replaced meanwhile by combinations that segments tell apart: their matrix L L^T, before anything is
+    eliminated, becomes the unit matrix.
 
     Args:
         sums: of the kernel.
@@ -24,14 +60,68 @@ def eliminate(sums, x0, joined, defect_std, damping):
         defect_std: (n,) the defect between them is weighted by 1 / defect_std^2 a state.
         damping: added to 1 it multiplies the diagonal (Levenberg-Marquardt).
     """
+    n = x0.shape[1]
+    inner, cross, along = sums.hessian[:, n:, n:].sum(axis=0), sums.hessian[:, :n, n:], sums.jacobian[:, :, n:]
+    weighted = (np.where(joined[:, None], 1.0 / defect_std, 0.0)[:, :, None] * along).reshape(
+        joined.size * n, len(inner)
+    )
+    whole, slope = inner + weighted.T @ weighted, sums.gradient[:, n:].sum(axis=0)
+    finite = np.isfinite(np.diag(whole))
+    if not finite.all():  # what runs away spoils no other
+        inner, whole = (np.where(finite & finite[:, None], part, 0.0) for part in (inner, whole))
+        cross, along, slope = (np.where(finite, part, 0.0) for part in (cross, along, slope))
+    basis = _basis(whole)
+    damped = _combined(basis, _combined(basis, inner + damping * np.diag(np.diag(whole))).T)
+    parts = _combined(basis, cross), _combined(basis, along), damped, _combined(basis, slope)
+    cost, information, gradient, log_det, factor, border, carry, positive = _eliminated(
+        sums, x0, joined, defect_std, damping, *parts
+    )
+    if not positive:
+        return None
+    border[:, :, :-1] = border[:, :, :-1] @ basis.T
+    information, gradient = basis @ information @ basis.T, basis @ gradient
+    gradient[~finite] = information[~finite] = information[:, ~finite] = np.nan
+    return Eliminated(cost, information, gradient, log_det, factor, border, carry)
+
+
+def _basis(information: FloatArray) -> FloatArray:
+    """Return L (p, p), lower triangular, such that L L^T is the information (p, p) but for rounding."""
+    correlations, scale = scaled(information)
+    p = len(scale)
+    return scale[:, None] * np.linalg.cholesky(correlations + (p * ROUNDING + (scale**2 <= LEAST)) * np.eye(p))
+
+
+def _combined(basis: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Return derivatives (..., p) with respect to the combinations L^T theta of parameters, from those to theta."""
+    if not slopes.size:
+        return np.ascontiguousarray(slopes)
+    flat = slopes.reshape(-1, slopes.shape[-1])
+    solved: FloatArray = solve_triangular(basis, flat.T, lower=True, check_finite=False)
+    return np.ascontiguousarray(solved.T).reshape(slopes.shape)
+
+
+@kernel("contract")
+def _eliminated(sums, x0, joined, defect_std, damping, cross, along, reduced, reduced_g):
+    """Return what `eliminate` does, of parameters that are told apart, and whether the block is positive definite.
+
+    One function, because forward elimination uses each block while it is in cache.
+
+    Args:
+        sums: of the kernel; what stands there of parameters is not looked at.
+        x0: (J, n) initial states.
+        joined: (J,) as for `eliminate`.
+        defect_std: (n,) as for `eliminate`.
+        damping: of the states.
+        cross: (J, n, p) second derivatives with respect to states and parameters.
+        along: (J, n, p) derivatives of the ends of segments.
+        reduced: (p, p) second derivatives with respect to parameters within segments, damped; changed.
+        reduced_g: (p,) the gradient within segments; changed.
+    """
     segments, n = x0.shape
-    p = sums.gradient.shape[1] - n
-    reduced, reduced_g = np.zeros((p, p)), np.zeros(p)
+    p = reduced_g.shape[0]
     factor, border = np.empty((segments, n, n)), np.empty((segments, n, p + 1))
     carry = np.zeros((segments, n, n))  # couples segment j + 1 (rows) to j (columns)
-    cost = _assemble(sums, x0, joined, defect_std, factor, border, carry, reduced, reduced_g)
-    for c in range(p):
-        reduced[c, c] *= 1.0 + damping
+    cost = _assemble(sums, x0, joined, defect_std, cross, along, factor, border, carry, reduced, reduced_g)
     log_det = 0.0
     # Forward: factor each block, solve for its border and right-hand side, pass the rest on.
     for j in range(segments):
@@ -54,7 +144,7 @@ def eliminate(sums, x0, joined, defect_std, damping):
                 if i > k:
                     block[i, k] = total / block[k, k]
                 elif not total > 0.0:
-                    return cost, reduced, reduced_g, factor, border, carry, 0.0, False
+                    return cost, reduced, reduced_g, 0.0, factor, border, carry, False
                 else:
                     block[i, i] = np.sqrt(total)
                     log_det += 2.0 * np.log(block[i, i])
@@ -77,11 +167,11 @@ def eliminate(sums, x0, joined, defect_std, damping):
                     reduced[c, b] -= bc * edge[i, b]
     for c in range(p):
         reduced[:c, c] = reduced[c, :c]
-    return cost, reduced, reduced_g, factor, border, carry, log_det, True
+    return cost, reduced, reduced_g, log_det, factor, border, carry, True
 
 
 @kernel("contract")
-def _assemble(sums, x0, joined, defect_std, factor, border, carry, reduced, reduced_g):
+def _assemble(sums, x0, joined, defect_std, cross, along, factor, border, carry, reduced, reduced_g):
     """Write the blocks of the whole system, lower triangles of the parameters' alone; return the defects' cost."""
     segments, n = x0.shape
     p, cost = reduced.shape[0], 0.0
@@ -89,36 +179,32 @@ def _assemble(sums, x0, joined, defect_std, factor, border, carry, reduced, redu
         hessian, gradient = sums.hessian[j], sums.gradient[j]
         for i in range(n):
             factor[j, i] = hessian[i, :n]
-            border[j, i, :p] = hessian[i, n:]
+            border[j, i, :p] = cross[j, i]
             border[j, i, p] = gradient[i]
-        for c in range(p):
-            reduced_g[c] += gradient[n + c]
-            for b in range(c + 1):
-                reduced[c, b] += hessian[n + c, n + b]
     for j in range(segments - 1):
         if not joined[j]:
             continue
         for r in range(n):
-            w, row = 1.0 / (defect_std[r] * defect_std[r]), sums.jacobian[j, r]
-            d, along = sums.last[j, r] - x0[j + 1, r], row[n:]
+            w, row, edge = 1.0 / (defect_std[r] * defect_std[r]), sums.jacobian[j, r], along[j, r]
+            d = sums.last[j, r] - x0[j + 1, r]
             cost += w * d * d
             for i in range(n):
                 weighted = w * row[i]
                 for k in range(n):
                     factor[j, i, k] += weighted * row[k]
                 for c in range(p):
-                    border[j, i, c] += weighted * along[c]
+                    border[j, i, c] += weighted * edge[c]
                 border[j, i, p] += weighted * d
                 carry[j, r, i] = -weighted
             factor[j + 1, r, r] += w
             for c in range(p):
-                border[j + 1, r, c] -= w * along[c]
+                border[j + 1, r, c] -= w * edge[c]
             border[j + 1, r, p] -= w * d
             for c in range(p):
-                weighted = w * along[c]
+                weighted = w * edge[c]
                 reduced_g[c] += weighted * d
                 for b in range(c + 1):
-                    reduced[c, b] += weighted * along[b]
+                    reduced[c, b] += weighted * edge[b]
     return cost
 
 

@@ -12,13 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
-from odescope.likelihood.block_cholesky import eliminate, substitute
+from odescope.likelihood.block_cholesky import eliminate, scaled, substitute
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.kernel import LANES, Averages, Settings, Sums, integrate
 from odescope.likelihood.program import Program
 from odescope.likelihood.segments import Segments
-
-LEAST = 1e-200  # information about a coefficient: what rounding leaves of none can be negative
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +44,6 @@ class Expansion:
     def finite(self) -> bool:
         """Whether no sensitivity overflowed."""
         return bool(np.isfinite(self.information).all() and np.isfinite(self.gradient).all())
-
-
-def scaled(information: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the information as correlations, and the scale of each coefficient, its square root."""
-    scale = np.sqrt(np.maximum(np.diag(information), LEAST))
-    with np.errstate(over="ignore"):  # two coefficients of which the data say nothing: rounding over next to nothing
-        correlations: FloatArray = np.clip(information / scale / scale[:, None], -1.0, 1.0)
-    return correlations, scale
 
 
 @lru_cache(maxsize=1)
@@ -156,12 +146,8 @@ class Evaluator:
             total = sums.cost.sum()
         if not np.isfinite(total) or not np.all(np.isfinite(sums.last)):
             return None
-        defects, information, reduced, factor, border, carry, log_det, ok = eliminate(
-            sums, x0, self._joined(defect_std), defect_std, damping
-        )
-        if not ok:
-            return None
-        return Expansion(float(sums.cost.sum()), defects, information, reduced, log_det, factor, border, carry)
+        eliminated = eliminate(sums, x0, self._joined(defect_std), defect_std, damping)
+        return None if eliminated is None else Expansion(float(sums.cost.sum()), *eliminated)
 
     def change(
         self, expansion: Expansion, defect_std: FloatArray, least: FloatArray, largest: FloatArray

@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
-from odescope.likelihood.evaluator import Expansion, scaled
+from odescope.likelihood.block_cholesky import scaled
+from odescope.likelihood.evaluator import Expansion
 from odescope.likelihood.evidence import TOLD_APART, Projection
 from odescope.likelihood.gauge import SINGULAR, inverse
 

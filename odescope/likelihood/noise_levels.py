@@ -91,9 +91,10 @@ class LinearRecord:
         gradient = np.einsum("c,cji->ji", precision[:channels], self.gradient)
         hessian = np.einsum("c,cjik->jik", precision[:channels], self.hessian)
         sums = Sums(self.cost, gradient, hessian, self.last, self.jacobian)
-        *_, factor, border, carry, log_det, positive = eliminate(sums, self.x0, joined, spread, 0.0)
-        if not positive:
+        eliminated = eliminate(sums, self.x0, joined, spread, 0.0)
+        if eliminated is None:
             return None
+        *_, log_det, factor, border, carry = eliminated
         change = substitute(factor, border, carry, joined, np.zeros(0))
         own, following = state_covariances(factor, carry, joined)
         defect = self.last - np.roll(self.x0, -1, axis=0)
