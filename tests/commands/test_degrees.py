@@ -126,6 +126,7 @@ def test_a_range_that_degrees_would_have_is_pointed_out(angle, unit, hinted):
     assert all('unit = "deg" in [coordinates.phi]' in line for line in said)
 
 
+@pytest.mark.slow
 def test_a_position_whose_equation_is_of_order_1_is_pointed_out(odescope):
     t, x, u = oscillator(600).values()
     write("run.csv", {"time (ms)": 1e3 * t, "x (mm)": x, "u": u})

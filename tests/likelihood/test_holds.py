@@ -79,17 +79,18 @@ def off(model):
     return {t.term.text: (t.coefficient - TRUTH.get(t.term.text, 0.0)) / t.std_error for t in terms}
 
 
+@pytest.mark.parametrize("seeds", [3, pytest.param(10, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("hold", ["linear", "zero", "band-limited"])
-def test_the_hold_is_found_and_the_coefficients_are_right(hold):
+def test_the_hold_is_found_and_the_coefficients_are_right(hold, seeds):
     found, right = 0, 0
-    for seed in range(10):
+    for seed in range(seeds):
         model = identify(study(), oscillator(hold, seed)).model
         found += model.inputs[0].hold == hold
         errors = off(model)
         right += set(errors) == set(TRUTH) and max(np.abs(list(errors.values()))) < 4.0
         assert from_json(to_json(model)).inputs == model.inputs
-    assert found >= 9
-    assert right >= 9
+    assert found >= 0.9 * seeds
+    assert right >= 0.9 * seeds
 
 
 @pytest.mark.parametrize(("hold", "late"), [("zero", 0.0375), ("band-limited", 0.0375), ("linear", 0.0375)])

@@ -34,6 +34,7 @@ def oscillators():
     )
 
 
+@pytest.mark.slow
 def test_a_product_of_sine_and_cosine_of_two_states_is_found(oscillators):
     result = identify(study("x", "y"), oscillators)
     for relation in (0, 1):

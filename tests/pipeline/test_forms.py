@@ -161,6 +161,7 @@ def test_without_the_likelihood_the_regression_on_mechanisms_is_the_model(log):
         assert mechanisms[key].std_error is None
 
 
+@pytest.mark.slow
 def test_a_delay_is_estimated_for_lagranges_equations_too():
     log = simulate_log(2, 2)
     data = columns(log)

@@ -15,7 +15,8 @@ TRUTH = {
 }
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(8, marks=pytest.mark.slow)])  # with false turns and without
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 8])  # with false turns and without
 def test_mechanisms_are_found_where_the_start_is_lost_in_segments_of_usual_length(monkeypatch, seed):
     monkeypatch.setitem(NOISE, 5, (1.0, 0.5))
     log = simulate_log(seed, 5, 0.15)

@@ -42,7 +42,8 @@ def study(**columns):
     )
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
 def test_the_column_that_drove_the_record_is_taken(seed):
     told = []
     data = log(seed)

@@ -68,7 +68,8 @@ def test_a_random_walk_has_no_law(order, seed):
     assert "none is left" in str(e.value) or "less than the 50% asked for" in str(e.value)
 
 
-@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [1, 2])
 def test_a_random_walk_has_no_law_for_the_likelihood_either(order):
     """With process noise a search describes any record, whatever its terms."""
     rng = np.random.default_rng(0)
@@ -248,7 +249,7 @@ def test_searches_begin_from_as_many_proposals_as_asked_for_and_the_best_end_is_
         ("michaelis-menten", 0.5, 7, 158.2),
         pytest.param("predator-prey", 0.2, 11, 596.1, marks=pytest.mark.slow),
         pytest.param("predator-prey", 0.3, 1, 485.3, marks=pytest.mark.slow),
-        ("predator-prey", 0.2, 4, 457.9),
+        pytest.param("predator-prey", 0.2, 4, 457.9, marks=pytest.mark.slow),
     ],
 )
 def test_no_coefficient_runs_off_beside_one_that_is_next_to_nothing(systems, name, noise, seed, penalised):

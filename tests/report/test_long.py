@@ -15,6 +15,7 @@ ROWS = 10_000_000
 LIGHT = 5_000_000  # bytes
 
 
+@pytest.mark.slow
 def test_ten_million_rows_behind_the_same_signals():
     result = identified()[0]
     short = result.records.runs[0]
