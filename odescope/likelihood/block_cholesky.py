@@ -15,6 +15,7 @@ from odescope.likelihood.kernel import Sums
 from odescope.parallel.kernels import kernel
 
 ROUNDING = 1e-15  # of a matrix of correlations, for each of its rows
+DIFFERENT = 0.01  # share of a parameter's effect that others do not have, of which rounding takes nothing
 LEAST = 1e-200  # information about a coefficient: what rounding leaves of none can be negative
 
 
@@ -61,7 +62,7 @@ def eliminate(
         damping: added to 1 it multiplies the diagonal (Levenberg-Marquardt).
     """
     n = x0.shape[1]
-    inner, cross, along = sums.hessian[:, n:, n:].sum(axis=0), sums.hessian[:, :n, n:], sums.jacobian[:, :, n:]
+    inner, cross, along = sums.hessian.sum(axis=0)[n:, n:], sums.hessian[:, :n, n:], sums.jacobian[:, :, n:]
     weighted = (np.where(joined[:, None], 1.0 / defect_std, 0.0)[:, :, None] * along).reshape(
         joined.size * n, len(inner)
     )
@@ -78,22 +79,28 @@ def eliminate(
     )
     if not positive:
         return None
-    border[:, :, :-1] = border[:, :, :-1] @ basis.T
-    information, gradient = basis @ information @ basis.T, basis @ gradient
+    if basis is not None:
+        flat = border.reshape(joined.size * n, -1)
+        flat[:, :-1] = flat[:, :-1] @ basis.T
+        information, gradient = basis @ information @ basis.T, basis @ gradient
     gradient[~finite] = information[~finite] = information[:, ~finite] = np.nan
     return Eliminated(cost, information, gradient, log_det, factor, border, carry)
 
 
-def _basis(information: FloatArray) -> FloatArray:
-    """Return L (p, p), lower triangular, such that L L^T is the information (p, p) but for rounding."""
+def _basis(information: FloatArray) -> FloatArray | None:
+    """Return L (p, p), lower triangular, such that L L^T is the information (p, p) but for rounding.
+
+    None where parameters are so different that rounding is nothing to them.
+    """
     correlations, scale = scaled(information)
     p = len(scale)
-    return scale[:, None] * np.linalg.cholesky(correlations + (p * ROUNDING + (scale**2 <= LEAST)) * np.eye(p))
+    factor = np.linalg.cholesky(correlations + (p * ROUNDING + (scale**2 <= LEAST)) * np.eye(p))
+    return None if np.diag(factor).min(initial=1.0) > DIFFERENT else scale[:, None] * factor
 
 
-def _combined(basis: FloatArray, slopes: FloatArray) -> FloatArray:
+def _combined(basis: FloatArray | None, slopes: FloatArray) -> FloatArray:
     """Return derivatives (..., p) with respect to the combinations L^T theta of parameters, from those to theta."""
-    if not slopes.size:
+    if basis is None:
         return np.ascontiguousarray(slopes)
     flat = slopes.reshape(-1, slopes.shape[-1])
     solved: FloatArray = solve_triangular(basis, flat.T, lower=True, check_finite=False)
