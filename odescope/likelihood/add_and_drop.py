@@ -10,9 +10,9 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.mechanism import scale_groups
-from odescope.likelihood.evaluator import Expansion
 from odescope.likelihood.evidence import project
 from odescope.likelihood.exchange import foreseen, refitted, rise
+from odescope.likelihood.expansion import Expansion
 from odescope.likelihood.families import best_on_grid
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.search_space import Move, SearchSpace

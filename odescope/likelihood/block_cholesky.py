@@ -5,120 +5,24 @@ They form a block-tridiagonal system with the parameters as border: all four are
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from scipy.linalg import solve_triangular
 
-from odescope.arrays import BoolArray, FloatArray
-from odescope.likelihood.kernel import Sums
 from odescope.parallel.kernels import kernel
-
-ROUNDING = 1e-15  # of a matrix of correlations, for each of its rows
-DIFFERENT = 0.01  # share of a parameter's effect that others do not have, of which rounding takes nothing
-LEAST = 1e-200  # information about a coefficient: what rounding leaves of none can be negative
-
-
-class Eliminated(NamedTuple):
-    """The system of states and parameters after the states are eliminated.
-
-    Shapes: information (p, p) and gradient (p,) of half the cost; factor (J, n, n), border (J, n, p + 1) and carry
-    (J, n, n), from which the states follow; log_det is that of their block.
-    """
-
-    defect_cost: float
-    information: FloatArray
-    gradient: FloatArray
-    log_det: float
-    factor: FloatArray
-    border: FloatArray
-    carry: FloatArray
-
-
-def scaled(information: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the information as correlations, and the scale of each coefficient, its square root."""
-    scale = np.sqrt(np.maximum(np.diag(information), LEAST))
-    with np.errstate(over="ignore"):  # two coefficients of which the data say nothing: rounding over next to nothing
-        correlations: FloatArray = np.clip(information / scale / scale[:, None], -1.0, 1.0)
-    return correlations, scale
-
-
-@np.errstate(over="ignore", invalid="ignore")  # of segments that ran away
-def eliminate(
-    sums: Sums, x0: FloatArray, joined: BoolArray, defect_std: FloatArray, damping: float
-) -> Eliminated | None:
-    """Eliminate the initial states, by block-tridiagonal Cholesky with the parameters as border.
-
-    None where the states' block is not positive definite. Segments that are tied closely bring large numbers that
-    cancel: the rounding of what 1, T and T^2 have in common at 300 K would be more than what tells them apart. So
-    parameters are replaced meanwhile by combinations that segments tell apart: their matrix L L^T, before anything is
-    eliminated, becomes the unit matrix.
-
-    Args:
-        sums: of the kernel.
-        x0: (J, n) initial states.
-        joined: (J,) whether the end of a segment is tied to the start of the next.
-        defect_std: (n,) the defect between them is weighted by 1 / defect_std^2 a state.
-        damping: added to 1 it multiplies the diagonal (Levenberg-Marquardt).
-    """
-    n = x0.shape[1]
-    inner, cross, along = sums.hessian.sum(axis=0)[n:, n:], sums.hessian[:, :n, n:], sums.jacobian[:, :, n:]
-    weighted = (np.where(joined[:, None], 1.0 / defect_std, 0.0)[:, :, None] * along).reshape(
-        joined.size * n, len(inner)
-    )
-    whole, slope = inner + weighted.T @ weighted, sums.gradient[:, n:].sum(axis=0)
-    finite = np.isfinite(np.diag(whole))
-    if not finite.all():  # what runs away spoils no other
-        inner, whole = (np.where(finite & finite[:, None], part, 0.0) for part in (inner, whole))
-        cross, along, slope = (np.where(finite, part, 0.0) for part in (cross, along, slope))
-    basis = _basis(whole)
-    damped = _combined(basis, _combined(basis, inner + damping * np.diag(np.diag(whole))).T)
-    parts = _combined(basis, cross), _combined(basis, along), damped, _combined(basis, slope)
-    cost, information, gradient, log_det, factor, border, carry, positive = _eliminated(
-        sums, x0, joined, defect_std, damping, *parts
-    )
-    if not positive:
-        return None
-    if basis is not None:
-        flat = border.reshape(joined.size * n, -1)
-        flat[:, :-1] = flat[:, :-1] @ basis.T
-        information, gradient = basis @ information @ basis.T, basis @ gradient
-    gradient[~finite] = information[~finite] = information[:, ~finite] = np.nan
-    return Eliminated(cost, information, gradient, log_det, factor, border, carry)
-
-
-def _basis(information: FloatArray) -> FloatArray | None:
-    """Return L (p, p), lower triangular, such that L L^T is the information (p, p) but for rounding.
-
-    None where parameters are so different that rounding is nothing to them.
-    """
-    correlations, scale = scaled(information)
-    p = len(scale)
-    factor = np.linalg.cholesky(correlations + (p * ROUNDING + (scale**2 <= LEAST)) * np.eye(p))
-    return None if np.diag(factor).min(initial=1.0) > DIFFERENT else scale[:, None] * factor
-
-
-def _combined(basis: FloatArray | None, slopes: FloatArray) -> FloatArray:
-    """Return derivatives (..., p) with respect to the combinations L^T theta of parameters, from those to theta."""
-    if basis is None:
-        return np.ascontiguousarray(slopes)
-    flat = slopes.reshape(-1, slopes.shape[-1])
-    solved: FloatArray = solve_triangular(basis, flat.T, lower=True, check_finite=False)
-    return np.ascontiguousarray(solved.T).reshape(slopes.shape)
 
 
 @kernel("contract")
-def _eliminated(sums, x0, joined, defect_std, damping, cross, along, reduced, reduced_g):
-    """Return what `eliminate` does, of parameters that are told apart, and whether the block is positive definite.
+def factorise(sums, x0, joined, defect_std, damping, cross, along, reduced, reduced_g):
+    """Eliminate the initial states: the numbers of an `Expansion` from the defects' cost on, and whether there are any.
 
-    One function, because forward elimination uses each block while it is in cache.
+    There are none where the states' block is not positive definite. One function, because forward elimination uses
+    each block while it is in cache.
 
     Args:
         sums: of the kernel; what stands there of parameters is not looked at.
         x0: (J, n) initial states.
-        joined: (J,) as for `eliminate`.
-        defect_std: (n,) as for `eliminate`.
-        damping: of the states.
+        joined: (J,) whether the end of a segment is tied to the start of the next.
+        defect_std: (n,) the defect between them is weighted by 1 / defect_std^2 a state.
+        damping: added to 1 it multiplies the diagonal of the states' block.
         cross: (J, n, p) second derivatives with respect to states and parameters.
         along: (J, n, p) derivatives of the ends of segments.
         reduced: (p, p) second derivatives with respect to parameters within segments, damped; changed.
@@ -220,10 +124,10 @@ def substitute(factor, border, carry, joined, change):
     """Return the change (J, n) of the initial states that goes with a change of the parameters.
 
     Args:
-        factor: (J, n, n) of `eliminate`.
-        border: (J, n, p + 1) of `eliminate`.
-        carry: (J, n, n) of `eliminate`.
-        joined: (J,) as for `eliminate`.
+        factor: (J, n, n) of `factorise`.
+        border: (J, n, p + 1) of `factorise`.
+        carry: (J, n, n) of `factorise`.
+        joined: (J,) as for `factorise`.
         change: (p,) of the parameters.
     """
     segments, n = factor.shape[0], factor.shape[1]
@@ -251,10 +155,10 @@ def responses(factor, border, carry, joined):
     """Return how the most likely initial states follow the parameters, (J, n, p).
 
     Args:
-        factor: (J, n, n) of `eliminate`.
-        border: (J, n, p + 1) of `eliminate`.
-        carry: (J, n, n) of `eliminate`.
-        joined: (J,) as for `eliminate`.
+        factor: (J, n, n) of `factorise`.
+        border: (J, n, p + 1) of `factorise`.
+        carry: (J, n, n) of `factorise`.
+        joined: (J,) as for `factorise`.
     """
     segments, n, p = border.shape[0], border.shape[1], border.shape[2] - 1
     result = np.empty((segments, n, p))
@@ -279,9 +183,9 @@ def state_covariances(factor, carry, joined):
     that the pattern of L has are computed, last to first. next[j] is the covariance of x0[j + 1] (rows) with x0[j].
 
     Args:
-        factor: (J, n, n) of `eliminate`.
-        carry: (J, n, n) of `eliminate`.
-        joined: (J,) as for `eliminate`.
+        factor: (J, n, n) of `factorise`.
+        carry: (J, n, n) of `factorise`.
+        joined: (J,) as for `factorise`.
     """
     segments, n = factor.shape[0], factor.shape[1]
     own, following = np.zeros((segments, n, n)), np.zeros((segments, n, n))
@@ -325,8 +229,8 @@ def noise_sums(precision, cost, gradient, hessian, jacobian, defect, joined, cha
         defect: (J, n) between an end and the next begin.
         joined: (J,) whether that counts.
         change: (J, n) to the most likely states.
-        factor: (J, n, n) of `eliminate`.
-        carry: (J, n, n) of `eliminate`.
+        factor: (J, n, n) of `factorise`.
+        carry: (J, n, n) of `factorise`.
         own: (J, n, n) of `state_covariances`.
         following: (J, n, n) of `state_covariances`.
     """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
@@ -12,38 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
-from odescope.likelihood.block_cholesky import eliminate, scaled, substitute
+from odescope.likelihood.block_cholesky import substitute
 from odescope.likelihood.budget import Budget
+from odescope.likelihood.expansion import Expansion, eliminate, scaled
 from odescope.likelihood.kernel import LANES, Averages, Settings, Sums, integrate
 from odescope.likelihood.program import Program
 from odescope.likelihood.segments import Segments
-
-
-@dataclass(frozen=True, eq=False)
-class Expansion:
-    """Cost and its quadratic expansion after the initial states are eliminated.
-
-    Shapes: information (p, p) reduced Gauss-Newton matrix, gradient (p,) reduced; both of half the cost.
-    """
-
-    data_cost: float
-    defect_cost: float
-    information: FloatArray
-    gradient: FloatArray
-    log_det: float
-    factor: FloatArray
-    border: FloatArray
-    carry: FloatArray
-
-    @property
-    def cost(self) -> float:
-        """Data and defects together."""
-        return self.data_cost + self.defect_cost
-
-    @property
-    def finite(self) -> bool:
-        """Whether no sensitivity overflowed."""
-        return bool(np.isfinite(self.information).all() and np.isfinite(self.gradient).all())
 
 
 @lru_cache(maxsize=1)
@@ -146,8 +119,7 @@ class Evaluator:
             total = sums.cost.sum()
         if not np.isfinite(total) or not np.all(np.isfinite(sums.last)):
             return None
-        eliminated = eliminate(sums, x0, self._joined(defect_std), defect_std, damping)
-        return None if eliminated is None else Expansion(float(sums.cost.sum()), *eliminated)
+        return eliminate(sums, x0, self._joined(defect_std), defect_std, damping)
 
     def change(
         self, expansion: Expansion, defect_std: FloatArray, least: FloatArray, largest: FloatArray

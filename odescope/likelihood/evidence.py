@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
-from odescope.likelihood.block_cholesky import scaled
+from odescope.likelihood.expansion import scaled
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.gauge import SINGULAR
 from odescope.likelihood.search_space import SearchSpace

@@ -8,9 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
-from odescope.likelihood.block_cholesky import scaled
-from odescope.likelihood.evaluator import Expansion
 from odescope.likelihood.evidence import TOLD_APART, Projection
+from odescope.likelihood.expansion import Expansion, scaled
 from odescope.likelihood.gauge import SINGULAR, inverse
 
 FAR = 8  # moves that the expansion of a cost foresees, at most

@@ -8,8 +8,8 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.constants import grid_of
-from odescope.likelihood.evaluator import Expansion
 from odescope.likelihood.evidence import project
+from odescope.likelihood.expansion import Expansion
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.gauge import SINGULAR
 from odescope.likelihood.search_space import SearchSpace

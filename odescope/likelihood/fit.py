@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.likelihood.evaluator import Evaluator, Expansion
+from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.expansion import Expansion
 from odescope.likelihood.gauge import inverse
 from odescope.likelihood.kernel import Sums
 from odescope.likelihood.program import Program

@@ -13,7 +13,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.mechanism import Mechanism, scale_groups
-from odescope.likelihood.block_cholesky import scaled
+from odescope.likelihood.expansion import scaled
 
 WEAK = 100.0  # largest Wald statistic beside a held coefficient that is known to no more than a tenth of its value
 SINGULAR = 1e-13  # least eigenvalue of a scaled information matrix, over the largest, that is not rounding

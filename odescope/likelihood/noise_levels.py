@@ -13,7 +13,8 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from odescope.arrays import FloatArray
-from odescope.likelihood.block_cholesky import eliminate, noise_sums, state_covariances, substitute
+from odescope.likelihood.block_cholesky import noise_sums, state_covariances, substitute
+from odescope.likelihood.expansion import eliminate
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.kernel import Sums
 from odescope.likelihood.search_space import SearchSpace
@@ -94,7 +95,7 @@ class LinearRecord:
         eliminated = eliminate(sums, self.x0, joined, spread, 0.0)
         if eliminated is None:
             return None
-        *_, log_det, factor, border, carry = eliminated
+        factor, border, carry = eliminated.factor, eliminated.border, eliminated.carry
         change = substitute(factor, border, carry, joined, np.zeros(0))
         own, following = state_covariances(factor, carry, joined)
         defect = self.last - np.roll(self.x0, -1, axis=0)
@@ -115,7 +116,7 @@ class LinearRecord:
         counted = np.concatenate([self.segments.counted, np.full(n, joined.sum())])
         return NoisePoint(
             logs,
-            float(squares.sum() + log_det + 2.0 * counted @ logs),
+            float(squares.sum() + eliminated.log_det + 2.0 * counted @ logs),
             2.0 * (counted - squares - known),
             4.0 * (np.diag(squares) - through),
             change,

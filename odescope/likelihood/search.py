@@ -15,8 +15,8 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant
 from odescope.likelihood.add_and_drop import HOPELESS, Moves
-from odescope.likelihood.evaluator import Expansion
 from odescope.likelihood.evidence import project
+from odescope.likelihood.expansion import Expansion
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.narrowing import narrowed
 from odescope.likelihood.search_space import Move, SearchSpace

@@ -106,6 +106,7 @@ def without(ranked, columns):
     return type(ranked)(kept, ranked.discarded)
 
 
+@pytest.mark.slow
 def test_of_lagranges_equations_beside_relations_and_alone():
     log = simulate_log(0, 2)
     data = {"t": log.t, "x": log.measured[:, 0], "phi": log.measured[:, 1], "u": log.force}

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from small_systems import CART, RING, TIED_CART, TIED_RING, UPTAKE, drive
 
-from odescope.likelihood.block_cholesky import eliminate, substitute
+from odescope.likelihood.block_cholesky import substitute
 from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.expansion import eliminate
 from odescope.likelihood.kernel import Sums
 from odescope.likelihood.segments import Segments
 
@@ -204,16 +205,20 @@ def test_elimination_agrees_with_a_dense_system(n, p, joined, damping):
     gap = np.exp(rng.standard_normal(n))
     parts = problem(rng, j, n, p)
     matrix, rhs, cost = dense(*parts, ties, gap, damping)
-    joints, information, reduced, log_det, *factors = eliminate(*parts, ties, gap, damping)
+    expansion = eliminate(*parts, ties, gap, damping)
     states = slice(0, j * n), slice(j * n, None)
     block, edge = matrix[states[0], states[0]], matrix[states[0], states[1]]
     inner = np.linalg.solve(block, np.column_stack([edge, rhs[states[0]]]))
-    assert joints == pytest.approx(cost, rel=1e-12)
-    assert log_det == pytest.approx(np.linalg.slogdet(block)[1], rel=1e-11)
-    np.testing.assert_allclose(information, matrix[states[1], states[1]] - edge.T @ inner[:, :p], rtol=1e-8, atol=1e-9)
-    np.testing.assert_allclose(reduced, rhs[states[1]] - edge.T @ inner[:, p], rtol=1e-8, atol=1e-9)
+    assert expansion.defect_cost == pytest.approx(cost, rel=1e-12)
+    assert expansion.log_det == pytest.approx(np.linalg.slogdet(block)[1], rel=1e-11)
+    np.testing.assert_allclose(
+        expansion.information, matrix[states[1], states[1]] - edge.T @ inner[:, :p], rtol=1e-8, atol=1e-9
+    )
+    np.testing.assert_allclose(expansion.gradient, rhs[states[1]] - edge.T @ inner[:, p], rtol=1e-8, atol=1e-9)
     step = -np.linalg.solve(matrix, rhs)
-    change = substitute(*factors, ties, np.ascontiguousarray(step[states[1]]))
+    change = substitute(
+        expansion.factor, expansion.border, expansion.carry, ties, np.ascontiguousarray(step[states[1]])
+    )
     np.testing.assert_allclose(change.ravel(), step[states[0]], rtol=1e-8, atol=1e-9)
 
 
@@ -231,6 +236,16 @@ def test_parameters_that_are_almost_alike_are_told_apart_where_segments_are_tied
     back = np.linalg.inv(warm)
     found = eliminate(alike, x0, ties, gap, 0.0)
     np.testing.assert_allclose(back.T @ found.information @ back, apart.information, rtol=1e-3, atol=1e-3)
+
+
+def test_parameters_whose_matrix_rounding_leaves_indefinite_are_taken_as_they_are():
+    sums, x0 = problem(np.random.default_rng(1), 5, 2, 3)
+    sums.hessian[:, 2:, 2:] = 1.0
+    sums.hessian[:, 3, 4] = sums.hessian[:, 4, 3] = 1.0 - 1e-9  # 0 is like 1 and like 2, but 1 is not like 2
+    matrix, _, _ = dense(sums, x0, np.zeros(5, dtype=bool), np.ones(2), 0.0)
+    schur = matrix[10:, 10:] - matrix[10:, :10] @ np.linalg.solve(matrix[:10, :10], matrix[:10, 10:])
+    found = eliminate(sums, x0, np.zeros(5, dtype=bool), np.ones(2), 0.0)
+    np.testing.assert_allclose(found.information, schur, rtol=1e-9, atol=1e-9)
 
 
 def test_a_block_that_is_not_positive_definite_is_reported():

@@ -19,7 +19,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 from small_systems import CART, System, drive
 
-from odescope.likelihood.block_cholesky import eliminate, state_covariances
+from odescope.likelihood.block_cholesky import state_covariances
+from odescope.likelihood.expansion import eliminate
 from odescope.likelihood.fit import fit
 from odescope.likelihood.kernel import Sums
 from odescope.likelihood.noise_levels import LinearRecord, estimate_noise, marginal_cost, with_noise
@@ -98,12 +99,10 @@ def test_covariances_of_a_random_chain_are_blocks_of_the_dense_inverse(segments,
     joined[-1] = False
     gap = rng.uniform(0.3, 2.0, n)
     zeros = np.zeros((segments, n))
-    *_, log_det, factor, _, carry = eliminate(
-        Sums(np.zeros(segments), zeros, hessian, zeros, jacobian), zeros, joined, gap, 0.0
-    )
+    expansion = eliminate(Sums(np.zeros(segments), zeros, hessian, zeros, jacobian), zeros, joined, gap, 0.0)
     whole = dense_states_hessian(hessian, jacobian, joined, gap)
-    assert log_det == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-10)
-    assert_blocks_of_the_inverse(*state_covariances(factor, carry, joined), whole, joined)
+    assert expansion.log_det == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-10)
+    assert_blocks_of_the_inverse(*state_covariances(expansion.factor, expansion.carry, joined), whole, joined)
 
 
 @pytest.mark.parametrize("system", [CART, MASSES], ids=["cart", "masses"])

@@ -130,6 +130,7 @@ def test_the_same_study_gives_the_same_file(lagrangian, log):
     assert to_json(identify(CART, columns(log)).model) == to_json(lagrangian.model)
 
 
+@pytest.mark.slow
 def test_ties_give_the_scale(log):
     """With the mass known and not the force, everything is in kilograms all the same."""
     tied = with_library(CART, form="lagrangian", ties=("x_dot**2 in kinetic = 0.9",))

@@ -85,6 +85,7 @@ def test_an_added_recording_costs_only_itself_wherever_it_lies(tmp_path, folder,
     assert coefficients(result)["x"] == pytest.approx(4.0, rel=0.01)
 
 
+@pytest.mark.slow
 def test_what_no_longer_fits_is_computed_anew(tmp_path, folder, counted):
     study, store = study_of(folder / "log.parquet"), tmp_path / "factors"
     expected = coefficients(identify(study, store=store))

@@ -1,0 +1,119 @@
+"""The expansion of the cost about parameters, initial states eliminated, exact where parameters are nearly alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from odescope.arrays import BoolArray, FloatArray
+from odescope.likelihood.block_cholesky import factorise
+from odescope.likelihood.kernel import Sums
+
+ROUNDING = 1e-14  # of a matrix of correlations, for each of its rows
+DIFFERENT = 0.01  # share of a parameter's effect that others do not have, of which rounding takes nothing
+LEAST = 1e-200  # information about a coefficient: what rounding leaves of none can be negative
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """Cost and its quadratic expansion after the initial states are eliminated.
+
+    Shapes: information (p, p) reduced Gauss-Newton matrix, gradient (p,) reduced; both of half the cost; factor
+    (J, n, n), border (J, n, p + 1) and carry (J, n, n) are what the states follow from, log_det is that of their block.
+    """
+
+    data_cost: float
+    defect_cost: float
+    information: FloatArray
+    gradient: FloatArray
+    log_det: float
+    factor: FloatArray
+    border: FloatArray
+    carry: FloatArray
+
+    @property
+    def cost(self) -> float:
+        """Data and defects together."""
+        return self.data_cost + self.defect_cost
+
+    @property
+    def finite(self) -> bool:
+        """Whether no sensitivity overflowed."""
+        return bool(np.isfinite(self.information).all() and np.isfinite(self.gradient).all())
+
+
+def scaled(information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the information as correlations, and the scale of each coefficient, its square root."""
+    scale = np.sqrt(np.maximum(np.diag(information), LEAST))
+    with np.errstate(over="ignore"):  # two coefficients of which the data say nothing: rounding over next to nothing
+        correlations: FloatArray = np.clip(information / scale / scale[:, None], -1.0, 1.0)
+    return correlations, scale
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of segments that ran away
+def eliminate(
+    sums: Sums, x0: FloatArray, joined: BoolArray, defect_std: FloatArray, damping: float
+) -> Expansion | None:
+    """Eliminate the initial states, by block-tridiagonal Cholesky with the parameters as border.
+
+    None where the states' block is not positive definite. Segments that are tied closely bring large numbers that
+    cancel: the rounding of what 1, T and T^2 have in common at 300 K would be more than what tells them apart. So
+    parameters are replaced meanwhile by combinations that segments tell apart: their matrix L L^T, before anything is
+    eliminated, becomes the unit matrix.
+
+    Args:
+        sums: of the kernel.
+        x0: (J, n) initial states.
+        joined: (J,) whether the end of a segment is tied to the start of the next.
+        defect_std: (n,) the defect between them is weighted by 1 / defect_std^2 a state.
+        damping: added to 1 it multiplies the diagonal (Levenberg-Marquardt).
+    """
+    n = x0.shape[1]
+    inner, cross, along = sums.hessian.sum(axis=0)[n:, n:], sums.hessian[:, :n, n:], sums.jacobian[:, :, n:]
+    weighted = (np.where(joined[:, None], 1.0 / defect_std, 0.0)[:, :, None] * along).reshape(
+        joined.size * n, len(inner)
+    )
+    whole, slope = inner + weighted.T @ weighted, sums.gradient[:, n:].sum(axis=0)
+    finite = np.isfinite(np.diag(whole))
+    if not finite.all():  # what runs away spoils no other
+        inner, whole = (np.where(finite & finite[:, None], part, 0.0) for part in (inner, whole))
+        cross, along, slope = (np.where(finite, part, 0.0) for part in (cross, along, slope))
+    basis = _basis(whole)
+    damped = _combined(basis, _combined(basis, inner + damping * np.diag(np.diag(whole))).T)
+    parts = _combined(basis, cross), _combined(basis, along), damped, _combined(basis, slope)
+    cost, information, gradient, log_det, factor, border, carry, positive = factorise(
+        sums, x0, joined, defect_std, damping, *parts
+    )
+    if not positive:
+        return None
+    if basis is not None:
+        flat = border.reshape(joined.size * n, -1)
+        flat[:, :-1] = flat[:, :-1] @ basis.T
+        information, gradient = basis @ information @ basis.T, basis @ gradient
+    gradient[~finite] = information[~finite] = information[:, ~finite] = np.nan
+    return Expansion(float(sums.cost.sum()), cost, information, gradient, log_det, factor, border, carry)
+
+
+def _basis(information: FloatArray) -> FloatArray | None:
+    """Return L (p, p), lower triangular, such that L L^T is the information (p, p) but for rounding.
+
+    None where parameters are so different that rounding is nothing to them, or where there is more of it than expected.
+    """
+    correlations, scale = scaled(information)
+    p = len(scale)
+    try:
+        factor = np.linalg.cholesky(correlations + (p * ROUNDING + (scale**2 <= LEAST)) * np.eye(p))
+    except np.linalg.LinAlgError:
+        return None
+    return None if np.diag(factor).min(initial=1.0) > DIFFERENT else scale[:, None] * factor
+
+
+def _combined(basis: FloatArray | None, slopes: FloatArray) -> FloatArray:
+    """Return derivatives (..., p) with respect to the combinations L^T theta of parameters, from those to theta."""
+    if basis is None:
+        return np.ascontiguousarray(slopes)
+    flat = slopes.reshape(-1, slopes.shape[-1])
+    solved: FloatArray = solve_triangular(basis, flat.T, lower=True, check_finite=False)
+    return np.ascontiguousarray(solved.T).reshape(slopes.shape)
