@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 from odescope.library.expression import Atom, Call, Combination, Name, Power, Term
 from odescope.library.functions import FUNCTIONS
@@ -11,8 +11,12 @@ from odescope.library.parse import Scope, parse_combination
 _ARGUMENT = Name("z")  # what the derivatives in the rows call the argument
 
 
+@lru_cache(maxsize=8192)
 def derivative(term: Term, name: str) -> Combination:
-    """Return the partial derivative of a term with respect to a state, target or input."""
+    """Return the partial derivative of a term with respect to a state, target or input.
+
+    Searches ask for the same few hundred with every model they try.
+    """
     parts: list[tuple[float, Term]] = []
     for atom, power in term.factors:
         rest = term.over(atom)
