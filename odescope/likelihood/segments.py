@@ -10,15 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from itertools import pairwise
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
-from odescope.recordings.between_samples import FINER, laid_out
-from odescope.recordings.coordinate import Hold, Input
+from odescope.likelihood.sampled_inputs import SampledInputs, sampled_inputs
+from odescope.recordings.coordinate import Hold
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.estimate import Signals
@@ -30,52 +29,8 @@ SEGMENT = 25  # block averages a segment
 SHORT = 6  # block averages of a segment in which a model that lacks most is not lost
 LEAST_SEGMENT = 4
 FEW = 50  # averages in all: of fewer the residual variance, by which a model is judged, scatters by more than a fifth
-DIFFERENCE = 0.02  # samples: of the difference quotient that says how an input changes with its delay
 SINGLE = 1000  # samples of a log, at most, that is not averaged where noise grows: each has a weight of its own
 LARGEST = 60_000  # averages in all: of longer logs the likelihood takes the first part of every record, to bound memory
-
-
-@dataclass(frozen=True, eq=False)
-class SampledInputs:
-    """The inputs of all records end to end, from which those of every step follow, however late they act.
-
-    Shapes: samples (M, i) as they act without more delay; holds (i,) names; at (N,) the sample at every average, first
-    and last (N,) those of its record; block samples a step, of `period` seconds each.
-    """
-
-    samples: FloatArray
-    holds: tuple[Hold, ...]
-    at: IntArray
-    first: IntArray
-    last: IntArray
-    block: int
-    period: float
-
-    def nodes(self, late: Sequence[float]) -> FloatArray:
-        """Return the inputs (N, 3, i) at begin, middle and end of the step after each average, so many samples late.
-
-        The nodes are those of the parabola that is nearest to the input over the step: smooth inputs keep their values,
-        and of rough or switching ones RK4's Simpson rule sees the right mean.
-        """
-        nodes = np.empty((len(self.at), 3, len(self.holds)))
-        longest = 2.0 * len(self.samples)  # later than that is all the same, and a fit that goes astray may ask for it
-        for j, (hold, samples) in enumerate(zip(self.holds, np.clip(late, -longest, longest).tolist(), strict=True)):
-            finer = FINER if hold == "band-limited" else 1
-            column = self._laid_out[j] if hold == "band-limited" else self.samples[:, j]
-            block, whole = finer * self.block, int(np.floor(finer * samples))
-            around = finer * self.at[:, None] - whole - 1 + np.arange(block + 2)
-            reach = np.clip(around, finer * self.first[:, None], finer * self.last[:, None])
-            nodes[:, :, j] = column[reach] @ _parabola(block, hold == "zero", finer * samples - whole).T
-        return nodes
-
-    @cached_property
-    def _laid_out(self) -> dict[int, FloatArray]:
-        """The band-limited inputs (FINER M,) on a grid on which they run linearly, by their numbers."""
-        found = {j: np.empty(FINER * len(self.samples)) for j, hold in enumerate(self.holds) if hold == "band-limited"}
-        for first, last in zip(np.unique(self.first), np.unique(self.last), strict=True):
-            for j, column in found.items():
-                column[FINER * first : FINER * (last + 1)] = laid_out(self.samples[first : last + 1, j])
-        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,10 +96,9 @@ class Segments:
         """
         if self.driven is None:
             raise ValueError("segments without the samples of their inputs cannot tell what these are later")
-        samples = np.array(delays) / self.driven.period
-        more, less = (self.driven.nodes((samples + sign * DIFFERENCE).tolist()) for sign in (1.0, -1.0))
-        gain = (more - less) / (2.0 * DIFFERENCE * self.driven.period)
-        return np.concatenate([self.driven.nodes(samples.tolist()), gain], axis=2)
+        period = self.driven.period
+        nodes, gain = self.driven.nodes_and_gain((np.array(delays) / period).tolist())
+        return np.concatenate([nodes, gain / period], axis=2)
 
     @property
     def initial(self) -> FloatArray:
@@ -194,7 +148,7 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
             weights[there, k] /= grows.deviations[there]
     unequal = None if np.all(weights == 1.0) else weights
     start, count, joined = _cut(runs, length, unequal)
-    driven = _driven(records, signals.inputs, seen.centres, block)
+    driven = sampled_inputs(records, signals.inputs, seen.centres, block)
     return Segments(
         measured=y,
         inputs=driven.nodes([0.0] * len(driven.holds)),
@@ -264,23 +218,6 @@ def _steady(signals: Signals) -> tuple[int, ...]:
     """Return the channels whose noise cannot grow with their readings: angles, and what a solver or a step leaves."""
     both = zip(signals.coordinates, signals.channels, strict=True)
     return tuple(k for k, (c, channel) in enumerate(both) if c.angle or channel.noise <= channel.floor)
-
-
-def _driven(records: Records, inputs: Sequence[Input], centres: Sequence[IntArray], block: int) -> SampledInputs:
-    """Return the inputs of records, given the sample at the centre of every average."""
-    begin = np.concatenate([[0], np.cumsum([len(run) for run in records])])
-    names = [i.name for i in inputs]
-    samples = [np.column_stack([run.column(n) for n in names]) if names else np.empty((len(run), 0)) for run in records]
-    kept = [len(c) for c in centres]
-    return SampledInputs(
-        samples=np.concatenate(samples),
-        holds=tuple(i.hold for i in inputs),
-        at=np.concatenate([b + c for b, c in zip(begin, centres, strict=False)]),
-        first=np.repeat(begin[:-1], kept),
-        last=np.repeat(begin[1:] - 1, kept),
-        block=block,
-        period=records.runs[0].sample_period,
-    )
 
 
 def _block(records: Records, signals: Signals, period: float) -> int:
@@ -354,31 +291,6 @@ def _weighed(rest: FloatArray, counts: FloatArray) -> tuple[FloatArray, FloatArr
         return rest.mean(axis=1), np.ones(len(rest))
     total = counts.sum(axis=1)
     return (counts * rest).sum(axis=1) / np.maximum(total, 1.0), np.sqrt(total / counts.shape[1])
-
-
-@lru_cache(maxsize=64)
-def _parabola(block: int, held: bool, fraction: float) -> FloatArray:
-    """Return the weights (3, block + 2) of samples in the nodes of the nearest parabola over a step of `block`.
-
-    Between samples the input is held, or else linear. The first sample is the one before the step begins, if the input
-    acts a `fraction` of a sample late.
-    """
-    points, weights = np.polynomial.legendre.leggauss(4)
-    moments = np.zeros((3, block + 2))
-    edges = sorted({*range(block + 1), *(k + fraction for k in range(block))})
-    for low, high in pairwise(edges):
-        at = low + 0.5 * (points + 1.0) * (high - low)  # in samples since the step began
-        below = int(np.floor(0.5 * (low + high) - fraction)) + 1
-        s = 2.0 * at / block - 1.0
-        legendre = np.array([np.ones_like(s), s, 1.5 * s**2 - 0.5])
-        share = 0.5 * (high - low) / block * weights * legendre * np.array([[1.0], [3.0], [5.0]])
-        up = at - fraction - (below - 1)
-        rise = np.zeros_like(up) if held else up
-        moments[:, below] += share @ (1.0 - rise)
-        moments[:, below + 1] += share @ rise
-    at_nodes = np.array([[1.0, -1.0, 1.0], [1.0, 0.0, -0.5], [1.0, 1.0, 1.0]])
-    result: FloatArray = at_nodes @ moments
-    return result
 
 
 def _smoothing_error(signals: Signals, noise: FloatArray, period: float) -> FloatArray:

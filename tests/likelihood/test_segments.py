@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from odescope.likelihood.segments import SampledInputs, _parabola, cut_segments
+from odescope.likelihood.sampled_inputs import SampledInputs, _parabola
+from odescope.likelihood.segments import cut_segments
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral

@@ -12,8 +12,9 @@ from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.program import Frame, Program
+from odescope.likelihood.sampled_inputs import SampledInputs
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.segments import SampledInputs, Segments
+from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate
 
 # phi_ddot = -8 sin(phi) - 0.2 phi_dot - 1.5 tanh(phi_dot/w) + 2 u, u late and phi read with an offset.

@@ -12,9 +12,10 @@ from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.program import Frame
+from odescope.likelihood.sampled_inputs import SampledInputs
 from odescope.likelihood.search import WIDTHS, fitted_again, search
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.segments import SampledInputs, Segments
+from odescope.likelihood.segments import Segments
 from odescope.likelihood.steps import with_finer_steps, with_narrow_friction
 from odescope.recordings.coordinate import Coordinate
 

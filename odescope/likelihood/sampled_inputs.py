@@ -1,0 +1,122 @@
+"""The inputs on the nodes of integration steps, however late they act."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from odescope.arrays import FloatArray, IntArray
+from odescope.recordings.between_samples import FINER, laid_out
+from odescope.recordings.coordinate import Hold, Input
+from odescope.recordings.record import Records
+
+DIFFERENCE = 0.02  # samples: of the difference quotient that says how an input changes with its delay
+
+
+@dataclass(frozen=True, eq=False)
+class SampledInputs:
+    """The inputs of all records end to end, from which those of every step follow, however late they act.
+
+    Shapes: samples (M, i) as they act without more delay; holds (i,) names; at (N,) the sample at every average, first
+    and last (N,) those of its record; block samples a step, of `period` seconds each.
+    """
+
+    samples: FloatArray
+    holds: tuple[Hold, ...]
+    at: IntArray
+    first: IntArray
+    last: IntArray
+    block: int
+    period: float
+
+    def nodes(self, late: Sequence[float]) -> FloatArray:
+        """Return the inputs (N, 3, i) at begin, middle and end of the step after each average, so many samples late.
+
+        The nodes are those of the parabola that is nearest to the input over the step: smooth inputs keep their values,
+        and of rough or switching ones RK4's Simpson rule sees the right mean.
+        """
+        (nodes,) = self._found(late, [0.0], np.ones((1, 1)))
+        return nodes
+
+    def nodes_and_gain(self, late: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+        """Return the `nodes`, and what they gain (N, 3, i) with a sample more."""
+        quotient = [0.0, 0.5 / DIFFERENCE, -0.5 / DIFFERENCE]
+        nodes, gain = self._found(late, [0.0, DIFFERENCE, -DIFFERENCE], np.array([[1.0, 0.0, 0.0], quotient]))
+        return nodes, gain
+
+    def _found(self, late: Sequence[float], besides: Sequence[float], shares: FloatArray) -> FloatArray:
+        """Return sums (r, N, 3, i) of the `nodes` at delays that differ by `besides` (b,), each by its shares (r, b).
+
+        The samples around each step are gathered once.
+        """
+        sums = np.empty((len(shares), len(self.at), 3, len(self.holds)))
+        longest = 2.0 * len(self.samples)  # later than that is all the same, and a fit that goes astray may ask for it
+        for j, (hold, samples) in enumerate(zip(self.holds, np.clip(late, -longest, longest).tolist(), strict=True)):
+            finer = FINER if hold == "band-limited" else 1
+            column = self._laid_out[j] if hold == "band-limited" else self.samples[:, j]
+            block, shifts = finer * self.block, [finer * (samples + more) for more in besides]
+            wholes = [int(np.floor(shift)) for shift in shifts]
+            last, width = max(wholes), block + 2 + max(wholes) - min(wholes)
+            weights = np.zeros((len(besides), 3, width))
+            for k, (shift, whole) in enumerate(zip(shifts, wholes, strict=True)):
+                weights[k, :, last - whole : last - whole + block + 2] = _parabola(block, hold == "zero", shift - whole)
+            around = finer * self.at[:, None] - last - 1 + np.arange(width)
+            reach = np.clip(around, finer * self.first[:, None], finer * self.last[:, None])
+            found = column[reach] @ np.tensordot(shares, weights, axes=1).reshape(-1, width).T
+            sums[..., j] = found.reshape(-1, len(shares), 3).transpose(1, 0, 2)
+        return sums
+
+    @cached_property
+    def _laid_out(self) -> dict[int, FloatArray]:
+        """The band-limited inputs (FINER M,) on a grid on which they run linearly, by their numbers."""
+        found = {j: np.empty(FINER * len(self.samples)) for j, hold in enumerate(self.holds) if hold == "band-limited"}
+        for first, last in zip(np.unique(self.first), np.unique(self.last), strict=True):
+            for j, column in found.items():
+                column[FINER * first : FINER * (last + 1)] = laid_out(self.samples[first : last + 1, j])
+        return found
+
+
+def sampled_inputs(records: Records, inputs: Sequence[Input], centres: Sequence[IntArray], block: int) -> SampledInputs:
+    """Return the inputs of records, given the sample at the centre of every average."""
+    begin = np.concatenate([[0], np.cumsum([len(run) for run in records])])
+    names = [i.name for i in inputs]
+    samples = [np.column_stack([run.column(n) for n in names]) if names else np.empty((len(run), 0)) for run in records]
+    kept = [len(c) for c in centres]
+    return SampledInputs(
+        samples=np.concatenate(samples),
+        holds=tuple(i.hold for i in inputs),
+        at=np.concatenate([b + c for b, c in zip(begin, centres, strict=False)]),
+        first=np.repeat(begin[:-1], kept),
+        last=np.repeat(begin[1:] - 1, kept),
+        block=block,
+        period=records.runs[0].sample_period,
+    )
+
+
+@lru_cache(maxsize=64)
+def _parabola(block: int, held: bool, fraction: float) -> FloatArray:
+    """Return the weights (3, block + 2) of samples in the nodes of the nearest parabola over a step of `block`.
+
+    Between samples the input is held, or else linear. The first sample is the one before the step begins, if the input
+    acts a `fraction` of a sample late.
+    """
+    points, weights = np.polynomial.legendre.leggauss(4)
+    moments = np.zeros((3, block + 2))
+    edges = sorted({*range(block + 1), *(k + fraction for k in range(block))})
+    for low, high in pairwise(edges):
+        at = low + 0.5 * (points + 1.0) * (high - low)  # in samples since the step began
+        below = int(np.floor(0.5 * (low + high) - fraction)) + 1
+        s = 2.0 * at / block - 1.0
+        legendre = np.array([np.ones_like(s), s, 1.5 * s**2 - 0.5])
+        share = 0.5 * (high - low) / block * weights * legendre * np.array([[1.0], [3.0], [5.0]])
+        up = at - fraction - (below - 1)
+        rise = np.zeros_like(up) if held else up
+        moments[:, below] += share @ (1.0 - rise)
+        moments[:, below + 1] += share @ rise
+    at_nodes = np.array([[1.0, -1.0, 1.0], [1.0, 0.0, -0.5], [1.0, 1.0, 1.0]])
+    result: FloatArray = at_nodes @ moments
+    return result
