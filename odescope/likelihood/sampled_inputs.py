@@ -39,7 +39,7 @@ class SampledInputs:
         The nodes are those of the parabola that is nearest to the input over the step: smooth inputs keep their values,
         and of rough or switching ones RK4's Simpson rule sees the right mean.
         """
-        (nodes,) = self._found(late, [0.0], np.ones((1, 1)))
+        nodes: FloatArray = self._found(late, [0.0], np.ones((1, 1)))[0]
         return nodes
 
     def nodes_and_gain(self, late: Sequence[float]) -> tuple[FloatArray, FloatArray]:
