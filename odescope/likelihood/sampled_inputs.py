@@ -81,7 +81,14 @@ class SampledInputs:
 
 
 def sampled_inputs(records: Records, inputs: Sequence[Input], centres: Sequence[IntArray], block: int) -> SampledInputs:
-    """Return the inputs of records, given the sample at the centre of every average."""
+    """Return the inputs of records for the steps of the likelihood.
+
+    Args:
+        records: M samples in all, every recording at the same sample period.
+        inputs: which columns they are, and how each runs between samples.
+        centres: of every recording, the sample at the centre of each of its averages, counted from its own first.
+        block: samples a step.
+    """
     begin = np.concatenate([[0], np.cumsum([len(run) for run in records])])
     names = [i.name for i in inputs]
     samples = [np.column_stack([run.column(n) for n in names]) if names else np.empty((len(run), 0)) for run in records]
