@@ -16,10 +16,12 @@ from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from truths import multiplied_out
 
 from odescope.errors import InputError
 from odescope.library.parse import Scope, parse_term
 from odescope.model.model import Model
+from odescope.model.relation import Relation
 
 HERE = Path(__file__).parent
 SECONDS = 10.0  # of a run of ODEBench
@@ -152,9 +154,9 @@ def _law(text: str, scope: Scope) -> dict[Key, float]:
     return found
 
 
-def laws_of(model: Model) -> tuple[dict[tuple[str | None, str], float], ...]:
-    """Return the coefficients of a model's relations, by factor and text."""
-    return tuple({(t.factor, skeleton(t.term.text)): t.coefficient for t in r.terms} for r in model.relations)
+def law_of(relation: Relation) -> dict[tuple[str | None, str], float]:
+    """Return the coefficients of a relation, by factor and text."""
+    return {(t.factor, skeleton(t.term.text)): t.coefficient for t in relation.terms}
 
 
 @dataclass(frozen=True)
@@ -171,10 +173,12 @@ class Comparison:
 
 
 def compared(system: System, model: Model) -> Comparison:
-    """Compare a model's relations with the system's, term by term."""
+    """Compare a model's relations with the system's, term by term, as they are and multiplied out."""
     failures, errors = dict[str, str](), dict[str, float]()
-    for target, law, found in zip(model.targets, system.laws, laws_of(model), strict=True):
+    for target, law, relation in zip(model.targets, system.laws, model.relations, strict=True):
         wanted = {(target if with_target else None, text): c for (with_target, text), c in law.items()}
+        found, other = law_of(relation), law_of(multiplied_out(relation))
+        found = other if wanted.keys() == other.keys() else found
         missing, extra = sorted(map(_shown, wanted.keys() - found)), sorted(map(_shown, found.keys() - wanted))
         failures[target] = f"missing {missing}, extra {extra}" if missing or extra else ""
         if failures[target]:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 from threadpoolctl import threadpool_limits
+from truths import multiplied_out
 
 from odescope import Data, Driven, Measured, NoModelError, Study, identify
 
@@ -128,7 +129,7 @@ def attempt(job: tuple[str, float, int]) -> dict[str, str]:
         return dict.fromkeys(case.truth, f"none: {error.stage}")
     outcome = {}
     for target, relation in zip(result.model.targets, result.model.relations, strict=True):
-        found = {term.product.expanded.text for term in relation.terms}
+        found = {term.product.expanded.text for term in multiplied_out(relation).terms}
         truth = case.truth[target]
         extra, missing = sorted(found - truth), sorted(truth - found)
         outcome[target] = "" if found == truth else f"missing {missing}, extra {extra}"

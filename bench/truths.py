@@ -13,12 +13,13 @@ from functools import cached_property
 import numpy as np
 
 from odescope.library.derivative import derivative
-from odescope.library.expression import Call, Combination, Name, Term
+from odescope.library.expression import ONE, Call, Combination, Name, Term
 from odescope.library.mechanism import Kind, Mechanism, Part, candidate, merged
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.model.assembled import relations_of
 from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 
 SLIDING = 1000.0  # dry friction is simulated as tanh(SLIDING * rate): it sticks below a thousandth of a unit a second
@@ -190,6 +191,35 @@ def canonical(term: Term) -> tuple[float, frozenset]:
             sign *= (-1.0) ** power
         factors.add((atom, power))
     return sign, frozenset(factors)
+
+
+def multiplied_out(relation: Relation) -> Relation:
+    """Return a relation with saturations, such as x*y/(K + x), as the same one without: times 1 + x/K.
+
+    One at a time, and those alone whose denominator is a number and one term more. Coefficients lose their errors.
+    """
+    atoms = dict.fromkeys(a for t in relation.terms for a, power in t.term.factors if _saturates(a, power))
+    for atom in atoms:
+        by = {term: c for c, term in atom.argument.parts}
+        lead = by[ONE]
+        sums = dict[tuple[str | None, Term], float]()
+        for t in relation.terms:
+            divided = (atom, -1) in t.term.factors
+            times = (
+                [(1.0 / lead, t.term * Term(((atom, 1),)))]
+                if divided
+                else [(c / lead, t.term * e) for e, c in by.items()]
+            )
+            for c, term in times:
+                key = t.factor, term
+                sums[key] = sums.get(key, 0.0) + c * t.coefficient
+        relation = Relation(tuple(RelationTerm(Product(f, term), c) for (f, term), c in sums.items()))
+    return relation
+
+
+def _saturates(atom: Name | Call, power: float) -> bool:
+    whole = isinstance(atom, Call) and not atom.function and power == -1
+    return whole and len(atom.argument.parts) == len("ab") and any(term == ONE for _, term in atom.argument.parts)
 
 
 def chemistry(name: str) -> tuple[tuple[str, ...], ...]:

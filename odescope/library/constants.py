@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -15,6 +16,7 @@ from odescope.library.parse import MAXIMUM_POWER
 from odescope.library.product import Product
 
 ALONE, EACH = 300, 8  # points at most of a constant that is alone, and of each of two
+LARGEST_EXPONENT = 700.0  # of e, before it overflows
 ALIKE = 0.999  # least correlation of a term at neighbouring points of a grid
 
 
@@ -45,9 +47,11 @@ class Constant:
 
     def at(self, coefficient: float) -> float:
         """Return the value of a coefficient, within the range."""
-        with np.errstate(over="ignore"):
-            value = self.nominal * np.exp(coefficient) if self.relative else self.nominal + coefficient * self.reach
-        return float(np.clip(value, self.low, self.high))
+        if self.relative:
+            value = self.nominal * math.exp(min(coefficient, LARGEST_EXPONENT))
+        else:
+            value = self.nominal + coefficient * self.reach
+        return min(max(value, self.low), self.high)
 
     @property
     def reach(self) -> float:

@@ -6,19 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant, grid_of
 from odescope.library.expression import Term
 from odescope.library.families import Family
 from odescope.library.tape import Tape, evaluate, write_tape
+from odescope.likelihood.least_within import least_within
 
 SEEN = 2000  # samples on which functions are compared
 ROUNDS = 3  # of choosing each function, given the others
 DEARER = 2.0  # times less that one coefficient or constant more has to leave
 EACH = 8  # points of each of two constants
 POLISH = 30  # steps of least squares between the points of several grids
+LARGEST = 1e100  # value of a function that says something: squares of larger ones overflow
 NOTHING_LEFT = 1e-10  # share of a function that others do not say
 
 
@@ -66,19 +67,24 @@ def choices_of(families: Sequence[Family], beside: Sequence[Term]) -> tuple[Choi
     return (*found, *pairs)
 
 
-def _left_of(rest: FloatArray, own: FloatArray, here: FloatArray) -> FloatArray | None:
-    """Return what columns leave of others' rest (N,), None where they say nothing of their own.
+def _left_of(rest: FloatArray, own: FloatArray, here: FloatArray) -> FloatArray:
+    """Return what columns leave of others' rest (..., N), all of it where one of them says nothing of its own.
 
     Args:
         rest: (N,) what others leave.
-        own: (terms, N) the columns less what others say of them.
-        here: (terms, N) the columns.
+        own: (..., terms, N) the columns less what others say of them.
+        here: (..., terms, N) the columns.
     """
-    told = np.sum(own**2, axis=1) > NOTHING_LEFT * np.sum(here**2, axis=1)
-    if not told.all():
-        return None
-    missed: FloatArray = rest - np.linalg.lstsq(own.T, rest)[0] @ own
-    return missed
+    told = np.all(np.sum(own**2, axis=-1) > NOTHING_LEFT * np.sum(here**2, axis=-1), axis=-1)
+    missed: FloatArray = np.where(told[..., None], rest, 0.0)
+    directions = list[FloatArray]()
+    for k in range(own.shape[-2]):
+        one = own[..., k, :]
+        for direction in directions:
+            one = one - np.sum(direction * one, axis=-1, keepdims=True) * direction
+        directions.append(one / np.maximum(np.linalg.norm(one, axis=-1, keepdims=True), 1e-300))
+        missed = missed - np.sum(directions[-1] * missed, axis=-1, keepdims=True) * directions[-1]
+    return np.where(told[..., None], missed, rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,22 +104,34 @@ class Imitated:
         """Return the constants of a choice at every point of their grids, and its terms there (points, terms, N)."""
         if choice not in self.columns:
             points = [dict(point) for point in choice.points] or grid_of(choice.constants, each=EACH) or [{}]
-            self.columns[choice] = points, np.array([self.at(Placed(choice, point)) for point in points])
+            self.columns[choice] = points, self.at_all(choice, points)
         return self.columns[choice]
 
     def at(self, placed: Placed) -> FloatArray:
         """Return the terms of a choice at these constants (terms, N)."""
-        if placed.choice not in self.tapes:
-            names = [*self.values, *(c.name for c in placed.choice.constants)]
-            self.tapes[placed.choice] = write_tape(names, placed.choice.terms)
-        constants = (placed.values[c.name] for c in placed.choice.constants)
-        rows = [*self.values.values(), *(np.full_like(self.said, v) for v in constants)]
+        there: FloatArray = self.at_all(placed.choice, [placed.values])[0]
+        return there
+
+    def at_all(self, choice: Choice, points: Sequence[Mapping[str, float]]) -> FloatArray:
+        """Return the terms of a choice at each of several values of its constants (points, terms, N)."""
+        if choice not in self.tapes:
+            names = [*self.values, *(c.name for c in choice.constants)]
+            self.tapes[choice] = write_tape(names, choice.terms)
+        many, samples = len(points), len(self.said)
+        rows = np.empty((len(self.values) + len(choice.constants), many, samples))
+        for row, column in zip(rows, self.values.values(), strict=False):
+            row[:] = column
+        for row, c in zip(rows[len(self.values) :], choice.constants, strict=True):
+            row[:] = np.array([point[c.name] for point in points])[:, None]
         with np.errstate(all="ignore"):
-            columns: FloatArray = evaluate(self.tapes[placed.choice], np.array(rows))
-        return np.nan_to_num(columns, posinf=0.0, neginf=0.0)
+            columns = evaluate(self.tapes[choice], rows.reshape(len(rows), many * samples))
+        columns[~(np.abs(columns) < LARGEST)] = 0.0
+        return columns.reshape(len(columns), many, samples).swapaxes(0, 1)
 
     def nearest(self, choice: Choice, others: Sequence[Placed]) -> tuple[float, Placed]:
         """Return the least sum of squares that a choice leaves beside others, and its constants there.
+
+        Where a choice has several, their grids are too coarse to compare it with others: they are fitted.
 
         Args:
             choice: one of those that may stand there.
@@ -122,43 +140,55 @@ class Imitated:
         if not choice.terms:
             return self.missed(others), Placed(choice)
         points, columns = self.on_grid(choice)
-        known = np.vstack([self.base, *(self.at(o) for o in others)]).T
-        left, _, _ = np.linalg.svd(known / np.maximum(np.linalg.norm(known, axis=0), 1e-300), full_matrices=False)
-        rest = self.said - left @ (left.T @ self.said)
-        best = float(rest @ rest), Placed(choice, points[0])
-        for point, here in zip(points, columns, strict=True):
-            missed = _left_of(rest, here - (here @ left) @ left.T, here)
-            if missed is not None and (found := float(missed @ missed)) < best[0]:
-                best = found, Placed(choice, point)
-        if len(choice.constants) > 1 and best[0] < float(rest @ rest):
-            return min(best, self.polished(best[1], rest, left), key=lambda found: found[0])
+        left, rest = self.beside(np.vstack([self.base, *(self.at(o) for o in others)]))
+        squares = np.sum(_left_of(rest, columns - (columns @ left) @ left.T, columns) ** 2, axis=1)
+        k, whole = int(np.argmin(squares)), float(rest @ rest)
+        if not squares[k] < whole:
+            return whole, Placed(choice, points[0])
+        best = float(squares[k]), Placed(choice, points[k])
+        if len(choice.constants) > 1:
+            found, (placed,) = self.fitted([best[1]], (left, rest), POLISH)
+            return min(best, (found, placed), key=lambda one: one[0])
         return best
 
-    def polished(self, placed: Placed, rest: FloatArray, left: FloatArray) -> tuple[float, Placed]:
-        """Return the sum of squares that a choice leaves at constants between those of its grids, and these.
+    def beside(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return orthonormal columns (N, b) that span rows (b, N), and what these leave of what is said (N,)."""
+        sizes = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)[:, None]
+        left, _, _ = np.linalg.svd((rows / sizes).T, full_matrices=False)
+        return left, self.said - left @ (left.T @ self.said)
 
-        Where a choice has several, their grids are too coarse to compare it with others.
+    def fitted(
+        self, placed: Sequence[Placed], around: tuple[FloatArray, FloatArray], steps: int
+    ) -> tuple[float, tuple[Placed, ...]]:
+        """Return the sum of squares that functions leave at the best constants near these, and the functions there.
+
+        Coefficients are eliminated at every step (variable projection); steps are those of Levenberg and Marquardt,
+        within the ranges of the constants.
 
         Args:
-            placed: where to begin.
-            rest: (N,) what the columns beside it leave.
-            left: (N, b) those, orthonormal.
+            placed: functions, and where to begin.
+            around: what stands beside them, as `beside` returns it.
+            steps: at most.
         """
-        constants, size = placed.choice.constants, max(float(np.linalg.norm(rest)), 1e-300)
+        (left, rest), constants = around, [c for p in placed for c in p.choice.constants]
+        size = max(float(np.linalg.norm(rest)), 1e-300)
 
-        def there(coefficients: FloatArray) -> Placed:
-            values = {c.name: c.at(float(p)) for c, p in zip(constants, coefficients, strict=True)}
-            return Placed(placed.choice, values)
+        def valued(coefficients: FloatArray) -> dict[str, float]:
+            return {c.name: c.at(float(p)) for c, p in zip(constants, coefficients, strict=True)}
 
-        def missed(coefficients: FloatArray) -> FloatArray:
-            here = self.at(there(coefficients))
-            found = _left_of(rest, here - (here @ left) @ left.T, here)
-            return (rest if found is None else found) / size
+        def missed(trials: FloatArray) -> FloatArray:
+            values = [valued(trial) for trial in trials]
+            here = np.concatenate([self.at_all(p.choice, values) for p in placed if p.choice.terms], axis=1)
+            return _left_of(rest / size, here - (here @ left) @ left.T, here)
 
-        low, high = np.array([c.limits for c in constants]).T
-        begin = np.clip([c.coefficient(placed.values[c.name]) for c in constants], low, high)
-        found = least_squares(missed, begin, bounds=(low, high), x_scale=high - low, max_nfev=POLISH)
-        return 2.0 * float(found.cost) * size**2, there(found.x)
+        if not any(p.choice.terms for p in placed):
+            return float(rest @ rest), tuple(placed)
+        values = {n: v for p in placed for n, v in p.values.items()}
+        begin = np.array([c.coefficient(values[c.name]) for c in constants])
+        limits = np.array([c.limits for c in constants]).reshape(-1, 2)
+        end, squares = least_within(missed, begin, limits, steps)
+        found = valued(end)
+        return squares * size**2, tuple(Placed(p.choice, {n: found[n] for n in p.values}) for p in placed)
 
     def missed(self, placed: Sequence[Placed]) -> float:
         """Return the sum of squares that the base and functions leave."""

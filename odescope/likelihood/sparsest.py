@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations, product
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.imitation import DEARER, NOTHING_LEFT, Choice, Imitated, Placed
@@ -256,26 +255,6 @@ def _fitted(imitated: Imitated, found: Sparse, steps: int, unknown: float) -> Sp
         steps: of the fit.
         unknown: share of what is said that is not known.
     """
-    rows = imitated.base[list(found.kept)]
-    constants = [c for p in found.placed for c in p.choice.constants]
-    size = max(float(np.linalg.norm(imitated.said)), 1e-300)
-
-    def placed(coefficients: FloatArray) -> tuple[Placed, ...]:
-        values = {c.name: c.at(float(p)) for c, p in zip(constants, coefficients, strict=True)}
-        return tuple(Placed(p.choice, {n: values[n] for n in p.values}) for p in found.placed)
-
-    def missed(coefficients: FloatArray) -> FloatArray:
-        columns = np.vstack([rows, *(imitated.at(p) for p in placed(coefficients))])
-        scale = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)[:, None]
-        own: FloatArray = columns / scale
-        left: FloatArray = imitated.said - np.linalg.lstsq(own.T, imitated.said)[0] @ own
-        return left / size
-
-    known = {n: v for p in found.placed for n, v in p.values.items()}
-    begin = np.array([c.coefficient(known[c.name]) for c in constants])
-    if constants:
-        low, high = np.array([c.limits for c in constants]).T
-        begin = np.clip(begin, low, high)
-        begin = least_squares(missed, begin, bounds=(low, high), x_scale=high - low, max_nfev=steps).x
-    squares = float(np.sum(missed(begin) ** 2))
-    return Sparse(found.kept, placed(begin), squares + unknown)
+    size = max(float(imitated.said @ imitated.said), 1e-300)
+    squares, placed = imitated.fitted(found.placed, imitated.beside(imitated.base[list(found.kept)]), steps)
+    return Sparse(found.kept, placed, squares / size + unknown)
