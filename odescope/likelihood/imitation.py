@@ -20,6 +20,7 @@ DEARER = 2.0  # times less that one coefficient or constant more has to leave
 EACH = 8  # points of each of two constants
 POLISH = 30  # steps of least squares between the points of several grids
 LARGEST = 1e100  # value of a function that says something: squares of larger ones overflow
+SMALLEST = 1e-150  # length of a column that has a direction: squares of shorter ones underflow
 NOTHING_LEFT = 1e-10  # share of a function that others do not say
 
 
@@ -82,7 +83,7 @@ def _left_of(rest: FloatArray, own: FloatArray, here: FloatArray) -> FloatArray:
         one = own[..., k, :]
         for direction in directions:
             one = one - np.sum(direction * one, axis=-1, keepdims=True) * direction
-        directions.append(one / np.maximum(np.linalg.norm(one, axis=-1, keepdims=True), 1e-300))
+        directions.append(one / np.maximum(np.linalg.norm(one, axis=-1, keepdims=True), SMALLEST))
         missed = missed - np.sum(directions[-1] * missed, axis=-1, keepdims=True) * directions[-1]
     return np.where(told[..., None], missed, rest)
 
