@@ -15,8 +15,9 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.expression import Combination, Power, Term
-from odescope.library.functions import call, code_of
+from odescope.library.functions import FUNCTIONS, call, code_of
 from odescope.library.printer import Language, print_combination, print_term
+from odescope.library.waves import waves
 from odescope.parallel.kernels import kernel
 
 LANES = 512  # samples a pass: with 100 slots the work array stays in a second-level cache
@@ -24,6 +25,7 @@ LANES = 512  # samples a pass: with 100 slots the work array stays in a second-l
 
 # Codes of instructions; those of functions follow (see functions.py).
 CONSTANT, ADD, MULTIPLY, SCALE, INTEGER_POWER, REAL_POWER = range(6)
+SIN, COS = FUNCTIONS["sin"].code, FUNCTIONS["cos"].code
 
 
 class Instructions(NamedTuple):
@@ -139,6 +141,8 @@ def run_tape(instructions: Instructions, work: FloatArray, lanes: int) -> None:
         elif op == REAL_POWER:
             for i in range(lanes):
                 work[out, i] = work[a, i] ** constant[k]
+        elif op in (SIN, COS):
+            waves(work, a, out, lanes, 1.0 if op == COS else 0.0)
         else:
             for i in range(lanes):
                 work[out, i] = call(op, work[a, i])

@@ -15,7 +15,7 @@ from odescope.likelihood.block_cholesky import substitute
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.expansion import Expansion, eliminate, scaled
 from odescope.likelihood.kernel import LANES, Averages, Settings, Sums, integrate
-from odescope.likelihood.program import Program
+from odescope.likelihood.program import Program, effects_of
 from odescope.likelihood.segments import Segments
 
 
@@ -70,21 +70,21 @@ class Evaluator:
         number = np.full(len(program.mechanisms), -1, dtype=np.int64)
         number[free] = np.arange(p)
         places = program.places
-        param, weight = number[places.mechanism], places.share * theta[places.mechanism]
+        weight = places.share * theta[places.mechanism]
         data, offsets = self._data(program.delays(theta)), program.offsets
         settings = Settings(
             program.constants(theta),
             np.where(offsets < 0, 0.0, theta[offsets]),
             np.where(offsets < 0, -1, number[offsets]),
-            number[places.wanted],
         )
+        effects = effects_of(places, weight, number, p)
         out = Sums(
             np.empty(j), np.empty((j, n + p)), np.empty((j, n + p, n + p)), np.empty((j, n)), np.empty((j, n, n + p))
         )
 
         def part(begin: int, end: int) -> int:
             code, layers = program.tape.instructions, program.layers
-            taken: int = integrate(code, places, layers, param, weight, settings, p, data, x0, begin, end, out)
+            taken: int = integrate(code, places, layers, effects, weight, settings, data, x0, begin, end, out)
             return taken
 
         edges = np.linspace(0, j, min(self.threads, -(-j // LANES)) + 1).astype(int)

@@ -1,8 +1,7 @@
 """The compiled kernel of the likelihood: segments integrated side by side with exact sensitivities.
 
 Every segment of a record has its own initial state x0. Its states x and their derivatives S with respect to x0 and the
-parameters follow from RK4 on x' = f and S' = f_x S + f_theta. Targets y solve A(x, u) y = b(x, u), so by the implicit
-function theorem A dy = -(d rho/dx dx + d rho/d theta), with rho = A y - b. Gradient and Gauss-Newton matrix of each
+parameters follow from RK4 on x' = f and S' = f_x S + f_theta (slopes.py). Gradient and Gauss-Newton matrix of each
 segment are accumulated on the fly. Lanes are segments, innermost, so that the tape and the linear algebra vectorise.
 """
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.layers import step_lengths
-from odescope.likelihood.slopes import Scratch, slopes
+from odescope.likelihood.slopes import STAGES, scratch_for, slopes, step_sensitivities
 from odescope.parallel.kernels import kernel
 
 SLIVER = 1.0 + 1e-12  # what is left after steps whose sum rounding keeps from that of the whole
@@ -44,13 +43,12 @@ class Settings(NamedTuple):
     """What else than coefficients the kernel is told, and which of it are parameters.
 
     Shapes: constants (K,) values; offset (c,) what a sensor reads more than its state, offset_param (c,) the number of
-    its parameter, -1 for none; within_param (Q,) the same for every entry of `Places.within`.
+    its parameter, -1 for none.
     """
 
     constants: FloatArray
     offset: FloatArray
     offset_param: IntArray
-    within_param: IntArray
 
 
 class Sums(NamedTuple):
@@ -68,35 +66,66 @@ class Sums(NamedTuple):
 
 
 @kernel(inline=True)
-def _swap(x, s, left, nodes, who, one, other):
-    """Let two lanes change places."""
+def _take_in(segment, lane, x0, x, s, left, which, sample, costs, gradients, hessians):
+    """Begin a segment in a lane."""
+    which[lane], sample[lane], left[lane], costs[lane] = segment, 0, 0.0, 0.0
     for i in range(x.shape[0]):
-        x[i, one], x[i, other] = x[i, other], x[i, one]
+        x[i, lane] = x0[segment, i]
         for j in range(s.shape[1]):
-            s[i, j, one], s[i, j, other] = s[i, j, other], s[i, j, one]
+            s[i, j, lane] = 1.0 if i == j else 0.0
+    for i in range(s.shape[1]):
+        gradients[i, lane] = 0.0
+        for j in range(i + 1):
+            hessians[i, j, lane] = 0.0
+
+
+@kernel(inline=True)
+def _give_out(segment, lane, x, s, costs, gradients, hessians, out):
+    """Write what was accumulated of a segment, and where it ended."""
+    cost, gradient, hessian, last, jacobian = out
+    cost[segment] = costs[lane]
+    for i in range(s.shape[1]):
+        gradient[segment, i] = gradients[i, lane]
+        for j in range(i + 1):
+            hessian[segment, i, j] = hessian[segment, j, i] = hessians[i, j, lane]
+    for i in range(x.shape[0]):
+        last[segment, i] = x[i, lane]
+        for j in range(s.shape[1]):
+            jacobian[segment, i, j] = s[i, j, lane]
+
+
+@kernel(inline=True)
+def _move(one, other, x, s, left, which, sample, nodes, costs, gradients, hessians):
+    """Let a lane go on in the place of another."""
+    which[other], sample[other], left[other], costs[other] = which[one], sample[one], left[one], costs[one]
+    for i in range(x.shape[0]):
+        x[i, other] = x[i, one]
+        for j in range(s.shape[1]):
+            s[i, j, other] = s[i, j, one]
     for node in range(3):
         for j in range(nodes.shape[1]):
-            nodes[node, j, one], nodes[node, j, other] = nodes[node, j, other], nodes[node, j, one]
-    left[one], left[other] = left[other], left[one]
-    who[one], who[other] = who[other], who[one]
+            nodes[node, j, other] = nodes[node, j, one]
+    for i in range(s.shape[1]):
+        gradients[i, other] = gradients[i, one]
+        for j in range(i + 1):
+            hessians[i, j, other] = hessians[i, j, one]
 
 
 @kernel("contract")
-def integrate(code, places, layers, param, weight, settings, p, data, x0, begin, end, out):
+def integrate(code, places, layers, effects, weight, settings, data, x0, begin, end, out):
     """Integrate segments begin to end - 1 and return how many steps of RK4 all of them took.
 
-    Cost, gradient and Gauss-Newton matrix of each are accumulated. Every segment takes steps of its own length, side by
-    side with those that are not yet at the next average either: the others stand behind them. One loop nest, because
-    state, sensitivities and their sums stay in cache only while a block of lanes is worked on.
+    Cost, gradient and Gauss-Newton matrix of each are accumulated. Lanes do not wait for each other: every segment
+    takes steps of its own length, and the next one begins where one has ended. One loop nest, because state,
+    sensitivities and their sums stay in cache only while so many lanes are worked on.
 
     Args:
         code: instructions of the tape.
         places: where parts stand, `Places`.
         layers: what dry friction depends on, `Layers`.
-        param: (parts,) number of the parameter that a part's coefficient is a share of, -1 for none.
+        effects: where the parameters act, `Effects`.
         weight: (parts,) coefficients, shares included.
         settings: of sensors and constants, `Settings`.
-        p: number of parameters.
         data: the measurements and how to step, `Averages`.
         x0: (J, n) initial states.
         begin: first segment.
@@ -107,156 +136,116 @@ def integrate(code, places, layers, param, weight, settings, p, data, x0, begin,
     slot, slope_of, friction = layers
     inverse_noise, start, count = data.inverse_noise, data.start, data.size
     y_data, w_data, u_data = data.y, data.weight, data.u
-    cost, gradient, hessian, last, jacobian = out
     n, targets = x0.shape[1], 0
     for i in range(n):
         if following[i] < 0:
             targets += 1
-    channels, inputs = y_data.shape[1], u_data.shape[2]
-    width = n + p
+    channels, inputs, constants = y_data.shape[1], u_data.shape[2], settings.constants
+    width = n + effects.first.shape[0] - 1
     x, xs, dx, xa = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES))
-    s, ss = np.empty((n, width, LANES)), np.empty((n, width, LANES))
-    ds, sa = np.empty((n, width, LANES)), np.empty((n, width, LANES))
-    work = np.zeros((n + inputs + settings.constants.shape[0] + code.code.shape[0], LANES))
-    inv = np.empty((targets, targets, LANES))
-    scratch = Scratch(
-        work,
-        np.empty((targets, targets, LANES)),
-        inv,
-        np.empty((targets, LANES)),
-        np.empty((targets, n, LANES)),
-        np.empty((targets, LANES)),
-        np.empty(LANES),
-        np.empty(n, dtype=np.bool_),
-    )
-    for i in range(settings.constants.shape[0]):
-        work[n + inputs + i] = settings.constants[i]
-    offset, offset_param, within_param = settings.offset, settings.offset_param, settings.within_param
+    s = np.empty((n, width, LANES))
+    slots = n + inputs + constants.shape[0] + code.code.shape[0]
+    scratch = scratch_for(slots, targets, n, effects.part.shape[0], LANES)
+    for i in range(constants.shape[0]):
+        scratch.work[n + inputs + i] = constants[i]
+    offset, offset_param = settings.offset, settings.offset_param
     u, du, nodes = np.zeros((inputs, LANES)), np.zeros((inputs, LANES)), np.empty((3, inputs, LANES))
-    # Of the average: what share is left of it, of the next step, the latter in seconds; who stands in each place.
-    left, h, f, who = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES, dtype=np.int64)
+    # Of a lane: its segment, the average that it is at or has come from, what share is left of the way to the next, and
+    # of the next step, the latter in seconds.
+    which, sample, left = np.empty(LANES, dtype=np.int64), np.empty(LANES, dtype=np.int64), np.empty(LANES)
+    h, ahead, adds = np.empty(LANES), np.empty((STAGES, LANES)), np.empty((STAGES, LANES))
     e, scales, step, usual, taken = np.empty(LANES), np.empty(LANES), data.step, 1.0 / data.substeps, 0
     slope = np.empty((width, LANES))
-    # Sums of the lanes, which go out when their block is done.
     costs, gradients, hessians = np.empty(LANES), np.empty((width, LANES)), np.empty((width, width, LANES))
-    for low in range(begin, end, LANES):
-        lanes = min(LANES, end - low)
-        longest = 0
-        for lane in range(lanes):
-            longest = max(longest, count[low + lane])
+    going, waiting = 0, begin
+    while True:
+        lane = 0
+        while lane < going or (waiting < end and lane < LANES):
+            if lane < going:
+                if left[lane] > 0.0 or sample[lane] < count[which[lane]]:
+                    lane += 1
+                    continue
+                _give_out(which[lane], lane, x, s, costs, gradients, hessians, out)
+            if waiting < end:
+                _take_in(waiting, lane, x0, x, s, left, which, sample, costs, gradients, hessians)
+                waiting += 1
+                lane += 1
+                going = max(going, lane)
+            else:
+                going -= 1
+                _move(going, lane, x, s, left, which, sample, nodes, costs, gradients, hessians)
+        if going == 0:
+            break
+        taken += going
+        arrived = False
+        for lane in range(going):
+            arrived |= left[lane] <= 0.0
+        for c in range(channels if arrived else 0):
+            m = measured[c]
+            for lane in range(going):
+                row = start[which[lane]] + sample[lane]
+                scales[lane] = inverse_noise[c] * w_data[row, c] if left[lane] <= 0.0 else 0.0
+                e[lane] = (x[m, lane] + offset[c] - y_data[row, c]) * scales[lane] if scales[lane] > 0.0 else 0.0
+            for lane in range(going):
+                costs[lane] += e[lane] * e[lane]
+            for i in range(width):
+                for lane in range(going):
+                    slope[i, lane] = scales[lane] * s[m, i, lane] if scales[lane] > 0.0 else 0.0
+            if offset_param[c] >= 0:
+                for lane in range(going):
+                    slope[n + offset_param[c], lane] += scales[lane]
+            for i in range(width):
+                for lane in range(going):
+                    gradients[i, lane] += slope[i, lane] * e[lane]
+                for j in range(i + 1):
+                    for lane in range(going):
+                        hessians[i, j, lane] += slope[i, lane] * slope[j, lane]
+        for lane in range(going):
+            if left[lane] <= 0.0:
+                for node in range(3):
+                    for j in range(inputs):
+                        nodes[node, j, lane] = u_data[start[which[lane]] + sample[lane], node, j]
+                left[lane] = 1.0
+                sample[lane] += 1
+        for stage in range(STAGES):
+            # Inputs follow the parabola through the three nodes of the average.
+            share = 0.0 if stage == 0 else 2.0 if stage == STAGES - 1 else 1.0
+            for j in range(inputs):
+                for lane in range(going):
+                    t = 1.0 - 2.0 * left[lane] + (share * h[lane] if stage else 0.0)
+                    outer = (t - 1.0) * nodes[0, j, lane] + (t + 1.0) * nodes[2, j, lane]
+                    u[j, lane] = 0.5 * t * outer + (1.0 - t * t) * nodes[1, j, lane]
             for i in range(n):
-                x[i, lane] = x0[low + lane, i]
-        s[:], costs[:], gradients[:], hessians[:] = 0.0, 0.0, 0.0, 0.0
-        for i in range(n):
-            for lane in range(lanes):
-                s[i, i, lane] = 1.0
-        for k in range(longest):
-            for c in range(channels):
-                m = measured[c]
-                for lane in range(lanes):
-                    row, inside = start[low + lane] + k, k < count[low + lane]
-                    scales[lane] = inverse_noise[c] * w_data[row, c] if inside else 0.0
-                    e[lane] = (x[m, lane] + offset[c] - y_data[row, c]) * scales[lane] if scales[lane] > 0.0 else 0.0
-                for lane in range(lanes):
-                    costs[lane] += e[lane] * e[lane]
-                for i in range(width):
-                    for lane in range(lanes):
-                        slope[i, lane] = scales[lane] * s[m, i, lane] if scales[lane] > 0.0 else 0.0
-                if offset_param[c] >= 0:
-                    for lane in range(lanes):
-                        slope[n + offset_param[c], lane] += scales[lane]
-                for i in range(width):
-                    for lane in range(lanes):
-                        gradients[i, lane] += slope[i, lane] * e[lane]
-                    for j in range(i + 1):
-                        for lane in range(lanes):
-                            hessians[i, j, lane] += slope[i, lane] * slope[j, lane]
-            for lane in range(lanes):
-                left[lane] = 1.0 if k < count[low + lane] else 0.0
-                who[lane] = lane
-            for node in range(3):
-                for j in range(inputs):
-                    for lane in range(lanes):
-                        nodes[node, j, lane] = u_data[min(start[low + lane] + k, u_data.shape[0] - 1), node, j]
-            going = lanes
-            while True:
-                lane = 0
-                while lane < going:
-                    if left[going - 1] <= 0.0:
-                        going -= 1
-                    elif left[lane] > 0.0:
-                        lane += 1
-                    else:
-                        going -= 1
-                        _swap(x, s, left, nodes, who, lane, going)
-                if going == 0:
-                    break
-                taken += going
-                for stage in range(4):
-                    # Inputs follow the parabola through the three nodes of the average.
-                    share = 0.0 if stage == 0 else 2.0 if stage == 3 else 1.0
+                for lane in range(going):
+                    xs[i, lane] = x[i, lane] + (ahead[stage - 1, lane] * dx[i, lane] if stage else 0.0)
+            slopes(code, places, effects, weight, stage, going, xs, u, scratch, dx)
+            if stage == 0:
+                for lane in range(going):
+                    h[lane] = usual
+                if slot.shape[0]:
                     for j in range(inputs):
                         for lane in range(going):
-                            t = 1.0 - 2.0 * left[lane] + (share * h[lane] if stage else 0.0)
-                            outer = (t - 1.0) * nodes[0, j, lane] + (t + 1.0) * nodes[2, j, lane]
-                            u[j, lane] = 0.5 * t * outer + (1.0 - t * t) * nodes[1, j, lane]
-                    if stage == 0:
-                        slopes(code, places, param, weight, within_param, p, going, x, s, u, scratch, dx, ds)
-                        for lane in range(going):
-                            h[lane] = usual
-                        if slot.shape[0]:
-                            for j in range(inputs):
-                                for lane in range(going):
-                                    t = 1.0 - 2.0 * left[lane]
-                                    outer = (t - 0.5) * nodes[0, j, lane] + (t + 0.5) * nodes[2, j, lane]
-                                    du[j, lane] = 2.0 / step * (outer - 2.0 * t * nodes[1, j, lane])
-                            step_lengths(
-                                slot, slope_of, friction, weight, owner, following, work, inv, dx, du, going, step, h
-                            )
-                        for lane in range(going):
-                            if left[lane] <= h[lane] * SLIVER:
-                                h[lane] = left[lane]
-                            elif left[lane] < 2.0 * h[lane]:
-                                h[lane] = 0.5 * left[lane]
-                    else:
-                        for lane in range(going):
-                            f[lane] = 0.5 * share * step * h[lane]
-                        for i in range(n):
-                            for lane in range(going):
-                                xs[i, lane] = x[i, lane] + f[lane] * dx[i, lane]
-                            for j in range(width):
-                                for lane in range(going):
-                                    ss[i, j, lane] = s[i, j, lane] + f[lane] * ds[i, j, lane]
-                        slopes(code, places, param, weight, within_param, p, going, xs, ss, u, scratch, dx, ds)
-                    for lane in range(going):
-                        f[lane] = step * h[lane] / (6.0 if stage == 0 or stage == 3 else 3.0)
-                    for i in range(n):
-                        for lane in range(going):
-                            xa[i, lane] = f[lane] * dx[i, lane] + (xa[i, lane] if stage else x[i, lane])
-                        for j in range(width):
-                            for lane in range(going):
-                                sa[i, j, lane] = f[lane] * ds[i, j, lane] + (sa[i, j, lane] if stage else s[i, j, lane])
-                for i in range(n):
-                    for lane in range(going):
-                        x[i, lane] = xa[i, lane]
-                    for j in range(width):
-                        for lane in range(going):
-                            s[i, j, lane] = sa[i, j, lane]
+                            t = 1.0 - 2.0 * left[lane]
+                            outer = (t - 0.5) * nodes[0, j, lane] + (t + 0.5) * nodes[2, j, lane]
+                            du[j, lane] = 2.0 / step * (outer - 2.0 * t * nodes[1, j, lane])
+                    work, inv = scratch.work, scratch.inv[0]
+                    step_lengths(slot, slope_of, friction, weight, owner, following, work, inv, dx, du, going, step, h)
                 for lane in range(going):
-                    left[lane] -= h[lane]
-            for lane in range(lanes):
-                while who[lane] != lane:
-                    _swap(x, s, left, nodes, who, lane, who[lane])
-            for lane in range(lanes):
-                if k == count[low + lane] - 1:
-                    for i in range(n):
-                        last[low + lane, i] = x[i, lane]
-                        for j in range(width):
-                            jacobian[low + lane, i, j] = s[i, j, lane]
-        for lane in range(lanes):
-            cost[low + lane] = costs[lane]
-            for i in range(width):
-                gradient[low + lane, i] = gradients[i, lane]
-                for j in range(i + 1):
-                    hessian[low + lane, i, j] = hessian[low + lane, j, i] = hessians[i, j, lane]
+                    if left[lane] <= h[lane] * SLIVER:
+                        h[lane] = left[lane]
+                    elif left[lane] < 2.0 * h[lane]:
+                        h[lane] = 0.5 * left[lane]
+                    ahead[0, lane] = ahead[1, lane] = 0.5 * step * h[lane]
+                    ahead[2, lane] = step * h[lane]
+                    adds[0, lane] = adds[3, lane] = step * h[lane] / 6.0
+                    adds[1, lane] = adds[2, lane] = step * h[lane] / 3.0
+            for i in range(n):
+                for lane in range(going):
+                    xa[i, lane] = adds[stage, lane] * dx[i, lane] + (xa[i, lane] if stage else x[i, lane])
+        step_sensitivities(s, following, owner, effects, scratch, ahead, adds, going)
+        for i in range(n):
+            for lane in range(going):
+                x[i, lane] = xa[i, lane]
+        for lane in range(going):
+            left[lane] -= h[lane]
     return taken

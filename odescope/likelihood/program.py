@@ -17,6 +17,7 @@ from odescope.library.mechanism import Mechanism
 from odescope.library.product import Product
 from odescope.library.tape import Tape, write_tape
 from odescope.likelihood.layers import Layers
+from odescope.likelihood.slopes import Effects
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
 
 MOST_OFFSET = 0.25 * np.pi  # rad
@@ -222,6 +223,27 @@ class Program:
             if m.kind == "constant" and not self.frame.constants[m.place].optional:
                 limits[:, k] = self.frame.constants[m.place].limits
         return limits[0], limits[1]
+
+
+def effects_of(places: Places, weight: FloatArray, number: IntArray, count: int) -> Effects:
+    """Return where the parameters act.
+
+    Args:
+        places: of a program.
+        weight: (parts,) coefficients, shares included.
+        number: (mechanisms,) the parameter that the coefficient of each is, -1 for none.
+        count: of parameters.
+    """
+    own, inner = number[places.mechanism], places.within[:, 0]
+    within = np.where(weight[inner] != 0.0, number[places.wanted], -1)
+    parameter = np.concatenate([own, within])
+    order = np.argsort(parameter, kind="stable")[np.count_nonzero(parameter < 0) :]
+    return Effects(
+        np.concatenate([np.arange(len(own)), inner])[order],
+        np.concatenate([places.slot, places.within[:, 1]])[order],
+        np.concatenate([places.share, weight[inner]])[order],
+        np.searchsorted(parameter[order], np.arange(count + 1)),
+    )
 
 
 def _gain(mechanism: Mechanism, frame: Frame) -> tuple[float, Term]:

@@ -1,7 +1,9 @@
-"""The slopes of states and sensitivities, lanes of segments side by side.
+"""The slopes of states and sensitivities in a step of RK4, lanes of segments side by side.
 
 Targets y solve A(x, u) y = b(x, u), so by the implicit function theorem A dy = -(d rho/dx dx + d rho/d theta), with
-rho = A y - b.
+rho = A y - b. The stages of the states depend on no sensitivity: they are computed first, with all that the derivatives
+of rho are. Then sensitivities S' = f_x S + f_theta go through the four stages one column after the other, while a column
+is in a first-level cache.
 """
 
 from __future__ import annotations
@@ -10,51 +12,89 @@ from typing import NamedTuple
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray
+from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.library.tape import run_tape
 from odescope.model.linear_solve import solve_in_place
 from odescope.parallel.kernels import kernel
 
+STAGES = 4
+
+
+class Effects(NamedTuple):
+    """Where the parameters act, sorted by parameter.
+
+    Shapes: part (E,) in whose relation, and with whose target, one acts; slot (E,) of the derivative on the tape, and
+    share (E,) what it is multiplied by; first (p + 1,) where the effects of each parameter begin, and the last end.
+    """
+
+    part: IntArray
+    slot: IntArray
+    share: FloatArray
+    first: IntArray
+
 
 class Scratch(NamedTuple):
-    """Room for the slopes of a block of L lanes.
+    """Room for a step of L lanes.
 
-    Shapes: work (slots, L); a, inv (T, T, L); y, v (T, L); g (T, n, L); row (L,); acts (n,) whether a relation depends
-    on the state.
+    Shapes: work (slots, L) the tape; a (T, T, L); y, v (T, L); g (T, n, L); acts (n,) whether a relation depends on the
+    state. Of every stage: inv (4, T, T, L) the inverse of A; pull (4, T, n, L) minus the derivatives of the targets by
+    the states; push (4, E, L) those of rho by the parameters, effect by effect. flow (2, n, L) is a column of the
+    sensitivities at a stage and at the next, total (n, L) at the end of the step, rate (L,) one of its slopes.
     """
 
     work: FloatArray
     a: FloatArray
-    inv: FloatArray
     y: FloatArray
-    g: FloatArray
     v: FloatArray
-    row: FloatArray
+    g: FloatArray
     acts: BoolArray
+    inv: FloatArray
+    pull: FloatArray
+    push: FloatArray
+    flow: FloatArray
+    total: FloatArray
+    rate: FloatArray
+
+
+@kernel(inline=True)
+def scratch_for(slots, targets, n, effects, lanes):
+    """Return room for so many slots, targets, states, effects and lanes."""
+    return Scratch(
+        np.zeros((slots, lanes)),
+        np.empty((targets, targets, lanes)),
+        np.empty((targets, lanes)),
+        np.empty((targets, lanes)),
+        np.empty((targets, n, lanes)),
+        np.empty(n, dtype=np.bool_),
+        np.empty((STAGES, targets, targets, lanes)),
+        np.empty((STAGES, targets, n, lanes)),
+        np.empty((STAGES, effects, lanes)),
+        np.empty((2, n, lanes)),
+        np.empty((n, lanes)),
+        np.empty(lanes),
+    )
 
 
 @kernel("contract")
-def slopes(code, places, param, weight, within_param, p, lanes, x, s, u, scratch, dx, ds):
-    """Compute x' and S' of all lanes: one function, because what it computes on the way stays in cache.
+def slopes(code, places, effects, weight, stage, lanes, x, u, scratch, dx):
+    """Compute x' of all lanes at a stage, and what the sensitivities need of it.
 
     Args:
         code: instructions of the tape.
         places: where parts stand, `Places`.
-        param: (parts,) number of the parameter that a part's coefficient is a share of, -1 for none.
+        effects: of the parameters.
         weight: (parts,) coefficients, shares included.
-        within_param: (Q,) the same as `param` for every entry of `Places.within`.
-        p: number of parameters.
+        stage: its number.
         lanes: how many there are.
         x: (n, L) states.
-        s: (n, n + p, L) sensitivities.
         u: (inputs, L) inputs.
-        scratch: room, whose tape and inverse of A stay as they are here.
+        scratch: room.
         dx: (n, L) rates of the states.
-        ds: (n, n + p, L) those of the sensitivities.
     """
-    work, a, inv, y, g, v, row, acts = scratch
-    slot, owner, factor, share = places.slot, places.owner, places.factor, places.share
-    grad, following, within = places.grad, places.following, places.within
+    work, a, y, v, g, acts = scratch.work, scratch.a, scratch.y, scratch.v, scratch.g, scratch.acts
+    inv, pull, push = scratch.inv, scratch.pull, scratch.push
+    slot, owner, factor = places.slot, places.owner, places.factor
+    grad, following = places.grad, places.following
     n, targets = x.shape[0], y.shape[0]
     for i in range(n):
         for lane in range(lanes):
@@ -77,13 +117,17 @@ def slopes(code, places, param, weight, within_param, p, lanes, x, s, u, scratch
         else:
             for lane in range(lanes):
                 v[r, lane] -= c * work[at, lane]
-    _invert(a, inv, targets, lanes)
+    _invert(a, inv[stage], targets, lanes)
     for t in range(targets):
         for lane in range(lanes):
-            y[t, lane] = inv[t, 0, lane] * v[0, lane]
+            y[t, lane] = inv[stage, t, 0, lane] * v[0, lane]
         for r in range(1, targets):
             for lane in range(lanes):
-                y[t, lane] += inv[t, r, lane] * v[r, lane]
+                y[t, lane] += inv[stage, t, r, lane] * v[r, lane]
+    for i in range(n):
+        source = following[i]
+        for lane in range(lanes):
+            dx[i, lane] = x[source, lane] if source >= 0 else y[-1 - source, lane]
     for i in range(n):
         acts[i] = False
         for r in range(targets):
@@ -100,59 +144,76 @@ def slopes(code, places, param, weight, within_param, p, lanes, x, s, u, scratch
             else:
                 for lane in range(lanes):
                     g[r, i, lane] += c * work[at, lane]
-    for i in range(n):
-        if following[i] >= 0:
-            for lane in range(lanes):
-                dx[i, lane] = x[following[i], lane]
-            for j in range(n + p):
+    for t in range(targets):
+        for i in range(n):
+            if acts[i]:
                 for lane in range(lanes):
-                    ds[i, j, lane] = s[following[i], j, lane]
-        else:
-            t = -1 - following[i]
-            for lane in range(lanes):
-                dx[i, lane] = y[t, lane]
-            for j in range(n + p):
-                for lane in range(lanes):
-                    ds[i, j, lane] = 0.0
-            # d target / dx, the inverse of A times d rho / dx, then times S.
-            for k in range(n):
-                if not acts[k]:
-                    continue
-                for lane in range(lanes):
-                    row[lane] = inv[t, 0, lane] * g[0, k, lane]
+                    pull[stage, t, i, lane] = inv[stage, t, 0, lane] * g[0, i, lane]
                 for r in range(1, targets):
                     for lane in range(lanes):
-                        row[lane] += inv[t, r, lane] * g[r, k, lane]
-                for j in range(n + p):
-                    for lane in range(lanes):
-                        ds[i, j, lane] -= row[lane] * s[k, j, lane]
-    for k in range(owner.shape[0]):
-        if param[k] >= 0:
-            part = slot[k], owner[k], factor[k]
-            _add_parameter(ds, n + param[k], share[k], part, following, scratch, lanes)
-    for q in range(within.shape[0]):
-        k = within[q, 0]
-        if within_param[q] >= 0 and weight[k] != 0.0:
-            part = within[q, 1], owner[k], factor[k]
-            _add_parameter(ds, n + within_param[q], weight[k], part, following, scratch, lanes)
+                        pull[stage, t, i, lane] += inv[stage, t, r, lane] * g[r, i, lane]
+    for q in range(effects.part.shape[0]):
+        c, at, of = effects.share[q], effects.slot[q], factor[effects.part[q]]
+        if of >= 0:
+            for lane in range(lanes):
+                push[stage, q, lane] = c * work[at, lane] * y[of, lane]
+        else:
+            for lane in range(lanes):
+                push[stage, q, lane] = c * work[at, lane]
 
 
 @kernel("contract")
-def _add_parameter(ds, column, c, part, following, scratch, lanes):
-    """Add to a column of S' what a part (slot, relation, target or -1) times c is of d rho by its parameter."""
-    at, r, of = part
-    work, inv, y, row = scratch.work, scratch.inv, scratch.y, scratch.row
-    if of >= 0:
-        for lane in range(lanes):
-            row[lane] = c * work[at, lane] * y[of, lane]
-    else:
-        for lane in range(lanes):
-            row[lane] = c * work[at, lane]
-    for i in range(following.shape[0]):
-        if following[i] < 0:
-            t = -1 - following[i]
+def step_sensitivities(s, following, owner, effects, scratch, ahead, adds, lanes):
+    """Take the step of the sensitivities whose stages `slopes` has been through.
+
+    Args:
+        s: (n, n + p, L) sensitivities; changed.
+        following: (n,) as in `Frame`.
+        owner: (parts,) relation of each.
+        effects: of the parameters.
+        scratch: what `slopes` left.
+        ahead: (4, L) seconds that a stage's slope is followed to where the next is taken.
+        adds: (4, L) seconds that it is followed in the step.
+        lanes: how many there are.
+    """
+    acts, inv, pull, push = scratch.acts, scratch.inv, scratch.pull, scratch.push
+    flow, total, rate = scratch.flow, scratch.total, scratch.rate
+    part, first = effects.part, effects.first
+    n = s.shape[0]
+    for j in range(s.shape[1]):
+        begin, end = (first[j - n], first[j - n + 1]) if j >= n else (0, 0)
+        for i in range(n):
             for lane in range(lanes):
-                ds[i, column, lane] -= inv[t, r, lane] * row[lane]
+                flow[0, i, lane] = s[i, j, lane]
+        for stage in range(STAGES):
+            here, there = stage % 2, 1 - stage % 2
+            for i in range(n):
+                if following[i] >= 0:
+                    for lane in range(lanes):
+                        rate[lane] = flow[here, following[i], lane]
+                else:
+                    t = -1 - following[i]
+                    for lane in range(lanes):
+                        rate[lane] = 0.0
+                    for k in range(n):
+                        if acts[k]:
+                            for lane in range(lanes):
+                                rate[lane] -= pull[stage, t, k, lane] * flow[here, k, lane]
+                    for q in range(begin, end):
+                        r = owner[part[q]]
+                        for lane in range(lanes):
+                            rate[lane] -= inv[stage, t, r, lane] * push[stage, q, lane]
+                if stage == 0:
+                    for lane in range(lanes):
+                        flow[there, i, lane] = s[i, j, lane] + ahead[stage, lane] * rate[lane]
+                        total[i, lane] = adds[stage, lane] * rate[lane] + s[i, j, lane]
+                elif stage < STAGES - 1:
+                    for lane in range(lanes):
+                        flow[there, i, lane] = s[i, j, lane] + ahead[stage, lane] * rate[lane]
+                        total[i, lane] = adds[stage, lane] * rate[lane] + total[i, lane]
+                else:
+                    for lane in range(lanes):
+                        s[i, j, lane] = adds[stage, lane] * rate[lane] + total[i, lane]
 
 
 @kernel("contract")

@@ -5,7 +5,7 @@ from small_systems import CART, RING, TIED_CART, TIED_RING, UPTAKE, drive
 from odescope.likelihood.block_cholesky import substitute
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.expansion import eliminate
-from odescope.likelihood.kernel import Sums
+from odescope.likelihood.kernel import LANES, Sums
 from odescope.likelihood.segments import Segments
 
 CASES = {
@@ -146,14 +146,15 @@ def test_halving_the_step_divides_the_error_by_sixteen():
 
 def test_a_segment_does_not_depend_on_its_lane_or_its_neighbours():
     rng = np.random.default_rng(1)
-    count = rng.integers(2, 9, 75)
+    many = 5 * LANES  # so that lanes take segments in, and are moved when there are no more
+    count = rng.integers(2, 9, many)
     start = np.concatenate([[0], np.cumsum(count)[:-1]])
     nodes, measured = drive(count.sum(), 0.05), rng.standard_normal((count.sum(), 2))
-    x0 = rng.standard_normal((75, 4))
+    x0 = rng.standard_normal((many, 4))
     together = Evaluator(segments(CART, nodes, measured, start, count, 0.05)).integrate(
         CART.program, CART.theta, CART.free, x0
     )
-    for j in (0, 31, 32, 37, 74):
+    for j in (0, 31, LANES - 1, LANES, 2 * LANES + 37, 3 * LANES, many - 1):
         rows = slice(start[j], start[j] + count[j])
         data = segments(CART, nodes[rows], measured[rows], np.array([0]), count[j : j + 1], 0.05)
         alone = Evaluator(data).integrate(CART.program, CART.theta, CART.free, x0[j : j + 1])

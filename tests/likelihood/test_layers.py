@@ -12,6 +12,7 @@ from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.kernel import LANES
 from odescope.likelihood.layers import STABLE
 from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.segments import Segments
@@ -144,12 +145,13 @@ def test_steps_are_short_only_where_the_joint_is_near_standstill():
 def test_a_segment_does_not_depend_on_the_steps_of_its_neighbours():
     program, theta, starts = system("a joint that turns")
     rng = np.random.default_rng(3)
-    many = starts[rng.integers(0, len(starts), 90)] + 0.05 * rng.standard_normal((90, 2))
+    count = 4 * LANES
+    many = starts[rng.integers(0, len(starts), count)] + 0.05 * rng.standard_normal((count, 2))
     segments = data("", many, 6)
-    segments = replace(segments, count=rng.integers(2, 7, 90))
+    segments = replace(segments, count=rng.integers(2, 7, count))
     free = np.arange(1, len(theta))
     together = Evaluator(segments).integrate(program, theta, free, many)
-    for j in (0, 17, 63, 64, 89):
+    for j in (0, 17, LANES - 1, LANES, 2 * LANES + 25, count - 1):
         own = replace(
             segments, start=segments.start[j : j + 1], count=segments.count[j : j + 1], joined=segments.joined[:1]
         )
