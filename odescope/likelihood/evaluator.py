@@ -48,7 +48,7 @@ class Evaluator:
         known, data = self._driven, self.segments
         if delays != known.delays:
             nodes = data.inputs if delays is None else data.late(delays)
-            known = self._driven = _Driven(delays, np.ascontiguousarray(nodes))
+            known = self._driven = _Driven(delays, nodes)
         return Averages(
             1.0 / data.noise, data.step, self.substeps, data.start, data.count, data.measured, self._weight, known.nodes
         )

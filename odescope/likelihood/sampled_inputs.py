@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
+from odescope.parallel.kernels import kernel
 from odescope.recordings.between_samples import FINER, laid_out
 from odescope.recordings.coordinate import Hold, Input
 from odescope.recordings.record import Records
@@ -39,36 +40,33 @@ class SampledInputs:
         The nodes are those of the parabola that is nearest to the input over the step: smooth inputs keep their values,
         and of rough or switching ones RK4's Simpson rule sees the right mean.
         """
-        nodes: FloatArray = self._found(late, [0.0], np.ones((1, 1)))[0]
-        return nodes
+        return self._found(late, [0.0], np.ones((1, 1)))
 
-    def nodes_and_gain(self, late: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-        """Return the `nodes`, and what they gain (N, 3, i) with a sample more."""
-        quotient = [0.0, 0.5 / DIFFERENCE, -0.5 / DIFFERENCE]
-        nodes, gain = self._found(late, [0.0, DIFFERENCE, -DIFFERENCE], np.array([[1.0, 0.0, 0.0], quotient]))
-        return nodes, gain
+    def nodes_and_gain(self, late: Sequence[float]) -> FloatArray:
+        """Return the `nodes`, and after them what they gain with a second more (N, 3, 2 i)."""
+        quotient = 0.5 / (DIFFERENCE * self.period)
+        return self._found(late, [0.0, DIFFERENCE, -DIFFERENCE], np.array([[1.0, 0.0, 0.0], [0.0, quotient, -quotient]]))
 
     def _found(self, late: Sequence[float], besides: Sequence[float], shares: FloatArray) -> FloatArray:
-        """Return sums (r, N, 3, i) of the `nodes` at delays that differ by `besides` (b,), each by its shares (r, b).
+        """Return sums (N, 3, r i) of the `nodes` at delays that differ by `besides` (b,), each by its shares (r, b).
 
         The samples around each step are gathered once.
         """
-        sums = np.empty((len(shares), len(self.at), 3, len(self.holds)))
+        sums = np.empty((len(self.at), 3, len(shares), len(self.holds)))
         longest = 2.0 * len(self.samples)  # later than that is all the same, and a fit that goes astray may ask for it
         for j, (hold, samples) in enumerate(zip(self.holds, np.clip(late, -longest, longest).tolist(), strict=True)):
             finer = FINER if hold == "band-limited" else 1
-            column = self._laid_out[j] if hold == "band-limited" else self.samples[:, j]
+            column = self._laid_out[j] if hold == "band-limited" else np.ascontiguousarray(self.samples[:, j])
             block, shifts = finer * self.block, [finer * (samples + more) for more in besides]
             wholes = [int(np.floor(shift)) for shift in shifts]
             last, width = max(wholes), block + 2 + max(wholes) - min(wholes)
             weights = np.zeros((len(besides), 3, width))
             for k, (shift, whole) in enumerate(zip(shifts, wholes, strict=True)):
                 weights[k, :, last - whole : last - whole + block + 2] = _parabola(block, hold == "zero", shift - whole)
-            around = finer * self.at[:, None] - last - 1 + np.arange(width)
-            reach = np.clip(around, finer * self.first[:, None], finer * self.last[:, None])
-            found = column[reach] @ np.tensordot(shares, weights, axes=1).reshape(-1, width).T
-            sums[..., j] = found.reshape(-1, len(shares), 3).transpose(1, 0, 2)
-        return sums
+            summed = np.tensordot(shares, weights, axes=1)
+            begin, whole = finer * self.at - last - 1, shares.sum(axis=1)
+            _weigh(column, begin, finer * self.first, finer * self.last, summed, whole, sums[..., j])
+        return sums.reshape(len(self.at), 3, -1)
 
     @cached_property
     def _laid_out(self) -> dict[int, FloatArray]:
@@ -78,6 +76,39 @@ class SampledInputs:
             for j, column in found.items():
                 column[FINER * first : FINER * (last + 1)] = laid_out(self.samples[first : last + 1, j])
         return found
+
+
+@kernel()
+def _weigh(
+    column: FloatArray,
+    begin: IntArray,
+    first: IntArray,
+    last: IntArray,
+    weights: FloatArray,
+    whole: FloatArray,
+    sums: FloatArray,
+) -> None:
+    """Write weighted sums (N, 3, r) of the samples from each begin on; beyond its ends a record stays as it is there.
+
+    What differs from the first of them is weighed: of an input that stays, rounding leaves no gain.
+
+    Args:
+        column: samples of all records.
+        begin: (N,) the first sample of each sum.
+        first: (N,) first sample of its record.
+        last: (N,) last sample of its record.
+        weights: (r, 3, width) of the samples.
+        whole: (r,) sum of the weights at each node.
+        sums: written.
+    """
+    for k in range(len(begin)):
+        base = column[min(max(begin[k], first[k]), last[k])]
+        for r in range(weights.shape[0]):
+            for node in range(weights.shape[1]):
+                total = whole[r] * base
+                for m in range(1, weights.shape[2]):
+                    total += weights[r, node, m] * (column[min(max(begin[k] + m, first[k]), last[k])] - base)
+                sums[k, node, r] = total
 
 
 def sampled_inputs(records: Records, inputs: Sequence[Input], centres: Sequence[IntArray], block: int) -> SampledInputs:

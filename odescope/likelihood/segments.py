@@ -96,9 +96,7 @@ class Segments:
         """
         if self.driven is None:
             raise ValueError("segments without the samples of their inputs cannot tell what these are later")
-        period = self.driven.period
-        nodes, gain = self.driven.nodes_and_gain((np.array(delays) / period).tolist())
-        return np.concatenate([nodes, gain / period], axis=2)
+        return self.driven.nodes_and_gain((np.array(delays) / self.driven.period).tolist())
 
     @property
     def initial(self) -> FloatArray:
