@@ -78,20 +78,26 @@ class Evaluator:
             np.where(offsets < 0, -1, number[offsets]),
         )
         effects = effects_of(places, weight, number, p)
+        threads = min(self.threads, -(-j // LANES))
         out = Sums(
-            np.empty(j), np.empty((j, n + p)), np.empty((j, n + p, n + p)), np.empty((j, n)), np.empty((j, n, n + p))
+            cost=np.empty(j),
+            gradient=np.empty((j, n + p)),
+            hessian=np.empty((j, n, n + p)),
+            inner=np.empty((threads, p, p)),
+            last=np.empty((j, n)),
+            jacobian=np.empty((j, n, n + p)),
         )
 
-        def part(begin: int, end: int) -> int:
+        def part(thread: int, begin: int, end: int) -> int:
             code, layers = program.tape.instructions, program.layers
-            taken: int = integrate(code, places, layers, effects, weight, settings, data, x0, begin, end, out)
+            taken: int = integrate(code, places, layers, effects, weight, settings, data, x0, thread, begin, end, out)
             return taken
 
-        edges = np.linspace(0, j, min(self.threads, -(-j // LANES)) + 1).astype(int)
-        others = [_pool(os.getpid()).submit(part, a, b) for a, b in pairwise(edges[1:])]
-        taken = part(0, edges[1]) + sum(other.result() for other in others)
+        parts = list(enumerate(pairwise(np.linspace(0, j, threads + 1).astype(int))))
+        others = [_pool(os.getpid()).submit(part, k, *edges) for k, edges in parts[1:]]
+        taken = sum(part(k, *edges) for k, edges in parts[:1]) + sum(other.result() for other in others)
         self.budget.spend(self.segments, program, p, taken)
-        return out
+        return out._replace(inner=out.inner.sum(axis=0))
 
     def expand(
         self,

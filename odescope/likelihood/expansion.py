@@ -71,7 +71,7 @@ def eliminate(
         damping: added to 1 it multiplies the diagonal (Levenberg-Marquardt).
     """
     n = x0.shape[1]
-    inner, cross, along = sums.hessian.sum(axis=0)[n:, n:], sums.hessian[:, :n, n:], sums.jacobian[:, :, n:]
+    inner, cross, along = sums.inner, sums.hessian[:, :, n:], sums.jacobian[:, :, n:]
     weighted = (np.where(joined[:, None], 1.0 / defect_std, 0.0)[:, :, None] * along).reshape(
         joined.size * n, len(inner)
     )

@@ -52,15 +52,17 @@ class Settings(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """What the kernel fills in, one entry a segment.
+    """What the kernel fills in, one entry a segment, but for `inner`, one a thread or their sum.
 
-    Shapes: cost (J,); gradient (J, n + p); hessian (J, n + p, n + p); last (J, n) the state at the first sample of the
+    Shapes: cost (J,); gradient (J, n + p); hessian (J, n, n + p) the second derivatives by the initial states and
+    another, inner (p, p) those by two parameters, over all segments; last (J, n) the state at the first sample of the
     next segment; jacobian (J, n, n + p) its derivatives.
     """
 
     cost: FloatArray
     gradient: FloatArray
     hessian: FloatArray
+    inner: FloatArray
     last: FloatArray
     jacobian: FloatArray
 
@@ -75,20 +77,23 @@ def _take_in(segment, lane, x0, x, s, left, which, sample, costs, gradients, hes
             s[i, j, lane] = 1.0 if i == j else 0.0
     for i in range(s.shape[1]):
         gradients[i, lane] = 0.0
-        for j in range(i + 1):
+        for j in range(min(i + 1, x.shape[0])):
             hessians[i, j, lane] = 0.0
 
 
 @kernel(inline=True)
 def _give_out(segment, lane, x, s, costs, gradients, hessians, out):
     """Write what was accumulated of a segment, and where it ended."""
-    cost, gradient, hessian, last, jacobian = out
+    cost, gradient, hessian, _, last, jacobian = out
+    n = x.shape[0]
     cost[segment] = costs[lane]
     for i in range(s.shape[1]):
         gradient[segment, i] = gradients[i, lane]
-        for j in range(i + 1):
-            hessian[segment, i, j] = hessian[segment, j, i] = hessians[i, j, lane]
-    for i in range(x.shape[0]):
+        for j in range(min(i + 1, n)):
+            hessian[segment, j, i] = hessians[i, j, lane]
+            if i < n:
+                hessian[segment, i, j] = hessians[i, j, lane]
+    for i in range(n):
         last[segment, i] = x[i, lane]
         for j in range(s.shape[1]):
             jacobian[segment, i, j] = s[i, j, lane]
@@ -107,15 +112,15 @@ def _move(one, other, x, s, left, which, sample, nodes, costs, gradients, hessia
             nodes[node, j, other] = nodes[node, j, one]
     for i in range(s.shape[1]):
         gradients[i, other] = gradients[i, one]
-        for j in range(i + 1):
+        for j in range(min(i + 1, x.shape[0])):
             hessians[i, j, other] = hessians[i, j, one]
 
 
 @kernel("contract")
-def integrate(code, places, layers, effects, weight, settings, data, x0, begin, end, out):
+def integrate(code, places, layers, effects, weight, settings, data, x0, thread, begin, end, out):
     """Integrate segments begin to end - 1 and return how many steps of RK4 all of them took.
 
-    Cost, gradient and Gauss-Newton matrix of each are accumulated. Lanes do not wait for each other: every segment
+    Cost, gradient and Gauss-Newton matrix are accumulated. Lanes do not wait for each other: every segment
     takes steps of its own length, and the next one begins where one has ended. One loop nest, because state,
     sensitivities and their sums stay in cache only while so many lanes are worked on.
 
@@ -128,6 +133,7 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, begin, 
         settings: of sensors and constants, `Settings`.
         data: the measurements and how to step, `Averages`.
         x0: (J, n) initial states.
+        thread: its number, and that of its entry of `Sums.inner`.
         begin: first segment.
         end: one after the last.
         out: what is accumulated, `Sums`.
@@ -156,7 +162,8 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, begin, 
     h, ahead, adds = np.empty(LANES), np.empty((STAGES, LANES)), np.empty((STAGES, LANES))
     e, scales, step, usual, taken = np.empty(LANES), np.empty(LANES), data.step, 1.0 / data.substeps, 0
     slope = np.empty((width, LANES))
-    costs, gradients, hessians = np.empty(LANES), np.empty((width, LANES)), np.empty((width, width, LANES))
+    # Sums of the segments in the lanes; second derivatives by two parameters go on from one segment to the next.
+    costs, gradients, hessians = np.empty(LANES), np.empty((width, LANES)), np.zeros((width, width, LANES))
     going, waiting = 0, begin
     while True:
         lane = 0
@@ -248,4 +255,7 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, begin, 
                 x[i, lane] = xa[i, lane]
         for lane in range(going):
             left[lane] -= h[lane]
+    for i in range(n, width):
+        for j in range(n, i + 1):
+            out.inner[thread, i - n, j - n] = out.inner[thread, j - n, i - n] = hessians[i, j].sum()
     return taken

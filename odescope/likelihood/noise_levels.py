@@ -91,7 +91,7 @@ class LinearRecord:
         precision, spread = np.exp(-2.0 * logs), np.exp(logs[channels:])
         gradient = np.einsum("c,cji->ji", precision[:channels], self.gradient)
         hessian = np.einsum("c,cjik->jik", precision[:channels], self.hessian)
-        sums = Sums(self.cost, gradient, hessian, self.last, self.jacobian)
+        sums = Sums(self.cost, gradient, hessian, np.zeros((0, 0)), self.last, self.jacobian)
         eliminated = eliminate(sums, self.x0, joined, spread, 0.0)
         if eliminated is None:
             return None

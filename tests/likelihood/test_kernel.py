@@ -24,6 +24,11 @@ def segments(system, nodes, measured, start, count, step):
     )  # fmt: skip
 
 
+def by_segment(sums):
+    """Return what there is of every segment: cost, gradient, hessian, last, jacobian."""
+    return sums.cost, sums.gradient, sums.hessian, sums.last, sums.jacobian
+
+
 def differences(system, x0, nodes, step):
     """Return the states of a segment and their central differences with respect to x0 and the free coefficients."""
     here = np.concatenate([x0, system.theta[system.free]])
@@ -55,16 +60,20 @@ def test_segments_agree_with_finite_differences_of_tightly_solved_trajectories(n
     measured = rng.standard_normal((16, len(system.measured)))
     data = segments(system, nodes, measured, start, count, step)
     found = Evaluator(data, substeps=8).integrate(system.program, system.theta, system.free, np.array(starts))
-    for j, (cost, gradient, hessian, last, jacobian) in enumerate(zip(*found, strict=True)):
+    n, inner = len(starts[0]), np.zeros_like(found.inner)
+    for j, (cost, gradient, hessian, last, jacobian) in enumerate(zip(*by_segment(found), strict=True)):
         rows = slice(start[j], start[j] + count[j])
         states, slopes = differences(system, np.array(starts[j]), nodes[rows], step)
         error = (states[:-1, system.measured] - measured[rows]) / data.noise
         weighed = (slopes[:-1, system.measured] / data.noise[:, None]).reshape(-1, slopes.shape[-1])
         np.testing.assert_allclose(cost, np.sum(error**2), rtol=1e-7)
         np.testing.assert_allclose(gradient, weighed.T @ error.ravel(), rtol=1e-5, atol=1e-5 * np.abs(gradient).max())
-        np.testing.assert_allclose(hessian, weighed.T @ weighed, rtol=1e-5, atol=1e-7 * np.abs(hessian).max())
+        whole = weighed.T @ weighed
+        np.testing.assert_allclose(hessian, whole[:n], rtol=1e-5, atol=1e-7 * np.abs(hessian).max())
         np.testing.assert_allclose(last, states[-1], rtol=1e-7, atol=1e-7)
         np.testing.assert_allclose(jacobian, slopes[-1], rtol=1e-5, atol=1e-6)
+        inner += whole[n:, n:]
+    np.testing.assert_allclose(found.inner, inner, rtol=1e-5, atol=1e-7 * np.abs(inner).max())
 
 
 TIED = {
@@ -94,7 +103,9 @@ def test_tied_coefficients_have_the_chained_derivatives_of_the_untied(name):
     np.testing.assert_allclose(together.last, apart.last, rtol=1e-12)
     np.testing.assert_allclose(together.jacobian, apart.jacobian @ chain, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(together.gradient, apart.gradient @ chain, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(together.hessian, chain.T @ apart.hessian @ chain, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(together.hessian, apart.hessian @ chain, rtol=1e-9, atol=1e-9)
+    tied_to = chain[n:, n:]
+    np.testing.assert_allclose(together.inner, tied_to.T @ apart.inner @ tied_to, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", TIED)
@@ -103,6 +114,7 @@ def test_tied_coefficients_agree_with_finite_differences_of_tightly_solved_traje
     system, starts = tied.system, np.array(CASES[name][1])
     data = random_data(system, np.random.default_rng(7))
     found = Evaluator(data, substeps=8).integrate(tied.program, tied.theta, np.array(free), starts)
+    inner = np.zeros_like(found.inner)
     for j, x0 in enumerate(starts):
         rows = slice(data.start[j], data.start[j] + data.count[j])
 
@@ -113,10 +125,11 @@ def test_tied_coefficients_agree_with_finite_differences_of_tightly_solved_traje
         slopes = np.stack([(run(tied.theta + m) - run(tied.theta - m)) / 2e-5 for m in moves], axis=-1)
         error = (run(tied.theta)[:-1, system.measured] - data.measured[rows]) / data.noise
         weighed = (slopes[:-1, system.measured] / data.noise[:, None]).reshape(-1, len(free))
-        n, gradient, hessian = len(x0), weighed.T @ error.ravel(), weighed.T @ weighed
+        n, gradient = len(x0), weighed.T @ error.ravel()
         np.testing.assert_allclose(found.jacobian[j, :, n:], slopes[-1], rtol=1e-5, atol=1e-6)
         np.testing.assert_allclose(found.gradient[j, n:], gradient, rtol=1e-5, atol=1e-5 * np.abs(gradient).max())
-        np.testing.assert_allclose(found.hessian[j, n:, n:], hessian, rtol=1e-5, atol=1e-7 * np.abs(hessian).max())
+        inner += weighed.T @ weighed
+    np.testing.assert_allclose(found.inner, inner, rtol=1e-5, atol=1e-7 * np.abs(inner).max())
 
 
 @pytest.mark.parametrize("name", TIED)
@@ -154,12 +167,15 @@ def test_a_segment_does_not_depend_on_its_lane_or_its_neighbours():
     together = Evaluator(segments(CART, nodes, measured, start, count, 0.05)).integrate(
         CART.program, CART.theta, CART.free, x0
     )
-    for j in (0, 31, LANES - 1, LANES, 2 * LANES + 37, 3 * LANES, many - 1):
+    inner = np.zeros_like(together.inner)
+    for j in range(many):
         rows = slice(start[j], start[j] + count[j])
         data = segments(CART, nodes[rows], measured[rows], np.array([0]), count[j : j + 1], 0.05)
         alone = Evaluator(data).integrate(CART.program, CART.theta, CART.free, x0[j : j + 1])
-        for one, all_ in zip(alone, together, strict=True):
+        for one, all_ in zip(by_segment(alone), by_segment(together), strict=True):
             np.testing.assert_allclose(one[0], all_[j], rtol=1e-11, atol=1e-11)
+        inner += alone.inner
+    np.testing.assert_allclose(inner, together.inner, rtol=1e-11)
 
 
 def problem(rng, segments_, n, p):
@@ -168,18 +184,22 @@ def problem(rng, segments_, n, p):
     hessian = np.einsum("jkr,jkc->jrc", roots, roots)
     jacobian = rng.standard_normal((segments_, n, width))
     last, x0 = rng.standard_normal((2, segments_, n))
-    return Sums(np.zeros(segments_), rng.standard_normal((segments_, width)), hessian, last, jacobian), x0
+    gradient, inner = rng.standard_normal((segments_, width)), hessian[:, n:, n:].sum(axis=0)
+    return Sums(np.zeros(segments_), gradient, hessian[:, :n], inner, last, jacobian), x0
 
 
 def dense(sums, x0, joined, gap, damping):
     """Return matrix and right-hand side over all initial states, then the parameters, and the joints' cost."""
-    _, gradient, hessian, last, jacobian = sums
+    _, gradient, hessian, inner, last, jacobian = sums
     j, n = x0.shape
-    p = hessian.shape[1] - n
+    p = len(inner)
     matrix, rhs, cost = np.zeros((j * n + p, j * n + p)), np.zeros(j * n + p), 0.0
+    matrix[j * n :, j * n :] = inner
     for k in range(j):
-        place = np.r_[k * n : k * n + n, j * n : j * n + p]
-        matrix[np.ix_(place, place)] += hessian[k]
+        own = np.arange(k * n, k * n + n)
+        place = np.r_[own, j * n : j * n + p]
+        matrix[np.ix_(own, place)] += hessian[k]
+        matrix[np.ix_(place[n:], own)] += hessian[k, :, n:].T
         rhs[place] += gradient[k]
         if k + 1 < j and joined[k]:
             row = np.zeros((n, j * n + p))
@@ -232,7 +252,10 @@ def test_parameters_that_are_almost_alike_are_told_apart_where_segments_are_tied
     whole = np.eye(n + p)
     whole[n:, n:] = warm
     alike = sums._replace(
-        gradient=sums.gradient @ whole, hessian=whole.T @ sums.hessian @ whole, jacobian=sums.jacobian @ whole
+        gradient=sums.gradient @ whole,
+        hessian=sums.hessian @ whole,
+        inner=warm.T @ sums.inner @ warm,
+        jacobian=sums.jacobian @ whole,
     )
     back = np.linalg.inv(warm)
     found = eliminate(alike, x0, ties, gap, 0.0)
@@ -241,8 +264,8 @@ def test_parameters_that_are_almost_alike_are_told_apart_where_segments_are_tied
 
 def test_parameters_whose_matrix_rounding_leaves_indefinite_are_taken_as_they_are():
     sums, x0 = problem(np.random.default_rng(1), 5, 2, 3)
-    sums.hessian[:, 2:, 2:] = 1.0
-    sums.hessian[:, 3, 4] = sums.hessian[:, 4, 3] = 1.0 - 1e-9  # 0 is like 1 and like 2, but 1 is not like 2
+    sums.inner[:] = 5.0
+    sums.inner[1, 2] = sums.inner[2, 1] = 5.0 - 5e-9  # 0 is like 1 and like 2, but 1 is not like 2
     matrix, _, _ = dense(sums, x0, np.zeros(5, dtype=bool), np.ones(2), 0.0)
     schur = matrix[10:, 10:] - matrix[10:, :10] @ np.linalg.solve(matrix[:10, :10], matrix[:10, 10:])
     found = eliminate(sums, x0, np.zeros(5, dtype=bool), np.ones(2), 0.0)

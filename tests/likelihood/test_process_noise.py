@@ -99,7 +99,8 @@ def test_covariances_of_a_random_chain_are_blocks_of_the_dense_inverse(segments,
     joined[-1] = False
     gap = rng.uniform(0.3, 2.0, n)
     zeros = np.zeros((segments, n))
-    expansion = eliminate(Sums(np.zeros(segments), zeros, hessian, zeros, jacobian), zeros, joined, gap, 0.0)
+    sums = Sums(np.zeros(segments), zeros, hessian, np.zeros((0, 0)), zeros, jacobian)
+    expansion = eliminate(sums, zeros, joined, gap, 0.0)
     whole = dense_states_hessian(hessian, jacobian, joined, gap)
     assert expansion.log_det == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-10)
     assert_blocks_of_the_inverse(*state_covariances(expansion.factor, expansion.carry, joined), whole, joined)
