@@ -11,28 +11,25 @@ from odescope.parallel.kernels import kernel
 
 
 @kernel("contract")
-def factorise(sums, x0, joined, defect_std, damping, cross, along, reduced, reduced_g):
-    """Eliminate the initial states: the numbers of an `Expansion` from the defects' cost on, and whether there are any.
+def factorise(sums, joined, defect_std, damping, cross, along, defect):
+    """Return log-determinant, factor, border and carry of an `Expansion`, and whether there are any.
 
     There are none where the states' block is not positive definite. One function, because forward elimination uses
     each block while it is in cache.
 
     Args:
         sums: of the kernel; what stands there of parameters is not looked at.
-        x0: (J, n) initial states.
         joined: (J,) whether the end of a segment is tied to the start of the next.
-        defect_std: (n,) the defect between them is weighted by 1 / defect_std^2 a state.
+        defect_std: (n,) standard deviations of the defects between them.
         damping: added to 1 it multiplies the diagonal of the states' block.
         cross: (J, n, p) second derivatives with respect to states and parameters.
-        along: (J, n, p) derivatives of the ends of segments.
-        reduced: (p, p) second derivatives with respect to parameters within segments, damped; changed.
-        reduced_g: (p,) the gradient within segments; changed.
+        along: (J, n, p) derivatives of the ends of segments with respect to parameters, in standard deviations.
+        defect: (J, n) the defects, in standard deviations.
     """
-    segments, n = x0.shape
-    p = reduced_g.shape[0]
+    segments, n, p = cross.shape
     factor, border = np.empty((segments, n, n)), np.empty((segments, n, p + 1))
     carry = np.zeros((segments, n, n))  # couples segment j + 1 (rows) to j (columns)
-    cost = _assemble(sums, x0, joined, defect_std, cross, along, factor, border, carry, reduced, reduced_g)
+    _assemble(sums, joined, defect_std, cross, along, defect, factor, border, carry)
     log_det = 0.0
     # Forward: factor each block, solve for its border and right-hand side, pass the rest on.
     for j in range(segments):
@@ -55,7 +52,7 @@ def factorise(sums, x0, joined, defect_std, damping, cross, along, reduced, redu
                 if i > k:
                     block[i, k] = total / block[k, k]
                 elif not total > 0.0:
-                    return cost, reduced, reduced_g, 0.0, factor, border, carry, False
+                    return 0.0, factor, border, carry, False
                 else:
                     block[i, i] = np.sqrt(total)
                     log_det += 2.0 * np.log(block[i, i])
@@ -70,22 +67,13 @@ def factorise(sums, x0, joined, defect_std, damping, cross, along, reduced, redu
                     for m in range(i):
                         carry[j, r, i] -= block[i, m] * carry[j, r, m]
                     carry[j, r, i] /= block[i, i]
-        for i in range(n):
-            for c in range(p):
-                reduced_g[c] -= edge[i, c] * edge[i, p]
-                bc = edge[i, c]
-                for b in range(c + 1):
-                    reduced[c, b] -= bc * edge[i, b]
-    for c in range(p):
-        reduced[:c, c] = reduced[c, :c]
-    return cost, reduced, reduced_g, log_det, factor, border, carry, True
+    return log_det, factor, border, carry, True
 
 
 @kernel("contract")
-def _assemble(sums, x0, joined, defect_std, cross, along, factor, border, carry, reduced, reduced_g):
-    """Write the blocks of the whole system, lower triangles of the parameters' alone; return the defects' cost."""
-    segments, n = x0.shape
-    p, cost = reduced.shape[0], 0.0
+def _assemble(sums, joined, defect_std, cross, along, defect, factor, border, carry):
+    """Write the blocks of the system of the states."""
+    segments, n, p = cross.shape
     for j in range(segments):
         hessian, gradient = sums.hessian[j], sums.gradient[j]
         for i in range(n):
@@ -96,27 +84,19 @@ def _assemble(sums, x0, joined, defect_std, cross, along, factor, border, carry,
         if not joined[j]:
             continue
         for r in range(n):
-            w, row, edge = 1.0 / (defect_std[r] * defect_std[r]), sums.jacobian[j, r], along[j, r]
-            d = sums.last[j, r] - x0[j + 1, r]
-            cost += w * d * d
+            inverse, d = 1.0 / defect_std[r], defect[j, r]
             for i in range(n):
-                weighted = w * row[i]
+                row = inverse * sums.jacobian[j, r, i]
                 for k in range(n):
-                    factor[j, i, k] += weighted * row[k]
+                    factor[j, i, k] += row * inverse * sums.jacobian[j, r, k]
                 for c in range(p):
-                    border[j, i, c] += weighted * edge[c]
-                border[j, i, p] += weighted * d
-                carry[j, r, i] = -weighted
-            factor[j + 1, r, r] += w
+                    border[j, i, c] += row * along[j, r, c]
+                border[j, i, p] += row * d
+                carry[j, r, i] = -row * inverse
+            factor[j + 1, r, r] += inverse * inverse
             for c in range(p):
-                border[j + 1, r, c] -= w * edge[c]
-            border[j + 1, r, p] -= w * d
-            for c in range(p):
-                weighted = w * edge[c]
-                reduced_g[c] += weighted * d
-                for b in range(c + 1):
-                    reduced[c, b] += weighted * edge[b]
-    return cost
+                border[j + 1, r, c] -= inverse * along[j, r, c]
+            border[j + 1, r, p] -= inverse * d
 
 
 @kernel()

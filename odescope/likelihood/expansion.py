@@ -70,29 +70,32 @@ def eliminate(
         defect_std: (n,) the defect between them is weighted by 1 / defect_std^2 a state.
         damping: added to 1 it multiplies the diagonal (Levenberg-Marquardt).
     """
-    n = x0.shape[1]
-    inner, cross, along = sums.inner, sums.hessian[:, :, n:], sums.jacobian[:, :, n:]
-    weighted = (np.where(joined[:, None], 1.0 / defect_std, 0.0)[:, :, None] * along).reshape(
-        joined.size * n, len(inner)
-    )
-    whole, slope = inner + weighted.T @ weighted, sums.gradient[:, n:].sum(axis=0)
+    segments, n = x0.shape
+    tied = np.where(joined[:, None], 1.0 / defect_std, 0.0)
+    defect = np.zeros((segments, n))
+    defect[:-1] = (sums.last[:-1] - x0[1:]) * tied[:-1]
+    inner, cross, along = sums.inner, sums.hessian[:, :, n:], tied[:, :, None] * sums.jacobian[:, :, n:]
+    slope, apart = sums.gradient[:, n:].sum(axis=0), along.reshape(segments * n, -1)
+    whole = inner + apart.T @ apart
     finite = np.isfinite(np.diag(whole))
     if not finite.all():  # what runs away spoils no other
         inner, whole = (np.where(finite & finite[:, None], part, 0.0) for part in (inner, whole))
         cross, along, slope = (np.where(finite, part, 0.0) for part in (cross, along, slope))
     basis = _basis(whole)
-    damped = _combined(basis, _combined(basis, inner + damping * np.diag(np.diag(whole))).T)
-    parts = _combined(basis, cross), _combined(basis, along), damped, _combined(basis, slope)
-    cost, information, gradient, log_det, factor, border, carry, positive = factorise(
-        sums, x0, joined, defect_std, damping, *parts
-    )
+    cross, along, slope = _combined(basis, cross), _combined(basis, along), _combined(basis, slope)
+    log_det, factor, border, carry, positive = factorise(sums, joined, defect_std, damping, cross, along, defect)
     if not positive:
         return None
+    damped = _combined(basis, _combined(basis, inner + damping * np.diag(np.diag(whole))).T)
+    apart, known = along.reshape(segments * n, -1), border.reshape(segments * n, -1)
+    taken = known.T @ known
+    information = damped + apart.T @ apart - taken[:-1, :-1]
+    gradient = slope + apart.T @ defect.ravel() - taken[:-1, -1]
     if basis is not None:
-        flat = border.reshape(joined.size * n, -1)
-        flat[:, :-1] = flat[:, :-1] @ basis.T
+        known[:, :-1] = known[:, :-1] @ basis.T
         information, gradient = basis @ information @ basis.T, basis @ gradient
     gradient[~finite] = information[~finite] = information[:, ~finite] = np.nan
+    cost = float(np.sum(defect**2))
     return Expansion(float(sums.cost.sum()), cost, information, gradient, log_det, factor, border, carry)
 
 
