@@ -141,7 +141,7 @@ def run_tape(instructions: Instructions, work: FloatArray, lanes: int) -> None:
         elif op == REAL_POWER:
             for i in range(lanes):
                 work[out, i] = work[a, i] ** constant[k]
-        elif op in (SIN, COS):
+        elif lanes > 1 and op in (SIN, COS):  # one at a time, the C library's are as fast
             waves(work, a, out, lanes, 1.0 if op == COS else 0.0)
         else:
             for i in range(lanes):

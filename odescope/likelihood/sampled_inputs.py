@@ -45,7 +45,9 @@ class SampledInputs:
     def nodes_and_gain(self, late: Sequence[float]) -> FloatArray:
         """Return the `nodes`, and after them what they gain with a second more (N, 3, 2 i)."""
         quotient = 0.5 / (DIFFERENCE * self.period)
-        return self._found(late, [0.0, DIFFERENCE, -DIFFERENCE], np.array([[1.0, 0.0, 0.0], [0.0, quotient, -quotient]]))
+        return self._found(
+            late, [0.0, DIFFERENCE, -DIFFERENCE], np.array([[1.0, 0.0, 0.0], [0.0, quotient, -quotient]])
+        )
 
     def _found(self, late: Sequence[float], besides: Sequence[float], shares: FloatArray) -> FloatArray:
         """Return sums (N, 3, r i) of the `nodes` at delays that differ by `besides` (b,), each by its shares (r, b).

@@ -1,9 +1,9 @@
 """The slopes of states and sensitivities in a step of RK4, lanes of segments side by side.
 
 Targets y solve A(x, u) y = b(x, u), so by the implicit function theorem A dy = -(d rho/dx dx + d rho/d theta), with
-rho = A y - b. The stages of the states depend on no sensitivity: they are computed first, with all that the derivatives
-of rho are. Then sensitivities S' = f_x S + f_theta go through the four stages one column after the other, while a column
-is in a first-level cache.
+rho = A y - b. The stages of the states depend on no sensitivity: they are computed first, with the derivatives of rho.
+Then the sensitivities, S' = f_x S + f_theta, go through the four stages one column after the other, while a column is in
+a first-level cache.
 """
 
 from __future__ import annotations
@@ -58,7 +58,15 @@ class Scratch(NamedTuple):
 
 @kernel(inline=True)
 def scratch_for(slots, targets, n, effects, lanes):
-    """Return room for so many slots, targets, states, effects and lanes."""
+    """Return room for a step.
+
+    Args:
+        slots: of the tape.
+        targets: how many there are.
+        n: number of states.
+        effects: of the parameters.
+        lanes: side by side.
+    """
     return Scratch(
         np.zeros((slots, lanes)),
         np.empty((targets, targets, lanes)),
@@ -78,6 +86,8 @@ def scratch_for(slots, targets, n, effects, lanes):
 @kernel("contract")
 def slopes(code, places, effects, weight, stage, lanes, x, u, scratch, dx):
     """Compute x' of all lanes at a stage, and what the sensitivities need of it.
+
+    One function, because what it computes on the way stays in cache.
 
     Args:
         code: instructions of the tape.

@@ -158,9 +158,10 @@ def test_a_start_with_a_pole_inside_the_data_is_left_or_ends_as_no_fit(states, s
     """The denominator 1 + theta x^2 vanishes where |x| is at that quantile.
 
     Which starts leave it hangs on rounding: of 24 seeds 18 to 20, 7 to 11, and 7 to 11 do, by quantile. Of the others
-    one in forty to one in ten ends with another term in place of one of the law's.
+    one in forty to one in ten ends with another term in place of one of the law's. Stuck ends have the five terms of
+    the start and seldom more: of 72 runs seventeen had one more and one had two.
     """
-    right = 0
+    right, stuck = 0, list[int]()
     for seed in range(8):
         theta, it = begin([1, 2, 3, 4, 8]), space(states, seed)
         theta[8] = -1.0 / np.quantile(states[:, 0] ** 2, share)
@@ -174,9 +175,11 @@ def test_a_start_with_a_pole_inside_the_data_is_left_or_ends_as_no_fit(states, s
         # Stuck: the segments were not joined, the misfit is plain to see, and no terms were added against it.
         assert found.width == np.inf
         assert found.scale > 10.0
-        assert len(ended) <= 6
+        assert len(ended) <= 7
         assert not found.clear
+        stuck.append(len(ended))
     assert right >= left
+    assert sum(stuck) <= 6 * len(stuck) + 1
 
 
 def test_where_the_budget_is_spent_the_fit_so_far_is_returned_and_every_run_ends_alike(states):
