@@ -2,8 +2,8 @@
 
 Targets y solve A(x, u) y = b(x, u), so by the implicit function theorem A dy = -(d rho/dx dx + d rho/d theta), with
 rho = A y - b. The stages of the states depend on no sensitivity: they are computed first, with the derivatives of rho.
-Then the sensitivities, S' = f_x S + f_theta, go through the four stages one column after the other, while a column is in
-a first-level cache.
+Then the sensitivities, S' = f_x S + f_theta, go through the four stages one column after the other, while a column
+is in a first-level cache.
 """
 
 from __future__ import annotations
