@@ -164,6 +164,8 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
             break
         if np.isfinite(width):
             space, refitted = narrowed(space, refitted, segments.spread * width)
+        if np.isinf(width):
+            space, refitted = _with_friction_as_shown(space, refitted, trail)
         here = _settle(space, refitted, width, trail)
         scale = _scale(space, here, width)
         if scale > NEAR_NOISE and width == widths[0]:
@@ -205,6 +207,28 @@ def _found_again(space: SearchSpace, here: Fit, width: float) -> Fit:
         return here
     again = space.again(here, np.where(nearer[:, None], smoothed, here.x0), space.segments.spread * width)
     return again if again is not None and again.cost < here.cost else here
+
+
+def _with_friction_as_shown(space: SearchSpace, here: Fit, trail: list[Move]) -> tuple[SearchSpace, Fit]:
+    """Return space and fit in open segments, near the record, with dry friction as narrow as that shows.
+
+    What creeps where a joint sticks asks for terms as soon as nothing else lacks: a dozen may come before any is in
+    vain, and the width is looked at.
+
+    Args:
+        space: data, candidates and constants.
+        here: a fit in open segments.
+        trail: of moves, which grows.
+    """
+    here, loose = _settle(space, here, np.inf, trail, near=True), space.segments.spread * np.inf
+    scale = _scale(space, here, np.inf)
+    while WHITE < scale <= HOPELESS and not space.budget.over:
+        narrower, found = narrowed(space, here, loose)
+        left = _scale(narrower, found, np.inf)
+        if left - 1.0 > TELLING * (scale - 1.0):
+            break
+        space, here, scale = narrower, found, left
+    return space, here
 
 
 def _with_narrow_friction(
@@ -294,14 +318,27 @@ def _scale(space: SearchSpace, found: Fit, width: float) -> float:
     return max(found.data_cost / freedom, 1e-12)
 
 
-def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move]) -> Fit:
-    """Add, drop and go round weak terms at one width until nothing moves; only drop once the budget is spent."""
+def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move], near: bool = False) -> Fit:
+    """Add, drop and go round weak terms at one width until nothing moves; only drop once the budget is spent.
+
+    Args:
+        space: data and candidates.
+        here: where to begin.
+        width: of the defects.
+        trail: of moves, which grows.
+        near: whether to end as soon as a model with dry friction of a given width is near the record.
+    """
     judge, due, wait = WhiteResiduals(space, space.segments.spread * width), 0, 2
     for round_ in range(ROUNDS):
         scale = max(_scale(space, here, width), 1.0)
         lost = round_ >= PATIENCE * space.relations and scale > HOPELESS
         moves = Moves(space, judge, width, scale, trail)
-        if lost or full(space, here) or space.budget.late:
+        if (
+            lost
+            or full(space, here)
+            or space.budget.late
+            or (near and scale <= HOPELESS and space.fixed_constants(here))
+        ):
             return here
         if space.budget.over:
             leaner = moves.drop(here)
