@@ -26,6 +26,7 @@ TIED = (5.0, *WIDTHS[1:])  # the same for short segments, of which one alone say
 NEAR_NOISE = 2.0  # residual variance over noise variance above which continuity is not tightened
 TRIALS = 3  # mechanisms tried by refitting before a move is given up
 TELLING = 0.9  # of what a residual variance has beside the noise: narrower friction that leaves more explains nothing
+HALF = 0.5  # of the cost: a term that leaves more explains little
 WHITE = 1.1  # residual variance over noise variance of a model that lacks nothing
 THIN = 4.0  # times its penalty: a term that earns less may be due to what else was chosen
 LOOK_BACK = 0.1  # width of the defects from which on the search looks back
@@ -165,8 +166,9 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
         if np.isfinite(width):
             space, refitted = narrowed(space, refitted, segments.spread * width)
         if np.isinf(width):
-            space, refitted = _with_friction_as_shown(space, refitted, trail)
-        here = _settle(space, refitted, width, trail)
+            space, here = _with_friction_as_shown(space, refitted, trail)
+        else:
+            here = _settle(space, refitted, width, trail)
         scale = _scale(space, here, width)
         if scale > NEAR_NOISE and width == widths[0]:
             here = _settle(space, _found_again(space, here, width), width, trail)
@@ -210,25 +212,30 @@ def _found_again(space: SearchSpace, here: Fit, width: float) -> Fit:
 
 
 def _with_friction_as_shown(space: SearchSpace, here: Fit, trail: list[Move]) -> tuple[SearchSpace, Fit]:
-    """Return space and fit in open segments, near the record, with dry friction as narrow as that shows.
+    """Return where a search in open segments ends, with dry friction as narrow as the record shows on the way.
 
-    What creeps where a joint sticks asks for terms as soon as nothing else lacks: a dozen may come before any is in
-    vain, and the width is looked at.
+    What creeps where a joint sticks asks for terms as soon as nothing else lacks, a dozen before any is in vain: the
+    width is looked at when a term has left more than half of the cost, and less often the more often that was in vain.
 
     Args:
         space: data, candidates and constants.
         here: a fit in open segments.
         trail: of moves, which grows.
     """
-    here, loose = _settle(space, here, np.inf, trail, near=True), space.segments.spread * np.inf
-    scale = _scale(space, here, np.inf)
-    while WHITE < scale <= HOPELESS and not space.budget.over:
-        narrower, found = narrowed(space, here, loose)
-        left = _scale(narrower, found, np.inf)
-        if left - 1.0 > TELLING * (scale - 1.0):
-            break
-        space, here, scale = narrower, found, left
-    return space, here
+    wait, rounds, loose = 1, 0, space.segments.spread * np.inf
+    while True:
+        scale = _scale(space, here, np.inf)
+        if scale > WHITE and space.fixed_constants(here) and not space.budget.over:
+            narrower, found = narrowed(space, here, loose)
+            if _scale(narrower, found, np.inf) - 1.0 <= TELLING * (scale - 1.0):
+                space, here, wait = narrower, found, 1
+                continue
+            wait *= 2
+        before = len(trail)
+        here = _settle(space, here, np.inf, trail, rounds, wait)
+        rounds += len(trail) - before
+        if len(trail) == before:
+            return space, here
 
 
 def _with_narrow_friction(
@@ -318,7 +325,9 @@ def _scale(space: SearchSpace, found: Fit, width: float) -> float:
     return max(found.data_cost / freedom, 1e-12)
 
 
-def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move], near: bool = False) -> Fit:
+def _settle(
+    space: SearchSpace, here: Fit, width: float, trail: list[Move], begun: int = 0, looked_at: int | None = None
+) -> Fit:
     """Add, drop and go round weak terms at one width until nothing moves; only drop once the budget is spent.
 
     Args:
@@ -326,19 +335,16 @@ def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move], near
         here: where to begin.
         width: of the defects.
         trail: of moves, which grows.
-        near: whether to end as soon as a model with dry friction of a given width is near the record.
+        begun: rounds before these.
+        looked_at: after so many rounds the first move that leaves more than half of the cost ends it too, where the
+            model has dry friction of a given width.
     """
     judge, due, wait = WhiteResiduals(space, space.segments.spread * width), 0, 2
-    for round_ in range(ROUNDS):
+    for round_ in range(begun, ROUNDS):
         scale = max(_scale(space, here, width), 1.0)
         lost = round_ >= PATIENCE * space.relations and scale > HOPELESS
         moves = Moves(space, judge, width, scale, trail)
-        if (
-            lost
-            or full(space, here)
-            or space.budget.late
-            or (near and scale <= HOPELESS and space.fixed_constants(here))
-        ):
+        if lost or full(space, here) or space.budget.late:
             return here
         if space.budget.over:
             leaner = moves.drop(here)
@@ -355,5 +361,7 @@ def _settle(space: SearchSpace, here: Fit, width: float, trail: list[Move], near
             moved = moves.look_back(here) or moves.exchange(here, judge.expansion(here))
         if moved is None:
             return here
-        here = moved
+        telling, here = moved.cost < HALF * here.cost, moved
+        if looked_at is not None and round_ + 1 >= begun + looked_at and not telling and space.fixed_constants(here):
+            return here
     return here

@@ -13,6 +13,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.layers import MOST_STEPS, STABLE
 from odescope.likelihood.narrowing import narrowed
 from odescope.likelihood.program import Frame, Program
+from odescope.likelihood.search import WIDTHS, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate
@@ -81,8 +82,11 @@ def test_friction_decays_as_fast_as_it_slows_down_what_hardly_slides():
     assert program.decay(3.0 * theta) == pytest.approx(program.decay(theta))  # a relation says the same at any scale
 
 
-def block_in_search(width):
-    """Return the space of a block without input that comes to rest again and again, and its fit under a wide layer."""
+def block_in_search(width, more=()):
+    """Return the space of a block without input that comes to rest again and again, and its fit under a wide layer.
+
+    Candidates are its friction, its width, and more.
+    """
     rng, step = np.random.default_rng(1), 0.01
     runs, start, measured, states = 40, [], [], []
     for k in range(runs):
@@ -101,8 +105,8 @@ def block_in_search(width):
         np.zeros(runs, dtype=bool), np.array([1e-5]), np.ones(2), step, 1, tuple((a, a + 25) for a in start),
     )  # fmt: skip
     frame = Frame.of([Coordinate("x", 2)], [], {"w": Constant("w", width, 3.0, width, optional=True)})
-    space = SearchSpace(Evaluator(segments), (MECHANISMS[0], MECHANISMS[2], OWN_WIDTH), frame)
-    found = space.begin(np.array([1.0, FORCE / MASS, 0.0]), np.full(2, np.inf))
+    space = SearchSpace(Evaluator(segments), (MECHANISMS[0], MECHANISMS[2], OWN_WIDTH, *more), frame)
+    found = space.begin(np.array([1.0, FORCE / MASS, 0.0, *(0.0 for _ in more)]), np.full(2, np.inf))
     assert isinstance(found, Fit)
     return space, found
 
@@ -116,6 +120,15 @@ def test_a_layer_is_halved_while_the_record_shows_its_creep():
     errors = [abs(f.theta[1] - FORCE / MASS) for f in (found, better)]
     assert errors[1] < 0.3 * errors[0]
     assert not narrow.too_narrow(better)
+
+
+def test_no_term_stands_for_the_creep_of_a_layer_that_is_too_wide():
+    others = ("x_dot", "x_dot*abs(x_dot)", "x_dot**3", "x_dot**5")
+    space, found = block_in_search(0.05, [candidate(0, Product(None, parse_term(t, SCOPE)), "x_ddot") for t in others])
+    wide = search(space, found.theta, WIDTHS[:1])
+    assert [m.mechanism.term for m in wide.trail if m.action == "add" and m.mechanism.parts] == []
+    assert wide.constants["w"].nominal < 0.02
+    assert abs(wide.fit.theta[1] - FORCE / MASS) < 0.01 * FORCE / MASS
 
 
 def test_a_layer_is_too_narrow_where_the_shortest_step_is_not_stable():
