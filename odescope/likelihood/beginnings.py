@@ -76,7 +76,7 @@ class Beginnings(Saturating):
             if self.space.budget.over:
                 break
             trial = self.with_relation(standing, relation, *end)
-            other = self.tightened(trial.fit.theta)
+            other = self.tightened(trial.fit.theta, price(standing.fit))
             if other is not None and price(other) < price(standing.fit):
                 standing = replace(trial, fit=other)
         return standing

@@ -9,7 +9,7 @@ from odescope.events import Monitor
 from odescope.likelihood.program import Program
 from odescope.likelihood.segments import Segments
 
-OPERATIONS = 1e9  # of the kernel in a unit of budget: about a second of two cores of 2024
+OPERATIONS = 1e9  # of the kernel in a unit of budget: about half a second of two cores of 2024
 INSTRUCTION = 4.0  # operations that an instruction of the tape stands for: some are sines
 
 
@@ -18,7 +18,7 @@ class Budget:
     """Counts what evaluations cost; the one thing here that changes, shared by all who evaluate for one search.
 
     Attributes:
-        limit: units that may be spent; a unit is about a second of two cores.
+        limit: units that may be spent; a unit is about half a second of two cores.
         monitor: asked at every evaluation whether to stop.
         deadline: of the clock (`time.time`), None for none.
         spent: units so far.

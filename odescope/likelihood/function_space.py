@@ -103,12 +103,19 @@ class FunctionSpace:
         """Return coefficients of the model as those of all candidates."""
         return np.append(theta, np.zeros(len(self.space.mechanisms) - len(theta)))
 
-    def tightened(self, theta: FloatArray) -> Fit | None:
-        """Return the fit of what has a coefficient, begun in loose segments."""
+    def tightened(self, theta: FloatArray, bar: float = np.inf) -> Fit | None:
+        """Return the fit of what has a coefficient, begun in loose segments.
+
+        Args:
+            theta: (mechanisms,) coefficients.
+            bar: None where cost and price are above: the cost of looser segments is no higher.
+        """
         space = self.space
         here = space.fit(theta, np.flatnonzero(theta), space.segments.initial, space.segments.spread * np.inf)
         for width in WIDTHS[1:]:
-            if here is None or width < self.width:
+            if here is None or here.cost + space.price(here) > bar:
+                return None
+            if width < self.width:
                 break
             here = space.again(here, here.x0, space.segments.spread * width)
         return here

@@ -210,10 +210,13 @@ class Imitated:
         """Return one choice of each, so that all together come near, and none is more elaborate than that asks for."""
         chosen = list[Placed]()
         for round_ in range(ROUNDS if len(choices) > 1 else 1):
+            before = [(p.choice, p.values) for p in chosen]
             for k, among in enumerate(choices):
                 others = [*chosen[:k], *chosen[k + 1 :]]
                 best = min(self.ranked(among, others), key=lambda found: found[0] * DEARER ** found[1].choice.size)[1]
                 chosen = [*chosen, best] if round_ == 0 else [*chosen[:k], best, *chosen[k + 1 :]]
+            if [(p.choice, p.values) for p in chosen] == before:
+                break
         return chosen
 
     def coefficients(self, placed: Sequence[Placed]) -> FloatArray:
