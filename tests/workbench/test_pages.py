@@ -80,6 +80,30 @@ def test_from_a_log_to_an_exported_model_by_clicks_alone(chromium, workbench):
     assert visit.wrong == []
 
 
+def test_several_logs_are_one_study_by_keys_and_clicks_as_of_the_command_line(chromium, workbench):
+    folder, visit = place(workbench, "several"), Visit(chromium, workbench, 400)
+    for name in ("b.csv", "c.csv"):
+        decay(folder / name, seed=ord(name[0]))
+    decay(folder / "d.csv", "another")
+    visit.go("/data?name=several/b.csv", "several/b.csv")
+    page = visit.page
+    visit.says("other logs here have these columns")
+    page.get_by_role("button", name="Make a study of it").wait_for()
+    assert page.get_by_role("checkbox", name="several/d.csv").count() == 0
+    for name in ("several/a.csv", "several/c.csv"):
+        page.get_by_role("checkbox", name=name, exact=True).press("Space")
+    visit.says("3 logs: 600 samples in 3 recordings")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    page.get_by_role("button", name="Make a study of them").click()
+    visit.says("valid and saved")
+    page.get_by_role("heading", name="several/a-and-2-more.toml", level=1).wait_for()
+    names = [str(folder / name) for name in ("a.csv", "b.csv", "c.csv")]
+    command = [sys.executable, "-m", "odescope", "init", *names, "--out", str(folder / "by_command.toml")]
+    subprocess.run(command, check=True, capture_output=True)
+    assert (folder / "a-and-2-more.toml").read_text() == (folder / "by_command.toml").read_text()
+    assert visit.wrong == []
+
+
 def test_the_study_is_the_same_as_form_and_as_text_in_two_tabs(chromium, workbench):
     folder = place(workbench, "tabs")
     (folder / "a.toml").write_text('# mine\n[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\n')

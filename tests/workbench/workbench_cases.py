@@ -16,10 +16,10 @@ AXE = Path(__file__).parent.parent.parent / "build" / "axe-core" / "axe.min.js" 
 PATIENCE = 90_000  # milliseconds, of a machine that does much else
 
 
-def decay(path, name="c", order=1):
+def decay(path, name="c", seed=0):
     """Write a log of 200 samples, which is identified in seconds."""
     t = 0.05 * np.arange(200)
-    c = 2.0 * np.exp(-0.5 * t) + 0.005 * np.random.default_rng(0).standard_normal(200)
+    c = 2.0 * np.exp(-0.5 * t) + 0.005 * np.random.default_rng(seed).standard_normal(200)
     rows = "".join(f"{a!r},{b!r}\n" for a, b in zip(t.tolist(), c.tolist(), strict=True))
     path.write_text(f'"t","{name}"\n{rows}', encoding="utf-8")
     return path
