@@ -16,7 +16,9 @@ import pytest
 pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
 
-from workbench_cases import AXE, CHROMIUM, PATIENCE, Visit, browser, chain, decay, served, shaken
+from workbench_cases import AXE, CHROMIUM, PATIENCE, Visit, browser, chain, decay, heater, served, shaken
+
+from odescope.export.model_file import write_model
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
 
@@ -278,6 +280,9 @@ def test_a_result_of_the_command_line_is_looked_at_tried_and_validated(chromium,
     at.press("ArrowRight")
     page.wait_for_function("""() => document.querySelectorAll(".reading")[1].innerText.startsWith("0.01495 s")""")
     visit.go("/try?name=known/ab", "known/ab")
+    assert page.get_by_label("duration (s)").input_value() == "15"
+    at_start = page.get_by_role("slider", name="a at the start").locator("xpath=../span[@class='reading']")
+    assert 1.98 < float(at_start.inner_text()) < 2.02  # where the record begins
     page.get_by_role("button", name=re.compile("Validate|Compare")).click()
     visit.says("many starts")
     start = page.get_by_role("slider", name=re.compile("at the start")).first.locator("[tabindex]")
@@ -291,3 +296,27 @@ def test_a_result_of_the_command_line_is_looked_at_tried_and_validated(chromium,
         visit.go("/look?name=known/ab", "known/ab")
         page.get_by_role("link", name="Open the report").click()
     report.value.get_by_role("heading", name="How to reproduce").wait_for(timeout=PATIENCE)
+
+
+def test_a_model_is_tried_from_one_level_to_another_within_its_data(chromium, workbench):
+    folder = place(workbench, "try")
+    (folder / "heater").mkdir()
+    write_model(heater(), folder / "heater" / "model.json")
+    visit = Visit(chromium, workbench, 400)
+    page = visit.page
+    visit.go("/try?name=try/heater", "try/heater")
+    page.get_by_role("group", name="u (V)").wait_for()
+    shown = {"level (V)": "10", "steps to (V)": "10.5", "begins at (s)": "1", "duration (s)": "10"}
+    assert {label: page.get_by_label(label).input_value() for label in shown} == shown
+    assert not page.get_by_label("frequency (Hz)", exact=True).is_visible()
+    page.get_by_role("slider", name="T (K) at the start").wait_for()
+    page.get_by_label("steps to (V)").fill("90")
+    visit.says("outside the data of the model")
+    page.get_by_role("combobox", name="shape").click()
+    page.get_by_role("option", name="chirp").click()
+    for label in ("amplitude (V)", "frequency (Hz)", "last frequency (Hz)"):
+        page.get_by_label(label, exact=True).wait_for()
+    assert not page.get_by_label("steps to (V)").is_visible()
+    page.get_by_text("outside the data of the model").wait_for(state="detached")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    assert visit.wrong == []
