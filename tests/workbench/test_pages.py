@@ -106,6 +106,30 @@ def test_several_logs_are_one_study_by_keys_and_clicks_as_of_the_command_line(ch
     assert visit.wrong == []
 
 
+def test_a_run_whose_result_was_replaced_leads_to_the_one_that_did(chromium, workbench):
+    folder = place(workbench, "again")
+    (folder / "a.toml").write_text('[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\n')
+    visit = Visit(chromium, workbench, 400)
+    page, first = visit.page, visit.tab()
+    names = []
+    for tab in (first, page):
+        tab.goto(visit.base + "/study?name=again/a.toml")
+        tab.get_by_role("button", name="Identify").click()
+        tab.get_by_role("button", name="Look at the result").wait_for()
+        names.append(tab.get_by_role("heading", level=1).inner_text())
+    first.get_by_role("button", name="Look at the result").click()  # of a page that knows nothing of the second run
+    first.get_by_text("done; its result was replaced by the run of").wait_for()
+    assert first.get_by_role("button", name="Look at the result").count() == 0
+    assert first.get_by_role("link", name="Open the report").count() == 0
+    assert first.get_by_role("link", name=f"{names[0]} replaced").count() == 1
+    assert first.evaluate("document.documentElement.scrollWidth") <= 400
+    first.get_by_role("link", name="Open the run that replaced its result").click()
+    first.get_by_role("heading", level=1, name=names[1], exact=True).wait_for()
+    first.get_by_role("button", name="Look at the result").click()
+    first.locator("math").first.wait_for()
+    assert visit.wrong == []
+
+
 def test_the_study_is_the_same_as_form_and_as_text_in_two_tabs(chromium, workbench):
     folder = place(workbench, "tabs")
     (folder / "a.toml").write_text('# mine\n[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\n')
