@@ -163,7 +163,10 @@ def _equations(job: Job) -> None:
 
 def _candidates(found: Mapping[str, Sequence[Point]]) -> None:
     if found:
-        with panel("Candidates", "Each circle is a relation: its error on held-out data over its terms."):
+        with panel(
+            "Candidates",
+            "Each circle is a relation: its error on held-out data over its terms. What is chosen is filled.",
+        ):
             charts.candidates(found)
 
 

@@ -3,6 +3,7 @@
 import http.client
 import json
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -320,6 +321,23 @@ def test_a_result_of_the_command_line_is_looked_at_tried_and_validated(chromium,
         visit.go("/look?name=known/ab", "known/ab")
         page.get_by_role("link", name="Open the report").click()
     report.value.get_by_role("heading", name="How to reproduce").wait_for(timeout=PATIENCE)
+
+
+def test_a_path_of_two_models_is_said_in_words(chromium, workbench):
+    for name, left in (("whole", 3), ("few", 2)):
+        result = place(workbench, name) / "ab"
+        shutil.copytree(workbench.folder / "known" / "ab", result)
+        shutil.copy(workbench.folder / "known" / "ab.csv", result.parent)
+        paths = sorted((result / "path").iterdir())
+        for path in paths[1 : len(paths) - left + 1]:
+            path.unlink()
+        visit = Visit(chromium, workbench)
+        visit.go(f"/look?name={name}/ab", f"{name}/ab")
+        visit.says("measured − free run")
+        visit.says(re.compile("the result itself; error 0.00[0-9]+ standard deviations"))
+        visit.page.get_by_role("slider", name="model on the path").wait_for()
+        assert visit.page.get_by_role("img", name="error over number of terms").count() == left - 2
+        assert visit.wrong == []
 
 
 def test_a_model_is_tried_from_one_level_to_another_within_its_data(chromium, workbench):
