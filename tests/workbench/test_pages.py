@@ -193,6 +193,28 @@ def test_a_run_outlives_its_server_and_is_stopped_by_keys_alone(chromium, tmp_pa
     assert (tmp_path / "second.txt").read_text().count("Traceback") == 0
 
 
+def test_a_page_finds_the_workbench_again_that_was_killed_once_its_address_is_opened(chromium, tmp_path):
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    decay(folder / "a.csv")
+    with served(folder, tmp_path / "first.txt") as first:
+        visit = Visit(chromium, first)
+        visit.page.get_by_role("button", name="Make a study of it").wait_for()
+        visit.page.evaluate("window.before = true")
+    visit.says("Connection lost")
+    with served(folder, tmp_path / "second.txt") as second, served(folder, tmp_path / "third.txt") as third:
+        assert second.base == first.base
+        assert second.address != first.address
+        assert third.port != second.port
+        old = first.address.partition("token=")[2]
+        refused = request(second, "/data", Host=f"127.0.0.1:{second.port}", Cookie=f"odescope-{second.port}={old}")
+        assert refused[0] == 403
+        visit.tab().goto(second.address)
+        visit.page.wait_for_function("window.before === undefined && document.body.innerText.includes('a.csv')")
+        visit.page.get_by_role("button", name="Make a study of it").click()
+        visit.says("valid and saved")
+
+
 def press_until(page, label):
     """Go from control to control by the tabulator to the button of a label, and press it by Enter."""
     page.wait_for_function("window.did_handshake")  # until then the page drops what is pressed
