@@ -2,6 +2,6 @@
 
 access, server   who may see it, and how it is served
 folder, jobs     what is in the folder, and the runs that it holds
-log_file, overview, study_text, form, excitation    what the pages work with
+log_file, log_study, overview, study_text, form, excitation    what the pages work with
 frame, charts, view_*    the pages
 """

@@ -162,31 +162,41 @@ def _axis(name: str, gap: int) -> Options:
     }
 
 
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Points of one kind: their name and coordinates, the number of their colour, and whether they are chosen ones."""
+
+    name: str
+    points: Sequence[tuple[float, float | None]]
+    colour: int
+    chosen: bool
+
+
 def candidates(found: Mapping[str, Sequence[Point]]) -> None:
     """Make a chart of candidates by their targets."""
     groups = []
-    for target, points_ in found.items():
-        groups.append((target, [(p.terms, p.rmse) for p in points_ if not p.chosen], False))
-        groups.append((f"{target}, chosen", [(p.terms, p.rmse) for p in points_ if p.chosen], True))
+    for k, (target, points_) in enumerate(found.items(), 1):
+        groups.append(Group(target, [(p.terms, p.rmse) for p in points_ if not p.chosen], k, False))
+        groups.append(Group(f"{target}, chosen", [(p.terms, p.rmse) for p in points_ if p.chosen], k, True))
     chart(spots(groups, "terms", "held-out error"), "candidates: held-out error over terms", 320)
 
 
-def spots(groups: Sequence[tuple[str, Sequence[tuple[float, float | None]], bool]], across: str, up: str) -> Options:
-    """Return a chart of points over whole numbers, the ordinate logarithmic.
+def spots(groups: Sequence[Group], across: str, up: str) -> Options:
+    """Return a chart of points over whole numbers, the ordinate logarithmic; the chosen are filled.
 
     Args:
-        groups: a name, its points, and whether they are the chosen ones.
+        groups: of points; those of one colour belong together.
         across: label of the abscissa.
         up: label of the ordinate.
     """
     series = []
-    for k, (name, own, chosen) in enumerate(groups):
-        colour = VERMILLION if chosen else COLOURS[1 + k % (len(COLOURS) - 1)]
+    for group in groups:
+        colour, chosen = COLOURS[group.colour % len(COLOURS)], group.chosen
         series.append(
             {
                 "type": "scatter",
-                "name": name,
-                "data": [[a, b] for a, b in own if b is not None and b > 0.0],
+                "name": group.name,
+                "data": [[a, b] for a, b in group.points if b is not None and b > 0.0],
                 "symbol": "diamond" if chosen else "circle",
                 "symbolSize": 14 if chosen else 8,
                 "itemStyle": {
@@ -197,11 +207,12 @@ def spots(groups: Sequence[tuple[str, Sequence[tuple[float, float | None]], bool
                 "z": 3 if chosen else 2,
             }
         )
+    numbers = [a for group in groups for a, _ in group.points] or [0.0]
     return {
-        **_common([name for name, _, _ in groups]),
+        **_common([group.name for group in groups]),
         "tooltip": {"trigger": "item", "confine": True},
         "grid": {"left": LEFT, "right": RIGHT, "top": 34, "bottom": 46},
-        "xAxis": {**_axis(across, 26), "minInterval": 1, "scale": True},
+        "xAxis": {**_axis(across, 26), "minInterval": 1, "min": min(numbers) - 1, "max": max(numbers) + 1},
         "yAxis": {**_axis(up, 56), "type": "log", "scale": True},
         "series": series,
     }

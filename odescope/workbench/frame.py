@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from inspect import isawaitable
 from typing import TypeVar
@@ -40,12 +40,14 @@ class Listed:
         names: in the list.
         begin: how to come by the first, as long as there is none.
         view: where that is done, of VIEWS; the page's own needs no link.
+        remarks: what is said beside some of the names.
     """
 
     label: str
     names: Sequence[str]
     begin: str
     view: str
+    remarks: Mapping[str, str] = field(default_factory=dict)
 
 
 def stored(result: str, file: str) -> str:
@@ -78,7 +80,7 @@ async def show_one(
     """
     chosen = name or next(iter(listed.names), "")
     with frame(bench, view, chosen), ui.element("div").classes("split"):
-        chooser(view, listed.label, listed.names, chosen)
+        chooser(view, listed, chosen)
         with ui.element("div").classes("content"):
             text("h1", chosen or f"No {listed.label.lower()} here yet")
             if not chosen:
@@ -256,21 +258,22 @@ async def aside(act: Callable[..., Found], *given: object) -> Found:
     return found
 
 
-def chooser(view: str, label: str, names: Sequence[str], chosen: str) -> None:
+def chooser(view: str, listed: Listed, chosen: str) -> None:
     """Make the list of what a page may show; what is chosen stands in the address, where a reload finds it.
 
     Args:
         view: of VIEWS.
-        label: of the list.
-        names: to choose from.
+        listed: what there is to choose from.
         chosen: that is shown.
     """
     around = ui.element("nav").classes("chooser")
-    around.props["aria-label"] = label
+    around.props["aria-label"] = listed.label
     with around:
-        text("h2", label)
-        for name in names:
-            link(name, address(view, name), "here" if name == chosen else "", current=name == chosen)
+        text("h2", listed.label)
+        for name in listed.names:
+            with link(name, address(view, name), "here" if name == chosen else "", current=name == chosen):
+                if name in listed.remarks:
+                    text("span", f" {listed.remarks[name]}", "about")
 
 
 class Latest:

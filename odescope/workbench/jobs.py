@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,17 @@ import psutil
 
 from odescope.errors import InputError, Stopped
 from odescope.files import write_file
-from odescope.report.event_lines import AnyLine, EndLine, EquationsLine, EventFile, ProgressLine, StageLine, read_events
+from odescope.report.event_lines import (
+    AnyLine,
+    EndLine,
+    EquationsLine,
+    EventFile,
+    FilesLine,
+    ProgressLine,
+    StageLine,
+    read_events,
+)
+from odescope.report.result_names import MODEL, NO_MODEL
 from odescope.workbench.folder import Folder
 
 HIDDEN = ".odescope"  # the folder of runs within that of the workbench
@@ -64,6 +75,11 @@ class Job:
             if code is not None
             else "failed"
         )
+
+    @property
+    def files(self) -> frozenset[str]:
+        """The files that it told it wrote."""
+        return frozenset(name for line in self.lines if isinstance(line, FilesLine) for name in line.names)
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -243,6 +259,25 @@ class Jobs:
         except psutil.Error:
             pass
         return True
+
+
+def replacement(job: Job, jobs: Sequence[Job]) -> Job | None:
+    """Return the last run after another whose files took the place of that one's, None where these still stand.
+
+    A result takes the place of another, and of what was left without a model; the latter of its like alone.
+
+    Args:
+        job: that may have been replaced.
+        jobs: all there are, the last first.
+    """
+    for one in jobs:
+        if one.name == job.name:
+            break
+        if one.record.results == job.record.results and (
+            (MODEL in one.files and job.files) or (NO_MODEL in one.files and NO_MODEL in job.files)
+        ):
+            return one
+    return None
 
 
 def _began(pid: int) -> float:

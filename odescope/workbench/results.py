@@ -26,6 +26,10 @@ from odescope.workbench.folder import Folder
 from odescope.workbench.long_chart import LongLine, LongPlot
 from odescope.workbench.overview import Overview
 
+DURATION = 10.0  # seconds
+BEYOND = 0.5  # of the range of the data
+UNKNOWN = (-1.0, 1.0)  # what stands for the range of data that nothing says
+
 
 @dataclass(frozen=True, eq=False)
 class Result:
@@ -78,6 +82,41 @@ def data_of(folder: Folder, result: Result) -> tuple[tuple[Path, ...], TimeColum
         raise InputError(f"{result.name} has no study: what it was made from is not known") from error
     own = study.data
     return folder.files_of(study, result.place), TimeColumns(own.time, own.sample_period, own.recording)
+
+
+def duration_of(result: Result) -> float:
+    """Return how long the longest free run over the data of a result is, in seconds; `DURATION` where none is known."""
+    scores = result.model.scores
+    runs = [run.duration for run in scores.free_runs] if scores is not None else []
+    if not runs and result.report is not None:
+        runs = [run.duration for run in result.report.observed.recorded.runs]
+    return max((seconds for seconds in runs if 0.0 < seconds < np.inf), default=DURATION)
+
+
+def range_of(model: Model, name: str) -> tuple[float, float]:
+    """Return between which values a state is chosen to begin from: the range of the data and half of it beyond."""
+    low, high = model.domain.get(name, UNKNOWN)
+    more = BEYOND * max(high - low, 1e-12)
+    return low - more, high + more
+
+
+def start_of(result: Result) -> dict[str, float]:
+    """Return a state to begin from: what the report shows first of each coordinate, and rest.
+
+    Of what it does not show, and of what is beyond `range_of`, it is the middle of the data.
+    """
+    model, first = result.model, dict[str, float]()
+    runs = () if result.report is None else result.report.at_work.free_runs.runs
+    for c, panel in zip(model.coordinates, runs[0].panels if runs else (), strict=False):
+        shown = next((y for line in panel.wide if line.role == "recorded" for y in line.y if y is not None), None)
+        if shown is not None:
+            first[c.name] = shown - c.offset
+    measured = {c.name for c in model.coordinates}
+    for state in model.states:
+        low, high = range_of(model, state)
+        there = first.get(state, 0.0 if state not in measured else np.inf)
+        first[state] = there if low <= there <= high else 0.5 * (low + high)
+    return first
 
 
 def recorded_for(model: Model, files: tuple[Path, ...], columns: TimeColumns = UNSAID) -> Records:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import errno
+import os
 import socket
 from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI
@@ -18,6 +21,7 @@ from odescope.workbench.jobs import Jobs
 from odescope.workbench.pages import add_pages
 
 RECONNECT = 30.0  # seconds that a page which lost its connection is kept
+FIRST_PORT, PORTS = 20_000, 12_000  # of folders: below those that systems give to connections
 
 
 def serve(folder: Folder, port: int, opened: Callable[[str], None]) -> None:
@@ -25,13 +29,13 @@ def serve(folder: Folder, port: int, opened: Callable[[str], None]) -> None:
 
     Args:
         folder: all that it sees.
-        port: on the loopback address; 0 for a free one.
+        port: on the loopback address; 0 for that of the folder, or a free one where it is taken.
         opened: called with the address once it can be opened.
 
     Raises:
         InputError: the port is taken.
     """
-    bound = _bound(port)
+    bound = _bound(port) if port else _bound_for(folder.root)
     access = Access(bound.getsockname()[1])
     inner = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
     run.process_pool_start_method = "spawn"
@@ -60,10 +64,25 @@ def serve(folder: Folder, port: int, opened: Callable[[str], None]) -> None:
     uvicorn.Server(config).run(sockets=[bound])
 
 
+def home_port(root: Path) -> int:
+    """Return the port of a folder, by its path: a page that is open from before finds the workbench there again."""
+    return FIRST_PORT + int.from_bytes(sha256(os.fsencode(root)).digest()[:8], "big") % PORTS
+
+
+def _bound_for(root: Path) -> socket.socket:
+    try:
+        return _bound(home_port(root))
+    except InputError:
+        return _bound(0)
+
+
 def _bound(port: int) -> socket.socket:
     found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
+        if os.name == "posix":  # elsewhere this would take the port from who has it; here from connections that ended
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         found.bind((HOST, port))
+        found.listen()  # now it is nobody else's
     except OSError as error:
         found.close()
         taken = "is taken: another workbench may run there" if error.errno == errno.EADDRINUSE else error.strerror

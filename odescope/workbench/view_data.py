@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from nicegui import run, ui
-from nicegui.run import SubprocessException
+from nicegui import ui
 
 from odescope.errors import InputError
 from odescope.files import write_file
 from odescope.report.page import in_bytes
-from odescope.study.draft import Drafted, draft
+from odescope.study.draft import Drafted
 from odescope.workbench.frame import (
     Listed,
     Workbench,
@@ -27,11 +27,11 @@ from odescope.workbench.frame import (
     told,
 )
 from odescope.workbench.log_file import LogFile, open_log
+from odescope.workbench.log_study import alike, drafted_from, in_order, study_of
 from odescope.workbench.long_chart import LongChart, LongLine, LongPlot
 
 MOST_PANELS = 40
-SMALL = 20_000_000  # bytes of a file that is looked at in no time
-DRAFTED: dict[tuple[Path, int, int], Drafted] = {}  # by the file, when it was changed and its size
+PAUSE = 0.2  # seconds without another tick before the logs are looked at
 
 
 @lru_cache(maxsize=3)
@@ -76,7 +76,7 @@ async def _log(bench: Workbench, name: str) -> None:
     facts.set_text(f"{log.rows:,} rows, {len(log.labels)} columns, {in_bytes(path.stat().st_size)}")
     _picture(log)
     with panel("What it looks like", "Each column, and what may be made of it in a study."):
-        await _seen(bench, path)
+        await SeenView(bench, name).show()
 
 
 def _picture(log: LogFile) -> None:
@@ -88,61 +88,95 @@ def _picture(log: LogFile) -> None:
         text("p", f"{len(log.lines) - len(labels)} more columns found no room.", "about")
 
 
-async def _seen(bench: Workbench, path: Path) -> None:
-    """Say what the columns look like, and offer the study."""
-    waiting = text("p", "looking at the columns …", "about")
-    target = path.parent / f"{path.name.removesuffix('.gz').rpartition('.')[0]}.toml"
-    try:
-        drafted = await _drafted(path)
-    except InputError as error:
-        waiting.delete()
-        complaint(str(error))
-        return
-    waiting.delete()
-    text("p", drafted.sampled)
-    table("Columns", ("column", "unit", "may be", "because"), _rows(drafted))
-    with ui.element("div").classes("actions"):
-        if target.exists():
-            button("Open its study", lambda: ui.navigate.to(address("study", bench.folder.name(target))), main=True)
-        else:
+class SeenView:
+    """What the columns of a log look like, or of several with the same columns, and the study that is offered."""
 
-            def begin() -> None:
+    def __init__(self, bench: Workbench, name: str) -> None:
+        """Begin with one log."""
+        self._bench, self._name, self._asked = bench, name, 0
+        self._ticks = dict[str, ui.checkbox]()
+        self._others = ui.element("div")
+        self._said, self._seen = text("p", "").props("role=status"), ui.element("div")
+
+    async def show(self) -> None:
+        """Offer the logs that go with this one, and say what it looks like.
+
+        Raises:
+            InputError: its columns cannot be read.
+        """
+        await self._look()
+        others = await aside(alike, self._bench.folder, self._name)
+        if others:
+            with self._others:
+                self._offer(others)
+
+    def _offer(self, others: Sequence[str]) -> None:
+        """Make a box for every log that has the same columns."""
+        one = len(others) == 1
+        told_ = f"{len(others)} other {'log' if one else 'logs'} here {'has' if one else 'have'} these columns"
+        with ui.element("fieldset").classes("channel ticks"):
+            text("legend", f"{told_}: one study of several recordings?")
+            for other in others:
+                self._ticks[other] = ui.checkbox(other, on_change=self._look).props("dense")
+            if not one:
+                with ui.element("div").classes("actions"):
+                    button("Tick all", lambda: self._tick(True))
+                    button("Tick none", lambda: self._tick(False))
+
+    def _tick(self, value: bool) -> None:
+        for box in self._ticks.values():
+            box.set_value(value)
+
+    def _chosen(self) -> list[str]:
+        """Return the logs of the study, in the order in which the folder lists them."""
+        return in_order([self._name, *(other for other, box in self._ticks.items() if box.value)])
+
+    async def _look(self) -> None:
+        """Look at what is chosen, and say what was seen."""
+        self._asked += 1
+        mine = self._asked
+        self._seen.clear()
+        self._said.set_text("looking at the columns …")
+        await asyncio.sleep(PAUSE if mine > 1 else 0.0)
+        if mine != self._asked:
+            return
+        folder, names = self._bench.folder, self._chosen()
+        try:
+            drafted, wrong = await drafted_from([folder.inside(name) for name in names]), ""
+        except InputError as error:
+            drafted, wrong = None, str(error)
+        if mine != self._asked:  # ticked on meanwhile
+            return
+        self._said.set_text("" if drafted is None else _sampled(names, drafted))
+        with self._seen:
+            if drafted is None:
+                complaint(wrong)
+            else:
+                self._show(names, drafted)
+
+    def _show(self, names: Sequence[str], drafted: Drafted) -> None:
+        """Say what was seen, and offer the study."""
+        folder, several = self._bench.folder, len(names) > 1
+        table("Columns", ("column", "unit", "may be", "because"), _rows(drafted))
+
+        def begin() -> None:
+            target, there = study_of(folder, names)
+            if not there:
                 write_file(target, drafted.text)
-                ui.navigate.to(address("study", bench.folder.name(target)))
+            ui.navigate.to(address("study", folder.name(target)))
 
-            button("Make a study of it", told(begin), main=True)
-
-
-async def _drafted(path: Path) -> Drafted:
-    """Return the study of a log; one that was drafted from the file as it is now is at hand.
-
-    Raises:
-        InputError: there is nothing to identify in it.
-        asyncio.CancelledError: the server ends.
-    """
-    about = path.stat()
-    known = (path, about.st_mtime_ns, about.st_size)
-    if known not in DRAFTED:
-        DRAFTED[known] = await _draft(path)
-    return DRAFTED[known]
+        target, there = study_of(folder, names)
+        with ui.element("div").classes("actions"):
+            if there:
+                button("Open their study" if several else "Open its study", told(begin), main=True)
+            else:
+                button(f"Make a study of {'them' if several else 'it'}", told(begin), main=True)
+            if several:
+                text("span", folder.name(target), "about")
 
 
-async def _draft(path: Path) -> Drafted:
-    """Draft the study of a log; a long look is taken in another process, since it would hold up the pages of this.
-
-    Raises:
-        InputError: there is nothing to identify in it.
-        asyncio.CancelledError: the server ends.
-    """
-    if path.stat().st_size < SMALL:
-        return await aside(draft, [path], [path], path.parent)
-    try:
-        found = await run.cpu_bound(draft, [path], [path], path.parent)
-    except SubprocessException as error:
-        raise InputError(error.original_message) from error
-    if found is None:
-        raise asyncio.CancelledError
-    return found
+def _sampled(names: Sequence[str], drafted: Drafted) -> str:
+    return f"{len(names)} logs: {drafted.sampled}" if len(names) > 1 else drafted.sampled
 
 
 def _rows(drafted: Drafted) -> list[tuple[str, str, str, str]]:

@@ -36,6 +36,7 @@ from odescope.workbench.results import Result, at_time, data_of, recorded_for, r
 
 SECTIONS = (("coefficients", "Coefficients"), ("candidates", "Candidates and evidence"), ("work", "Model at work"))
 Runs = tuple[FreeRunOf, ...]
+LEAST_POINTS = 3  # of a picture: what fewer say is said in words
 STEPS = 1000  # of the slider over time
 
 
@@ -173,17 +174,19 @@ class RunsView:
     def _path_controls(self) -> None:
         steps = self._steps
         text("h3", "From many terms to few")
-        groups = [
-            ("model on the path", [(s.terms, s.error) for s in steps if not s.chosen], False),
-            ("chosen", [(s.terms, s.error) for s in steps if s.chosen], True),
-        ]
-        charts.chart(charts.spots(groups, "terms", "free-run error, held out (std)"), "error over number of terms", 240)
+        if len(steps) >= LEAST_POINTS:
+            groups = [
+                charts.Group("model on the path", [(s.terms, s.error) for s in steps if not s.chosen], 1, False),
+                charts.Group("chosen", [(s.terms, s.error) for s in steps if s.chosen], 0, True),
+            ]
+            spots = charts.spots(groups, "terms", "free-run error, held out (std)")
+            charts.chart(spots, "error over number of terms", 240)
         with ui.element("div").classes("scrub"):
             text("span", "terms")
             chosen = next((k for k, s in enumerate(steps) if s.chosen), 0)
             slider = ui.slider(min=0, max=len(steps) - 1, value=chosen, step=1, on_change=lambda e: self._take(e.value))
             slider.props('snap markers aria-label="model on the path, from many terms to few"')
-            self._taken = text("span", "the result itself", "reading").props("role=status")
+            self._taken = text("span", _said_of(steps[chosen]), "reading").props("role=status")
         self._equations = ui.element("div")
 
     async def _take(self, number_: float) -> None:
@@ -193,9 +196,7 @@ class RunsView:
         if found is None:
             return
         self._model, self._runs = model, _ = found
-        dropped = f", without {step.dropped}" if step.dropped else ""
-        said = "the result itself" if step.chosen else f"{step.terms} terms{dropped}"
-        self._taken.set_text(f"{said}; error {number(step.error, 3)}")
+        self._taken.set_text(_said_of(step))
         self._equations.clear()
         with self._equations:
             if not step.chosen:
@@ -224,3 +225,10 @@ class RunsView:
             for name, value in at_time(self._plots, t):
                 text("span", f"{name} {number(value)}")
         self._chart.mark(t)
+
+
+def _said_of(step: PathScore) -> str:
+    """Return what a place of the path is, and how far its free runs go wrong."""
+    dropped = f", without {step.dropped}" if step.dropped else ""
+    said = "the result itself" if step.chosen else f"{step.terms} terms{dropped}"
+    return f"{said}; error {number(step.error, 3)} standard deviations of what was measured"

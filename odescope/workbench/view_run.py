@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 
 from nicegui import run, ui
@@ -9,7 +10,7 @@ from nicegui import run, ui
 from odescope.errors import InputError
 from odescope.events import Progress, standing
 from odescope.report.data import Point
-from odescope.report.event_lines import CandidatesLine, FilesLine, NoteLine
+from odescope.report.event_lines import CandidatesLine, NoteLine
 from odescope.report.result_names import NO_MODEL, REPORT_PAGE
 from odescope.workbench import charts
 from odescope.workbench.frame import (
@@ -25,7 +26,7 @@ from odescope.workbench.frame import (
     stored,
     text,
 )
-from odescope.workbench.jobs import Job
+from odescope.workbench.jobs import Job, replacement
 
 EVERY = 0.5  # seconds between two looks at the events
 MARKS = {"running": "●", "done": "✓", "no model": "–", "stopped": "■", "failed": "✗"}
@@ -33,8 +34,10 @@ MARKS = {"running": "●", "done": "✓", "no model": "–", "stopped": "■", "
 
 async def run_page(bench: Workbench, name: str) -> None:
     """Make the page of a run."""
-    names = [job.name for job in bench.jobs.all()]
-    await show_one(bench, "run", Listed("Runs", names, IDENTIFY, "study"), name, RunView)
+    jobs = bench.jobs.all()
+    replaced = {job.name: "replaced" for job in jobs if replacement(job, jobs) is not None}
+    listed = Listed("Runs", [job.name for job in jobs], IDENTIFY, "study", replaced)
+    await show_one(bench, "run", listed, name, RunView)
 
 
 class RunView:
@@ -50,6 +53,7 @@ class RunView:
         if job is None:
             raise InputError(f"there is no run {name!r}")
         self._bench, self._name, self._known, self._offered = bench, name, -1, ""
+        self._result = job.record.results
         self._state = text("p", "", "about").props("role=status")
         self._bar = ui.linear_progress(0.0, show_value=False, size="6px").props('aria-label="progress"')
         self._stages = text("p", "", "about")
@@ -69,7 +73,9 @@ class RunView:
 
     def _show(self, job: Job) -> None:
         progress = job.progress
-        self._state.set_text(f"{MARKS[job.state]} {job.state}{_left(job)}")
+        later = None if job.running else replacement(job, self._bench.jobs.all())
+        instead = "" if later is None else f"; its result was replaced by the run of {_when(later)}"
+        self._state.set_text(f"{MARKS[job.state]} {job.state}{_left(job)}{instead}")
         self._stages.set_text(" → ".join(job.stages))
         self._bar.set_visibility(job.running)
         if progress is None or not progress.total:
@@ -83,29 +89,45 @@ class RunView:
         self._known = news
         if job.state != self._offered:  # a button that is drawn anew loses the focus, and what was pressed just then
             self._offered = job.state
-            self._show_actions(job)
+            self._show_actions(job, later)
         self._found.clear()
         with self._found:
             _equations(job)
             _candidates({line.target: line.points for line in job.lines if isinstance(line, CandidatesLine)})
             _notes([line.text for line in job.lines if isinstance(line, NoteLine)])
 
-    def _show_actions(self, job: Job) -> None:
+    def _show_actions(self, job: Job, later: Job | None) -> None:
+        """Offer what can be done with a run.
+
+        Args:
+            job: the run.
+            later: the one that replaced its result, None where it stands.
+        """
         self._actions.clear()
         with self._actions:
             if job.running:
                 button("Stop", self._stop, danger=True)
                 return
-            if job.state == "done":
-                button("Look at the result", lambda: ui.navigate.to(address("look", job.record.results)), main=True)
+            if later is not None:
+                link("Open the run that replaced its result", address("run", later.name))
+            elif job.state == "done":
+                button("Look at the result", self._look_at_result, main=True)
                 link("Open the report", stored(job.record.results, REPORT_PAGE), new_tab=True)
-            elif any(isinstance(line, FilesLine) and NO_MODEL in line.names for line in job.lines):
+            elif NO_MODEL in job.files:
                 link("Open what was found until then", stored(job.record.results, NO_MODEL), new_tab=True)
             link("Open the study", address("study", job.record.study))
             button("Remove from this list", self._forget)
             if job.state in ("failed", "no model"):
                 ended = "" if job.end is None else job.end.message
                 complaint(ended or self._bench.jobs.last_words(job) or "it ended without a word")
+
+    def _look_at_result(self) -> None:
+        """Go to the result, unless another run has replaced it since the page was drawn."""
+        job = self._bench.jobs.find(self._name)
+        if job is None or replacement(job, self._bench.jobs.all()) is None:
+            ui.navigate.to(address("look", self._result))
+        else:
+            ui.navigate.to(address("run", self._name))
 
     async def _stop(self) -> None:
         await run.io_bound(self._bench.jobs.cancel, self._name)
@@ -114,6 +136,10 @@ class RunView:
     def _forget(self) -> None:
         self._bench.jobs.forget(self._name)
         ui.navigate.to("/run")
+
+
+def _when(job: Job) -> str:
+    return time.strftime("%Y-%m-%d, %H:%M:%S", time.localtime(job.record.started))
 
 
 def _left(job: Job) -> str:
@@ -137,7 +163,10 @@ def _equations(job: Job) -> None:
 
 def _candidates(found: Mapping[str, Sequence[Point]]) -> None:
     if found:
-        with panel("Candidates", "Each circle is a relation: its error on held-out data over its terms."):
+        with panel(
+            "Candidates",
+            "Each circle is a relation: its error on held-out data over its terms. What is chosen is filled.",
+        ):
             charts.candidates(found)
 
 

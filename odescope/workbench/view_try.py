@@ -20,7 +20,7 @@ from odescope.validation.compare import compare
 from odescope.validation.domain import outside_domain
 from odescope.validation.validate import Validation
 from odescope.workbench import charts
-from odescope.workbench.excitation import Excitation, Shape, sample_times
+from odescope.workbench.excitation import SAID, Excitation, plain, sample_times, suggested
 from odescope.workbench.frame import (
     Latest,
     Workbench,
@@ -34,11 +34,27 @@ from odescope.workbench.frame import (
 )
 from odescope.workbench.long_chart import LongChart, LongLine, LongPlot
 from odescope.workbench.overview import Overview
-from odescope.workbench.results import Result, data_of, measured_and_run, result_of
+from odescope.workbench.results import (
+    UNKNOWN,
+    Result,
+    data_of,
+    duration_of,
+    measured_and_run,
+    range_of,
+    result_of,
+    start_of,
+)
 
-SHAPES: tuple[Shape, ...] = ("constant", "step", "sine", "chirp")
+LABELS = {
+    "level": "level",
+    "goal": "steps to",
+    "begin": "begins at (s)",
+    "amplitude": "amplitude",
+    "frequency": "frequency (Hz)",
+    "last_frequency": "last frequency (Hz)",
+}
+FIELD = "dense outlined debounce=300"
 MADE = ""  # no log
-BEYOND = 0.5  # of the range of the data: how far sliders go past it
 STEPS = 200  # of a slider
 
 
@@ -55,7 +71,7 @@ def _result(bench: Workbench, name: str) -> None:
     """
     result = result_of(bench.folder, name)
     with panel("Simulate", "Under inputs and from a start of your own; beyond the data it extrapolates.", "first"):
-        SimulationView(bench, result.model)
+        SimulationView(bench, result)
     with panel("Compare and validate", "Free runs and one-step predictions on a log that you choose."):
         CompareView(bench, result)
 
@@ -66,66 +82,75 @@ def _slider(label: str, low: float, high: float, value: float) -> ui.slider:
         text("span", label)
         made = ui.slider(min=low, max=high, value=value, step=(high - low) / STEPS)
         made.props["aria-label"] = label
-        shown = text("span", number(value, 3), "reading")
-    made.on_value_change(lambda e: shown.set_text(number(e.value, 3)))
+        shown = text("span", number(value), "reading")
+    made.on_value_change(lambda e: shown.set_text(number(e.value)))
     return made
 
 
-def _range(model: Model, name: str) -> tuple[float, float]:
-    """Return from where to where a slider goes."""
-    low, high = model.domain.get(name, (-1.0, 1.0))
-    more = BEYOND * max(high - low, 1e-12)
-    return low - more, high + more
+def _labels(model: Model) -> dict[str, str]:
+    """Return what is written beside every state and input: its name, and its unit where that is known."""
+    units = quantity_units(model)
+    return {name: f"{name} ({shown(unit)})" if shown(unit) else name for name, unit in units.items()}
 
 
 class SimulationView:
     """A simulation that is run anew when anything of it changes."""
 
-    def __init__(self, bench: Workbench, model: Model) -> None:
+    def __init__(self, bench: Workbench, result: Result) -> None:
         """Make the controls."""
-        self._bench, self._model, self._latest = bench, model, Latest()
-        self._made = dict[str, Excitation]()
+        self._bench, self._model, self._latest = bench, result.model, Latest()
+        self._labels, self._seconds = _labels(self._model), plain(duration_of(result))
+        self._made, self._fields = dict[str, Excitation](), list[ui.element]()
         with ui.element("div").classes("controls"):
-            self._duration = ui.number("duration (s)", value=10.0, min=1e-6).props("dense outlined debounce=300")
+            self._duration = ui.number("duration (s)", value=self._seconds, min=1e-6).props(FIELD)
             shown = {MADE: "made here", **{name: f"of {name}" for name in bench.folder.logs()}}
             self._log = ui.select(shown, value=MADE, label="inputs").props("dense outlined options-dense")
-            self._log.set_visibility(bool(model.inputs))
-        self._clocks = clocks(model)
-        for one in model.inputs:
+            self._log.set_visibility(bool(self._model.inputs))
+        self._clocks = clocks(self._model)
+        for one in self._model.inputs:
             if one.name not in self._clocks:
-                self._input(one.name)
-        self._start = {}
-        for state in model.states:
-            low, high = _range(model, state)
-            self._start[state] = _slider(f"{state} at the start", low, high, 0.5 * (low + high))
+                self._fields.append(self._input(one.name))
+        self._start = dict[str, ui.slider]()
+        for state, value in start_of(result).items():
+            label = f"{self._labels[state]} at the start"
+            self._start[state] = _slider(label, *range_of(self._model, state), value)
         for control in (self._duration, self._log, *self._start.values()):
             control.on_value_change(self._run)
+        self._log.on_value_change(self._show_fields)
         self._said, self._drawn = ui.element("div").props("role=status"), ui.element("div")
         ui.timer(0.01, self._run, once=True)
 
-    def _input(self, name: str) -> None:
-        low, high = self._model.domain.get(name, (-1.0, 1.0))
-        self._made[name] = Excitation("step", max(abs(low), abs(high)) or 1.0)
-        with ui.element("fieldset").classes("channel"):
-            text("legend", name)
-            shape = ui.select(list(SHAPES), value="step", label="shape").props("dense outlined options-dense")
-            controls: dict[str, ui.select | ui.number] = {"shape": shape}
-            for key, label in (
-                ("size", "size"),
-                ("begin", "begins at (s)"),
-                ("frequency", "frequency (Hz)"),
-                ("last_frequency", "last frequency (Hz)"),
-            ):
-                value = getattr(self._made[name], key)
-                controls[key] = ui.number(label, value=value).props("dense outlined debounce=300")
+    def _show_fields(self) -> None:
+        """Show what says how inputs go that are made here, where they are."""
+        for one in (self._duration, *self._fields):
+            one.set_visibility(self._log.value == MADE)
+
+    def _input(self, name: str) -> ui.element:
+        """Make the fields of one input, those that its shape has a use for."""
+        unit = shown(quantity_units(self._model)[name])
+        own = self._made[name] = suggested(*self._model.domain.get(name, UNKNOWN), self._seconds)
+        with ui.element("fieldset").classes("channel") as around:
+            text("legend", self._labels[name])
+            shape = ui.select(list(SAID), value=own.shape, label="shape").props("dense outlined options-dense")
+            fields: dict[str, ui.number] = {}
+            for key, label in LABELS.items():
+                of_unit = f"{label} ({unit})" if unit and "(" not in label else label
+                fields[key] = ui.number(of_unit, value=getattr(own, key)).props(FIELD)
+
+        def show() -> None:
+            for key, field in fields.items():
+                field.set_visibility(key in SAID[self._made[name].shape])
 
         async def changed(event: ValueChangeEventArguments[Any], key: str) -> None:
             if event.value is not None:
                 self._made[name] = replace(self._made[name], **{key: event.value})
+                show()
                 await self._run()
 
-        for key, control in controls.items():
+        show()
+        for key, control in {"shape": shape, **fields}.items():
             control.on_value_change(lambda e, key=key: changed(e, key))
+        return around
 
     async def _run(self) -> None:
         self._said.clear()
@@ -152,8 +177,7 @@ class SimulationView:
         return t, inputs, simulate(self._model, t, inputs or None, start)
 
     def _show(self, t: FloatArray, inputs: dict[str, FloatArray], found: Trajectory) -> None:
-        units = quantity_units(self._model)
-        labels = {name: f"{name} ({shown(unit)})" if shown(unit) else name for name, unit in units.items()}
+        labels = self._labels
         run = {state: found.column(state) for state in self._model.states}
         plots = [
             LongPlot(labels[state], (LongLine("model", "model", Overview.of([found.t], [values])),))

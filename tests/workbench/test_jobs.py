@@ -14,10 +14,10 @@ import pytest
 pytest.importorskip("nicegui")
 
 from odescope.errors import InputError
-from odescope.events import StageBegan
+from odescope.events import FilesWritten, StageBegan
 from odescope.report.event_lines import EndLine, EventFile, read_events
 from odescope.workbench.folder import Folder
-from odescope.workbench.jobs import EVENTS, HIDDEN, RECORD, Jobs, RunRecord
+from odescope.workbench.jobs import EVENTS, HIDDEN, RECORD, Jobs, RunRecord, replacement
 
 STUDY = '[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\n'
 
@@ -133,6 +133,36 @@ def test_a_run_that_is_stopped_leaves_nothing_half_written(place):
     jobs.cancel(job.name)
     assert jobs.find(job.name).state == "stopped"
     assert sorted(p.name for p in place.iterdir()) == [".odescope", "a.csv", "a.toml"]
+
+
+def over(place, name, *files, results="a", code=0):
+    """What the folder says of a run that is over."""
+    own = place / HIDDEN / name
+    own.mkdir(parents=True)
+    record = RunRecord(f"{results}.toml", results, os.getpid(), psutil.Process().create_time() - 3600.0)
+    (own / RECORD).write_bytes(msgspec.json.encode(record))
+    events = EventFile.begun(own / EVENTS)
+    if files:
+        events.tell(FilesWritten(place / results, files))
+    events.end(code, "")
+
+
+def test_a_run_whose_files_a_later_one_replaced_says_so(place):
+    over(place, "1", "no_model.html", code=3)
+    over(place, "2", "model.json", "report.html")
+    over(place, "3", "model.json", "report.html", results="b")
+    over(place, "4", "model.json", "report.html")
+    over(place, "5", "no_model.html", code=3)
+    over(place, "6", code=130)
+    jobs = Jobs(Folder.of(place))
+    replaced = {job.name: replacement(job, jobs.all()) for job in jobs.all()}
+    assert {name: one and one.name for name, one in replaced.items()} == {
+        "1": "5", "2": "4", "3": None, "4": None, "5": None, "6": None
+    }  # fmt: skip
+    over(place, "7", "model.json")
+    assert replacement(jobs.find("5"), jobs.all()).name == "7"
+    jobs.forget("7")
+    assert replacement(jobs.find("5"), jobs.all()) is None
 
 
 def test_another_process_with_the_number_is_no_run(place):

@@ -3,6 +3,7 @@
 import http.client
 import json
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -16,7 +17,9 @@ import pytest
 pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
 
-from workbench_cases import AXE, CHROMIUM, PATIENCE, Visit, browser, chain, decay, served, shaken
+from workbench_cases import AXE, CHROMIUM, PATIENCE, Visit, browser, chain, decay, heater, served, shaken
+
+from odescope.export.model_file import write_model
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
 
@@ -80,6 +83,54 @@ def test_from_a_log_to_an_exported_model_by_clicks_alone(chromium, workbench):
     assert visit.wrong == []
 
 
+def test_several_logs_are_one_study_by_keys_and_clicks_as_of_the_command_line(chromium, workbench):
+    folder, visit = place(workbench, "several"), Visit(chromium, workbench, 400)
+    for name in ("b.csv", "c.csv"):
+        decay(folder / name, seed=ord(name[0]))
+    decay(folder / "d.csv", "another")
+    visit.go("/data?name=several/b.csv", "several/b.csv")
+    page = visit.page
+    visit.says("other logs here have these columns")
+    page.get_by_role("button", name="Make a study of it").wait_for()
+    assert page.get_by_role("checkbox", name="several/d.csv").count() == 0
+    for name in ("several/a.csv", "several/c.csv"):
+        page.get_by_role("checkbox", name=name, exact=True).press("Space")
+    visit.says("3 logs: 600 samples in 3 recordings")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    page.get_by_role("button", name="Make a study of them").click()
+    visit.says("valid and saved")
+    page.get_by_role("heading", name="several/a-and-2-more.toml", level=1).wait_for()
+    names = [str(folder / name) for name in ("a.csv", "b.csv", "c.csv")]
+    command = [sys.executable, "-m", "odescope", "init", *names, "--out", str(folder / "by_command.toml")]
+    subprocess.run(command, check=True, capture_output=True)
+    assert (folder / "a-and-2-more.toml").read_text() == (folder / "by_command.toml").read_text()
+    assert visit.wrong == []
+
+
+def test_a_run_whose_result_was_replaced_leads_to_the_one_that_did(chromium, workbench):
+    folder = place(workbench, "again")
+    (folder / "a.toml").write_text('[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\n')
+    visit = Visit(chromium, workbench, 400)
+    page, first = visit.page, visit.tab()
+    names = []
+    for tab in (first, page):
+        tab.goto(visit.base + "/study?name=again/a.toml")
+        tab.get_by_role("button", name="Identify").click()
+        tab.get_by_role("button", name="Look at the result").wait_for()
+        names.append(tab.get_by_role("heading", level=1).inner_text())
+    first.get_by_role("button", name="Look at the result").click()  # of a page that knows nothing of the second run
+    first.get_by_text("done; its result was replaced by the run of").wait_for()
+    assert first.get_by_role("button", name="Look at the result").count() == 0
+    assert first.get_by_role("link", name="Open the report").count() == 0
+    assert first.get_by_role("link", name=f"{names[0]} replaced").count() == 1
+    assert first.evaluate("document.documentElement.scrollWidth") <= 400
+    first.get_by_role("link", name="Open the run that replaced its result").click()
+    first.get_by_role("heading", level=1, name=names[1], exact=True).wait_for()
+    first.get_by_role("button", name="Look at the result").click()
+    first.locator("math").first.wait_for()
+    assert visit.wrong == []
+
+
 def test_the_study_is_the_same_as_form_and_as_text_in_two_tabs(chromium, workbench):
     folder = place(workbench, "tabs")
     (folder / "a.toml").write_text('# mine\n[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\n')
@@ -140,6 +191,28 @@ def test_a_run_outlives_its_server_and_is_stopped_by_keys_alone(chromium, tmp_pa
         second.process.send_signal(signal.SIGINT)
         assert second.process.wait(20) in (0, 130)
     assert (tmp_path / "second.txt").read_text().count("Traceback") == 0
+
+
+def test_a_page_finds_the_workbench_again_that_was_killed_once_its_address_is_opened(chromium, tmp_path):
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    decay(folder / "a.csv")
+    with served(folder, tmp_path / "first.txt") as first:
+        visit = Visit(chromium, first)
+        visit.page.get_by_role("button", name="Make a study of it").wait_for()
+        visit.page.evaluate("window.before = true")
+    visit.says("Connection lost")
+    with served(folder, tmp_path / "second.txt") as second, served(folder, tmp_path / "third.txt") as third:
+        assert second.base == first.base
+        assert second.address != first.address
+        assert third.port != second.port
+        old = first.address.partition("token=")[2]
+        refused = request(second, "/data", Host=f"127.0.0.1:{second.port}", Cookie=f"odescope-{second.port}={old}")
+        assert refused[0] == 403
+        visit.tab().goto(second.address)
+        visit.page.wait_for_function("window.before === undefined && document.body.innerText.includes('a.csv')")
+        visit.page.get_by_role("button", name="Make a study of it").click()
+        visit.says("valid and saved")
 
 
 def press_until(page, label):
@@ -254,6 +327,9 @@ def test_a_result_of_the_command_line_is_looked_at_tried_and_validated(chromium,
     at.press("ArrowRight")
     page.wait_for_function("""() => document.querySelectorAll(".reading")[1].innerText.startsWith("0.01495 s")""")
     visit.go("/try?name=known/ab", "known/ab")
+    assert page.get_by_label("duration (s)").input_value() == "15"
+    at_start = page.get_by_role("slider", name="a at the start").locator("xpath=../span[@class='reading']")
+    assert 1.98 < float(at_start.inner_text()) < 2.02  # where the record begins
     page.get_by_role("button", name=re.compile("Validate|Compare")).click()
     visit.says("many starts")
     start = page.get_by_role("slider", name=re.compile("at the start")).first.locator("[tabindex]")
@@ -267,3 +343,44 @@ def test_a_result_of_the_command_line_is_looked_at_tried_and_validated(chromium,
         visit.go("/look?name=known/ab", "known/ab")
         page.get_by_role("link", name="Open the report").click()
     report.value.get_by_role("heading", name="How to reproduce").wait_for(timeout=PATIENCE)
+
+
+def test_a_path_of_two_models_is_said_in_words(chromium, workbench):
+    for name, left in (("whole", 3), ("few", 2)):
+        result = place(workbench, name) / "ab"
+        shutil.copytree(workbench.folder / "known" / "ab", result)
+        shutil.copy(workbench.folder / "known" / "ab.csv", result.parent)
+        paths = sorted((result / "path").iterdir())
+        for path in paths[1 : len(paths) - left + 1]:
+            path.unlink()
+        visit = Visit(chromium, workbench)
+        visit.go(f"/look?name={name}/ab", f"{name}/ab")
+        visit.says("measured − free run")
+        visit.says(re.compile("the result itself; error 0.00[0-9]+ standard deviations"))
+        visit.page.get_by_role("slider", name="model on the path").wait_for()
+        assert visit.page.get_by_role("img", name="error over number of terms").count() == left - 2
+        assert visit.wrong == []
+
+
+def test_a_model_is_tried_from_one_level_to_another_within_its_data(chromium, workbench):
+    folder = place(workbench, "try")
+    (folder / "heater").mkdir()
+    write_model(heater(), folder / "heater" / "model.json")
+    visit = Visit(chromium, workbench, 400)
+    page = visit.page
+    visit.go("/try?name=try/heater", "try/heater")
+    page.get_by_role("group", name="u (V)").wait_for()
+    shown = {"level (V)": "10", "steps to (V)": "10.5", "begins at (s)": "1", "duration (s)": "10"}
+    assert {label: page.get_by_label(label).input_value() for label in shown} == shown
+    assert not page.get_by_label("frequency (Hz)", exact=True).is_visible()
+    page.get_by_role("slider", name="T (K) at the start").wait_for()
+    page.get_by_label("steps to (V)").fill("90")
+    visit.says("outside the data of the model")
+    page.get_by_role("combobox", name="shape").click()
+    page.get_by_role("option", name="chirp").click()
+    for label in ("amplitude (V)", "frequency (Hz)", "last frequency (Hz)"):
+        page.get_by_label(label, exact=True).wait_for()
+    assert not page.get_by_label("steps to (V)").is_visible()
+    page.get_by_text("outside the data of the model").wait_for(state="detached")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    assert visit.wrong == []

@@ -11,15 +11,21 @@ from pathlib import Path
 
 import numpy as np
 
+from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
+from odescope.model.model import Model
+from odescope.model.relation import Relation, RelationTerm
+from odescope.recordings.coordinate import Coordinate, Input
+
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 AXE = Path(__file__).parent.parent.parent / "build" / "axe-core" / "axe.min.js"  # .ci/run puts it there
 PATIENCE = 90_000  # milliseconds, of a machine that does much else
 
 
-def decay(path, name="c", order=1):
+def decay(path, name="c", seed=0):
     """Write a log of 200 samples, which is identified in seconds."""
     t = 0.05 * np.arange(200)
-    c = 2.0 * np.exp(-0.5 * t) + 0.005 * np.random.default_rng(0).standard_normal(200)
+    c = 2.0 * np.exp(-0.5 * t) + 0.005 * np.random.default_rng(seed).standard_normal(200)
     rows = "".join(f"{a!r},{b!r}\n" for a, b in zip(t.tolist(), c.tolist(), strict=True))
     path.write_text(f'"t","{name}"\n{rows}', encoding="utf-8")
     return path
@@ -47,6 +53,25 @@ def chain(path):
     rows = "".join(",".join(map(repr, row)) + "\n" for row in np.array(columns).T.tolist())
     path.write_text(f"t,a,b\n{rows}")
     return path
+
+
+def heater(**fields):
+    """A model of a temperature that a voltage drives, within a few degrees, beside an oscillator."""
+    scope = Scope.of(["T", "x", "x_dot", "u"])
+
+    def relation(*terms):
+        return Relation(tuple(RelationTerm(Product(factor, parse_term(term, scope)), c) for factor, term, c in terms))
+
+    return Model(
+        (Coordinate("T", 1, unit="K", offset=0.5), Coordinate("x", 2)),
+        (Input("u", "zero", "V"),),
+        (
+            relation(("T_dot", "1", 1.0), (None, "u", -0.3), (None, "T", 0.01)),
+            relation(("x_ddot", "1", 1.0), (None, "x", 4.0), (None, "u", -0.1)),
+        ),
+        domain={"T": (295.0, 300.0), "x": (-1.0, 2.0), "x_dot": (-2.0, 2.0), "u": (9.0, 11.0)},
+        **fields,
+    )
 
 
 class Served:
