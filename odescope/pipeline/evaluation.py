@@ -16,30 +16,44 @@ from odescope.model.model import Json, Model
 from odescope.model.notes import FLOWS
 from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore, TimeScore
 from odescope.pipeline.adopted import Adopted
+from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.joint_models import Search, samples_of
 from odescope.pipeline.reduce import Whole
 from odescope.recordings.bridges import bridged
 from odescope.recordings.coordinate import Coordinate, Input
+from odescope.recordings.extremes import extremes
 from odescope.recordings.record import Record, Records
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
 from odescope.validation.free_runs import FreeRunOf, free_run_score
 
 
-def domain(signals: Signals, model: Model, whole: Whole | None) -> dict[str, tuple[float, float]]:
+def domain(filtered: Filtered, model: Model, whole: Whole | None) -> dict[str, tuple[float, float]]:
     """Return the range of every state and input over all the data.
 
+    Coordinates, less the offsets of their sensors, and inputs were where the samples that count say; where their rates
+    were is known only of what is filtered.
+
     Args:
-        signals: what is in memory.
+        filtered: what is in memory.
         model: whose states and inputs are meant.
         whole: what was read of a log that does not fit in memory.
     """
-    joined = np.concatenate(samples_of(signals, model), axis=1)
-    low, high = joined.min(axis=1), joined.max(axis=1)
-    if whole is not None:
-        index = [signals.row(name) for name in model.variables]
-        low, high = np.minimum(low, whole.low[index]), np.maximum(high, whole.high[index])
-    return dict(zip(model.variables, zip(low.tolist(), high.tolist(), strict=True), strict=True))
+    signals = filtered.signals
+    offsets = {c.name: c.offset for c in model.coordinates}
+    recorded = {*offsets, *(i.name for i in model.inputs)}
+    found = {}
+    for name in model.variables:
+        values = [columns[signals.row(name)] for columns in signals.columns]
+        low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+        if name in recorded:
+            ends = extremes(filtered.undelayed.stretches, name)
+            low, high = (end - offsets.get(name, 0.0) for end in ends) if np.isfinite(ends).all() else (low, high)
+        if whole is not None:
+            row, offset = signals.row(name), offsets.get(name, 0.0)
+            low, high = min(low, float(whole.low[row]) - offset), max(high, float(whole.high[row]) - offset)
+        found[name] = (low, high)
+    return found
 
 
 def scores(

@@ -390,5 +390,5 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         energy=energy_of(model, signals),
         conserved=() if whole is not None else constants_of(filtered.records, signals, present),
     )
-    found_in = domain(signals, model, whole)
+    found_in = domain(filtered, model, whole)
     return replace(model, scores=told, domain=found_in, provenance=provenance(study, signals, whole))
