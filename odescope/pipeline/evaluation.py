@@ -181,8 +181,10 @@ def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequ
         samples=sum(int(d.sum()) for d in due),
         missing={name: told for name, told in missing.items() if told[0]},
         bridged={i.name: gap for i in inputs if i.hold != "zero" and (gap := bridged(records, i.name))[0]},
+        scatter=max(r.scatter for r in repairs),
     )
-    return found if found.disordered or found.doubled or found.jitter or found.missing or found.bridged else None
+    repaired = found.disordered or found.doubled or found.jitter or found.scatter
+    return found if repaired or found.missing or found.bridged else None
 
 
 def _due(run: Record) -> BoolArray:
