@@ -292,7 +292,8 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
         )
         return
     if judged.process_noise is not None:
-        sizes = ", ".join(f"{q:.2g} of {t}" for t, q in judged.process_noise.items() if q is not None)
+        left = {t: q for t, q in judged.process_noise.items() if q is not None}
+        sizes = ", ".join(_size(q, t, *doubts.targets.get(t, ("", 0.0))) for t, q in left.items())
         yield (
             f"the model leaves {sizes} unexplained (root mean square of averages over {doubts.window:.2g} s);"
             " standard errors allow for it"
@@ -300,6 +301,19 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
     if doubts.thin:
         terms = ", ".join(f"{term} in {target} ({errors:.1f} standard errors)" for term, target, errors in doubts.thin)
         yield f"thin evidence, more data would decide: {terms}"
+
+
+def _size(left: float, target: str, unit: str, whole: float) -> str:
+    """Return how much is left of a target, and how much of it that is.
+
+    Args:
+        left: root mean square of what is left.
+        target: its name.
+        unit: of it; "" where it is not known.
+        whole: root mean square of the target; 0 where it is not known.
+    """
+    of = f" ({share(left / whole)} of its root mean square)" if whole else ""
+    return f"{left:.2g}{f' {unit}' if unit else ''} of {target}{of}"
 
 
 def dry_friction_hint(target: str, velocity: str, correlation: float) -> str:

@@ -360,10 +360,11 @@ class Doubts(msgspec.Struct, frozen=True):
 
     `late`: the clock ended the search; `crowded`: it stopped at its largest number of terms; `window`: the seconds over
     which what is left unexplained is averaged; `thin`: terms whose evidence is thin, each with its target and its size
-    in standard errors.
+    in standard errors; `targets`: of each target the unit, "" where it is not known, and the root mean square.
     """
 
     late: bool
     crowded: bool
     window: float | None
     thin: tuple[tuple[str, str, float], ...]
+    targets: dict[str, tuple[str, float]] = {}

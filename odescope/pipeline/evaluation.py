@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.metadata import version
 
+import msgspec
 import numpy as np
 
 from odescope.arrays import BoolArray
 from odescope.errors import NoModelError
-from odescope.likelihood.findings import likelihood_scores
+from odescope.likelihood.findings import doubts, likelihood_scores
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Json, Model
 from odescope.model.notes import FLOWS
-from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore, TimeScore
+from odescope.model.quantity_units import quantity_units, shown
+from odescope.model.scores import Denominator, Doubts, FreeRun, ModelScores, TargetScore, TimeScore
 from odescope.pipeline.adopted import Adopted
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.joint_models import Search, samples_of
@@ -99,6 +101,21 @@ def scores(
 
 def _denominator(data: Sequence[float], box: Sequence[float]) -> Denominator:
     return Denominator((data[0], data[1]), (box[0], box[1]))
+
+
+def doubts_of(model: Model, refinement: Refinement | None, signals: Signals) -> Doubts | None:
+    """Return what the likelihood stage knows against its model, with the sizes of targets; None where it did not run.
+
+    Args:
+        model: that came of it.
+        refinement: the end of the stage.
+        signals: that the model was found in.
+    """
+    if refinement is None:
+        return None
+    units, joined = quantity_units(model), signals.joined()
+    sizes = {t: (shown(units[t]), float(np.sqrt(np.mean(joined[signals.row(t)] ** 2)))) for t in model.targets}
+    return msgspec.structs.replace(doubts(refinement, model.targets), targets=sizes)
 
 
 def free_run_scores(model: Model, runs: Sequence[FreeRunOf], records: Records, signals: Signals) -> tuple[FreeRun, ...]:

@@ -9,12 +9,12 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.model.notes import lost_samples
+from odescope.model.quantity_units import quantity_units, shown
 from odescope.pipeline.evaluation import time_score
 from odescope.pipeline.identification import Identification
 from odescope.recordings.record import Records
 from odescope.report.data import Chart, CoordinateRow, InputRow, Line, Panel, Periodogram, Recorded, Role, Run
 from odescope.report.downsample import line_of
-from odescope.report.units import quantity_units, shown
 from odescope.signals.cutoff import NoiseCeiling, periodogram
 
 WIDE, CLOSE, WHOLE = 640, 360, 960  # pixels of the wide and the close view, and of a panel that has the width alone
