@@ -339,7 +339,7 @@ def export(
     name: Annotated[
         str | None, typer.Option(help="What a program is called.", show_default="as the file, else plant")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Write to a folder that holds files.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file; write to a folder that holds some.")] = False,
 ) -> None:
     """Write a model as text, as LaTeX or MathML for people, or as code that runs it: see docs/exports.md."""
     from odescope.commands.export import export_model

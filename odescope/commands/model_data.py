@@ -12,12 +12,12 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, nearest
 from odescope.model.model import Model
+from odescope.model.quantity_units import quantity_units, shown
 from odescope.model.recorded import TimeColumns, in_degrees, time_label, time_unit_of
 from odescope.recordings.dates import to_text
 from odescope.recordings.headings import TimeUnit, in_seconds
 from odescope.recordings.readers import date_zone
 from odescope.recordings.record import Record
-from odescope.report.units import quantity_units, shown
 
 
 def label_of(run: Record, files: Sequence[Path], recording: str) -> str:
@@ -106,11 +106,16 @@ class TimeCells:
 
 def units_told(model: Model, time: TimeCells) -> list[str]:
     """Return a line on what results are in, the time and every state whose unit is known; none for bare seconds."""
+    units = units_read(model)
+    known = [f"{s} in {units[s]}" for s in model.states if units[s]]
+    return [f"columns: {', '.join([time.told, *known])}"] if known or time.told != f"{time.label} in s" else []
+
+
+def units_read(model: Model) -> dict[str, str]:
+    """Return the unit of every state, target and input as its column has it; "" where it is not known."""
     degrees = in_degrees(model)
     read = (msgspec.structs.replace(c, unit="deg") if c.name in degrees else c for c in model.coordinates)
-    units = quantity_units(replace(model, coordinates=tuple(read)))
-    known = [f"{s} in {shown(units[s])}" for s in model.states if units[s] is not None]
-    return [f"columns: {', '.join([time.told, *known])}"] if known or time.told != f"{time.label} in s" else []
+    return {name: shown(unit) for name, unit in quantity_units(replace(model, coordinates=tuple(read))).items()}
 
 
 def column_units(model: Model) -> dict[str, float]:

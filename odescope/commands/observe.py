@@ -17,6 +17,7 @@ from odescope.commands.model_data import (
     given_noise,
     label_of,
     named_numbers,
+    units_read,
     units_told,
 )
 from odescope.export.model_file import read_model
@@ -76,7 +77,8 @@ def filtered(
     found = estimate_states(model, records, noise, process, smooth)
     time_cells = TimeCells.of(model, data_path, columns)
     text = _csv(model, data_path, columns, time_cells, found, records)
-    return text, (*_in_columns(found, column_units(model)).lines, *units_told(model, time_cells))
+    told = replace(_in_columns(found, column_units(model)), units=units_read(model))
+    return text, (*told.lines, *units_told(model, time_cells))
 
 
 def _in_columns(found: StateEstimates, units: Mapping[str, float]) -> StateEstimates:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from odescope.model.model import Model
+from odescope.recordings.headings import UNITS_OF_TIME, told_in_seconds
 
 
 def about(model: Model, renamed: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return lines on states, inputs and where the model holds, and on names that are written otherwise."""
+    """Return lines on states, inputs, time and where the model holds, and on names that are written otherwise."""
     units = {c.name: c.unit for c in model.coordinates} | {i.name: i.unit for i in model.inputs}
 
     def called(name: str) -> str:
@@ -23,6 +24,7 @@ def about(model: Model, renamed: Sequence[str] = ()) -> tuple[str, ...]:
     for c in model.coordinates:
         if c.offset:
             lines.append(f"  a sensor reads {float(c.offset)!r} more than {c.name}")
+    lines += [f"Time: seconds{_recorded_in(model)}"]
     if model.domain:
         lines.append("Ranges in the data that the model comes from:")
         for name, (low, high) in model.domain.items():
@@ -30,6 +32,12 @@ def about(model: Model, renamed: Sequence[str] = ()) -> tuple[str, ...]:
     if renamed:
         lines += ["Names that this language reserves:", *(f"  {line}" for line in renamed)]
     return tuple(lines)
+
+
+def _recorded_in(model: Model) -> str:
+    """Return in which unit the time of the log was, where not in seconds, and how rates are read in it."""
+    unit = next((u for u in UNITS_OF_TIME if u == model.provenance.get("time_unit")), UNITS_OF_TIME[0])
+    return "" if unit == "s" else f" ({told_in_seconds(unit)})"
 
 
 def _plain(text: str) -> str:

@@ -20,7 +20,10 @@ def is_greek(stem: str) -> bool:
 
 
 def split_name(name: str) -> tuple[str, str, int]:
-    """Return what a name is made of, stem, index and order of the derivative: `phi1_ddot` is phi, 1 and 2."""
+    """Return what a name is made of, stem, index and order of the derivative: `phi1_ddot` is phi, 1 and 2.
+
+    A derivative whose stem is a word stays in one piece: dots over the middle of a word are overlooked.
+    """
     derived = _DERIVED.match(name)
     base, order = (derived["base"], len(derived["order"])) if derived else (name, 0)
     stem, _, index = base.partition("_")
@@ -29,4 +32,6 @@ def split_name(name: str) -> tuple[str, str, int]:
     digits = re.match(r"^([A-Za-z]+)(\d+)$", stem)
     if digits:
         stem, index = digits[1], ",".join(filter(None, (digits[2], index)))
+    if order and len(stem) > 1 and not is_greek(stem):
+        return name, "", 0
     return stem, index, order

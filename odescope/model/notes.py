@@ -27,7 +27,6 @@ OPEN = 0.1  # drift of a sum: no small leak, and no gain of a sensor that is a l
 FLOWS = 'name what flows in or out as inputs, or add reactions with the world outside, such as "-> S" and "S ->"'
 HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
 BRIDGED = 0.01  # of the standard deviation of an input, that lines over its gaps are off by elsewhere
-UNEVEN = 0.8  # of the points of a grid: where fewer rows were taken, they are at no even times
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
 REASONS = {
     "saturated": ("is saturated", "are saturated"),
@@ -222,16 +221,23 @@ def _of_time(found: TimeScore) -> Iterator[str]:
             f"the clock was read with a jitter of {100.0 * found.jitter:.2g} % of a sample period: samples count as"
             " taken at regular times"
         )
-    uneven = found.rows < UNEVEN * found.samples  # nobody lost what is between samples that were taken when it mattered
-    without = min((missing for missing, _ in found.missing.values()), default=0) if uneven else 0
-    if uneven:
+    if found.scatter > READ_BADLY and not found.uneven:
+        yield (
+            f"samples were taken off even times by {100.0 * found.scatter:.2g} % of a sample period (standard"
+            " deviation): each counts at the nearest of these, moved there along a smooth curve"
+        )
+    yield from lost_samples(found)
+
+
+def lost_samples(found: TimeScore) -> Iterator[str]:
+    """Yield what was not measured, in words: a sentence where samples are at no even times, and one a coordinate."""
+    if found.uneven:
         grid = f"{found.rows} rows count at the nearest of {found.samples} points of a grid"
         yield f"samples are not at even times: {grid}"
-    for name, (missing, gaps) in found.missing.items():
-        if missing > without:
-            of, lost = found.rows if uneven else found.samples, missing - without
-            where = "" if uneven else ", in a gap" if gaps == 1 else f", in {gaps} gaps"
-            yield f"{lost} samples of {name}, of {of}, are missing ({share(lost / of)}){where}"
+    for name, (lost, gaps) in found.lost.items():
+        of = found.rows if found.uneven else found.samples
+        where = "" if found.uneven else ", in a gap" if gaps == 1 else f", in {gaps} gaps"
+        yield f"{lost} samples of {name}, of {of}, are missing ({share(lost / of)}){where}"
 
 
 def _of_the_energy(found: EnergyScore) -> Iterator[str]:
@@ -286,7 +292,8 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
         )
         return
     if judged.process_noise is not None:
-        sizes = ", ".join(f"{q:.2g} of {t}" for t, q in judged.process_noise.items() if q is not None)
+        left = {t: q for t, q in judged.process_noise.items() if q is not None}
+        sizes = ", ".join(_size(q, t, *doubts.targets.get(t, ("", 0.0))) for t, q in left.items())
         yield (
             f"the model leaves {sizes} unexplained (root mean square of averages over {doubts.window:.2g} s);"
             " standard errors allow for it"
@@ -294,6 +301,19 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
     if doubts.thin:
         terms = ", ".join(f"{term} in {target} ({errors:.1f} standard errors)" for term, target, errors in doubts.thin)
         yield f"thin evidence, more data would decide: {terms}"
+
+
+def _size(left: float, target: str, unit: str, whole: float) -> str:
+    """Return how much is left of a target, and how much of it that is.
+
+    Args:
+        left: root mean square of what is left.
+        target: its name.
+        unit: of it; "" where it is not known.
+        whole: root mean square of the target; 0 where it is not known.
+    """
+    of = f" ({share(left / whole)} of its root mean square)" if whole else ""
+    return f"{left:.2g}{f' {unit}' if unit else ''} of {target}{of}"
 
 
 def dry_friction_hint(target: str, velocity: str, correlation: float) -> str:

@@ -10,6 +10,7 @@ import msgspec
 from odescope.recordings.coordinate import Hold
 
 Number = float | None
+UNEVEN = 0.8  # of the points of a grid: where fewer rows were taken, they are at no even times
 
 
 class Denominator(msgspec.Struct, frozen=True):
@@ -202,7 +203,7 @@ class TimeScore(msgspec.Struct, frozen=True):
     stamps were smoothed, in sample periods. `missing` counts, by name, the samples of a coordinate that were not
     measured, and the gaps they are in; `samples` how many each coordinate should have. `bridged` has, by name, the
     longest gap of an input in samples, and how far a straight line over as many is off elsewhere, in its standard
-    deviations.
+    deviations. `scatter` is the largest of recordings whose samples were taken off even times, in sample periods.
     """
 
     rows: int
@@ -212,6 +213,18 @@ class TimeScore(msgspec.Struct, frozen=True):
     samples: int
     missing: dict[str, tuple[int, int]]
     bridged: dict[str, tuple[int, float]] = {}
+    scatter: float = 0.0
+
+    @property
+    def uneven(self) -> bool:
+        """Whether rows came when it mattered, at no even times: nobody lost what is between them."""
+        return self.rows < UNEVEN * self.samples
+
+    @property
+    def lost(self) -> dict[str, tuple[int, int]]:
+        """By name, the samples of a coordinate that others have and it has not, and the gaps they are in."""
+        without = min((missing for missing, _ in self.missing.values()), default=0) if self.uneven else 0
+        return {name: (n - without, gaps) for name, (n, gaps) in self.missing.items() if n > without}
 
 
 class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -347,10 +360,11 @@ class Doubts(msgspec.Struct, frozen=True):
 
     `late`: the clock ended the search; `crowded`: it stopped at its largest number of terms; `window`: the seconds over
     which what is left unexplained is averaged; `thin`: terms whose evidence is thin, each with its target and its size
-    in standard errors.
+    in standard errors; `targets`: of each target the unit, "" where it is not known, and the root mean square.
     """
 
     late: bool
     crowded: bool
     window: float | None
     thin: tuple[tuple[str, str, float], ...]
+    targets: dict[str, tuple[str, float]] = {}

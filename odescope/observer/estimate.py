@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from odescope.errors import check_kind
 from odescope.model.gate import counting_for
 from odescope.model.model import Model
+from odescope.model.quantity_units import quantity_units, shown
 from odescope.model.recorded import records_for
 from odescope.observer.coefficient_errors import noise_of_coefficients
 from odescope.observer.consistency import Consistency, consistency
@@ -28,7 +29,7 @@ from odescope.recordings.record import Recorded
 class StateEstimates:
     """The states of all recordings, the noise that was assumed, and whether the innovations bear it out.
 
-    `notes` say which samples did not count.
+    `notes` say which samples did not count, `units` are those of coordinates and targets, as far as they are known.
     """
 
     runs: tuple[StateEstimate, ...]
@@ -36,18 +37,22 @@ class StateEstimates:
     consistency: Consistency
     smoothed: bool
     notes: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def lines(self) -> list[str]:
         """What there is to say, line by line."""
-        process = ", ".join(f"{name} {value:.3g}" for name, value in self.noise.process.items() if value)
+        process = {name: value for name, value in self.noise.process.items() if value}
         return [
-            "measurement noise: " + ", ".join(f"{name} {value:.3g}" for name, value in self.noise.measurement.items()),
-            f"process noise, times the root of a second: {process or 'none'}",
+            f"measurement noise: {self._listed(self.noise.measurement)}",
+            f"process noise, times the root of a second: {self._listed(process) or 'none'}",
             *self.consistency.lines,
             *self.notes,
             *(f"{run.source or 'the record'}: {run.ended}" for run in self.runs if run.ended),
         ]
+
+    def _listed(self, noise: Mapping[str, float]) -> str:
+        return ", ".join(f"{name} {value:.3g} {self.units.get(name, '')}".rstrip() for name, value in noise.items())
 
     def __repr__(self) -> str:
         what, samples = "smoothed" if self.smoothed else "filtered", sum(len(run.t) for run in self.runs)
@@ -91,7 +96,8 @@ def estimate_states(
         given = fit_process_noise(recordings, measurement) if fitted else given
         errors = noise_of_coefficients(recordings)
         given = {target: max(given[target], errors[target]) for target in model.targets}
-    return replace(observed(recordings, ObserverNoise(measurement, given), smooth), notes=notes)
+    units = {name: shown(unit) for name, unit in quantity_units(model).items()}
+    return replace(observed(recordings, ObserverNoise(measurement, given), smooth), notes=notes, units=units)
 
 
 def observed(recordings: Sequence[ReadyRecord], noise: ObserverNoise, smooth: bool = False) -> StateEstimates:

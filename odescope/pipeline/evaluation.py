@@ -5,41 +5,57 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.metadata import version
 
+import msgspec
 import numpy as np
 
 from odescope.arrays import BoolArray
 from odescope.errors import NoModelError
-from odescope.likelihood.findings import likelihood_scores
+from odescope.likelihood.findings import doubts, likelihood_scores
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Json, Model
 from odescope.model.notes import FLOWS
-from odescope.model.scores import Denominator, FreeRun, ModelScores, TargetScore, TimeScore
+from odescope.model.quantity_units import quantity_units, shown
+from odescope.model.scores import Denominator, Doubts, FreeRun, ModelScores, TargetScore, TimeScore
 from odescope.pipeline.adopted import Adopted
+from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.joint_models import Search, samples_of
 from odescope.pipeline.reduce import Whole
 from odescope.recordings.bridges import bridged
 from odescope.recordings.coordinate import Coordinate, Input
+from odescope.recordings.extremes import extremes
 from odescope.recordings.record import Record, Records
 from odescope.signals.estimate import Signals
 from odescope.study.options import Study
 from odescope.validation.free_runs import FreeRunOf, free_run_score
 
 
-def domain(signals: Signals, model: Model, whole: Whole | None) -> dict[str, tuple[float, float]]:
+def domain(filtered: Filtered, model: Model, whole: Whole | None) -> dict[str, tuple[float, float]]:
     """Return the range of every state and input over all the data.
 
+    Coordinates, less the offsets of their sensors, and inputs were where the samples that count say; where their rates
+    were is known only of what is filtered.
+
     Args:
-        signals: what is in memory.
+        filtered: what is in memory.
         model: whose states and inputs are meant.
         whole: what was read of a log that does not fit in memory.
     """
-    joined = np.concatenate(samples_of(signals, model), axis=1)
-    low, high = joined.min(axis=1), joined.max(axis=1)
-    if whole is not None:
-        index = [signals.row(name) for name in model.variables]
-        low, high = np.minimum(low, whole.low[index]), np.maximum(high, whole.high[index])
-    return dict(zip(model.variables, zip(low.tolist(), high.tolist(), strict=True), strict=True))
+    signals = filtered.signals
+    offsets = {c.name: c.offset for c in model.coordinates}
+    recorded = {*offsets, *(i.name for i in model.inputs)}
+    found = {}
+    for name in model.variables:
+        values = [columns[signals.row(name)] for columns in signals.columns]
+        low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+        if name in recorded:
+            ends = extremes(filtered.undelayed.stretches, name)
+            low, high = (end - offsets.get(name, 0.0) for end in ends) if np.isfinite(ends).all() else (low, high)
+        if whole is not None:
+            row, offset = signals.row(name), offsets.get(name, 0.0)
+            low, high = min(low, float(whole.low[row]) - offset), max(high, float(whole.high[row]) - offset)
+        found[name] = (low, high)
+    return found
 
 
 def scores(
@@ -85,6 +101,21 @@ def scores(
 
 def _denominator(data: Sequence[float], box: Sequence[float]) -> Denominator:
     return Denominator((data[0], data[1]), (box[0], box[1]))
+
+
+def doubts_of(model: Model, refinement: Refinement | None, signals: Signals) -> Doubts | None:
+    """Return what the likelihood stage knows against its model, with the sizes of targets; None where it did not run.
+
+    Args:
+        model: that came of it.
+        refinement: the end of the stage.
+        signals: that the model was found in.
+    """
+    if refinement is None:
+        return None
+    units, joined = quantity_units(model), signals.joined()
+    sizes = {t: (shown(units[t]), float(np.sqrt(np.mean(joined[signals.row(t)] ** 2)))) for t in model.targets}
+    return msgspec.structs.replace(doubts(refinement, model.targets), targets=sizes)
 
 
 def free_run_scores(model: Model, runs: Sequence[FreeRunOf], records: Records, signals: Signals) -> tuple[FreeRun, ...]:
@@ -167,8 +198,10 @@ def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequ
         samples=sum(int(d.sum()) for d in due),
         missing={name: told for name, told in missing.items() if told[0]},
         bridged={i.name: gap for i in inputs if i.hold != "zero" and (gap := bridged(records, i.name))[0]},
+        scatter=max(r.scatter for r in repairs),
     )
-    return found if found.disordered or found.doubled or found.jitter or found.missing or found.bridged else None
+    repaired = found.disordered or found.doubled or found.jitter or found.scatter
+    return found if repaired or found.missing or found.bridged else None
 
 
 def _due(run: Record) -> BoolArray:

@@ -17,7 +17,6 @@ from odescope.arrays import Table
 from odescope.errors import InputError, NoModelError, said
 from odescope.events import Event, Monitor, Note, never, unheard
 from odescope.library.product import Product
-from odescope.likelihood.findings import doubts
 from odescope.likelihood.refine import Refinement
 from odescope.model.coefficients import CoefficientRow, rows_with_errors
 from odescope.model.display import equations_html
@@ -33,7 +32,15 @@ from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.adopted import Adopted, adopted
 from odescope.pipeline.coarse_inputs import with_held_cells
 from odescope.pipeline.competition import Contender, Winner, compete, regress
-from odescope.pipeline.evaluation import domain, free_run_scores, provenance, require_model, scores, time_score
+from odescope.pipeline.evaluation import (
+    domain,
+    doubts_of,
+    free_run_scores,
+    provenance,
+    require_model,
+    scores,
+    time_score,
+)
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.forcing import with_forcing
 from odescope.pipeline.found_settings import delay_scores, hold_scores, offset_scores, present_mechanisms
@@ -93,7 +100,6 @@ class Identification:
         return self.model.coefficients
 
     # Verbs stand above the result, too: a method is the function of the package that has its name.
-
     def simulate(
         self, t: ArrayLike, inputs: GivenInputs, initial: GivenState, rtol: float = 1e-8, atol: float | None = None
     ) -> Trajectory:
@@ -192,7 +198,7 @@ class Identification:
 
     @property
     def _doubts(self) -> Doubts | None:
-        return None if self.refinement is None else doubts(self.refinement, self.model.targets)
+        return doubts_of(self.model, self.refinement, self.signals)
 
     @property
     def _told(self) -> Iterator[str]:
@@ -390,5 +396,5 @@ def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winn
         energy=energy_of(model, signals),
         conserved=() if whole is not None else constants_of(filtered.records, signals, present),
     )
-    found_in = domain(signals, model, whole)
-    return replace(model, scores=told, domain=found_in, provenance=provenance(study, signals, whole))
+    made_from = provenance(study, signals, whole)
+    return replace(model, scores=told, domain=domain(filtered, model, whole), provenance=made_from)

@@ -19,13 +19,15 @@ class Repairs:
     """What was done to the rows of a run before it became a record: how many there were, and of how many what.
 
     `disordered` rows came before an earlier one and were sorted; `doubled` ones had the time of another and were merged
-    with it; `jitter` is that of a regular clock whose stamps were smoothed, its standard deviation in sample periods.
+    with it; `jitter` is that of a regular clock whose stamps were smoothed, its standard deviation in sample periods;
+    `scatter` is how far samples that were taken off even times are from these, likewise.
     """
 
     rows: int = 0
     disordered: int = 0
     doubled: int = 0
     jitter: float = 0.0
+    scatter: float = 0.0
 
 
 UNREPAIRED = Repairs()

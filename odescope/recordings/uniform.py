@@ -63,7 +63,8 @@ def uniform(
     points = np.rint((stamps.t - stamps.origin) / stamps.period).astype(np.int64)
     first = int(points[0])
     grid = stamps.origin + stamps.period * np.arange(first, int(points[-1]) + 1, dtype=np.float64)
-    run = replace(run, repairs=replace(run.repairs, jitter=stamps.jitter))
+    off = 0.0 if stamps.jitter else float(np.std(stamps.t - grid[points - first])) / stamps.period
+    run = replace(run, repairs=replace(run.repairs, jitter=stamps.jitter, scatter=off))
     return on_grid(run, stamps.t, grid, points - first, held, inputs)
 
 

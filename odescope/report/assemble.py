@@ -10,13 +10,14 @@ import msgspec
 from odescope.errors import InputError
 from odescope.export.model_file import from_json, to_json
 from odescope.model.model import Model
+from odescope.model.quantity_units import quantity_units
 from odescope.pipeline.identification import Identification
 from odescope.report.at_work import at_work
 from odescope.report.data import Coefficient, Observed, Report, TableRow
 from odescope.report.recorded import Truth, derivatives_chart, recorded, spectra
 from odescope.report.reproduce import reproduce
 from odescope.report.searches import searched
-from odescope.report.units import coefficient_units, quantity_units
+from odescope.report.units import coefficient_units
 
 
 def summary(

@@ -54,12 +54,16 @@ class Chart(Plain, frozen=True):
 
 
 class Run(Plain, frozen=True):
-    """One uninterrupted recording, and the time missing between it and the one before in the same source."""
+    """One uninterrupted recording, and the time missing between it and the one before in the same source.
+
+    `missing` counts the samples of the coordinate that lacks most of them.
+    """
 
     source: str
     samples: Count
     duration: float
     gap: float | None
+    missing: Count = 0
 
 
 class CoordinateRow(Plain, frozen=True):
@@ -81,7 +85,7 @@ class InputRow(Plain, frozen=True):
 
 
 class Recorded(Plain, frozen=True):
-    """What was measured."""
+    """What was measured, and in `lost` the sentences of what was not."""
 
     files: tuple[str, ...]
     runs: tuple[Run, ...]
@@ -94,6 +98,7 @@ class Recorded(Plain, frozen=True):
     coordinates: tuple[CoordinateRow, ...]
     inputs: tuple[InputRow, ...]
     chart: Chart
+    lost: tuple[str, ...] = ()
 
 
 class Periodogram(Plain, frozen=True):

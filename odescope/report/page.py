@@ -9,21 +9,22 @@ from typing import TYPE_CHECKING
 
 from odescope.library.mathml import math, mathml_name
 from odescope.library.mechanism import FORCE_ON
+from odescope.library.numerals import raised as exponent_digits
 from odescope.library.parse import Scope
 from odescope.model.cautions import cautions
 from odescope.model.choice_notes import findings
 from odescope.model.display import parameters_mathml, product_mathml, relation_mathml, stated_mathml
 from odescope.model.mechanism_display import HEADINGS, by_kind, mechanisms_mathml, reaction_mathml, term_mathml
 from odescope.model.notes import trust
+from odescope.model.quantity_units import quantity_units
+from odescope.model.quantity_units import shown as shown_unit
 from odescope.model.relation import FoundMechanism, RelationTerm
 from odescope.model.rounding import places, rounded
 from odescope.model.scores import Likelihood, PathScore, Step
 from odescope.report.assemble import model_of, to_json_text
 from odescope.report.data import Report
 from odescope.report.figures.catalogue import Picture, draw_job, pictures
-from odescope.report.numerals import raised as exponent_digits
-from odescope.report.units import mechanism_units, quantity_units
-from odescope.report.units import shown as shown_unit
+from odescope.report.units import mechanism_units
 
 if TYPE_CHECKING:
     from jinja2 import Template

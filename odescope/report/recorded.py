@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.model.notes import lost_samples
+from odescope.model.quantity_units import quantity_units, shown
+from odescope.pipeline.evaluation import time_score
 from odescope.pipeline.identification import Identification
 from odescope.recordings.record import Records
 from odescope.report.data import Chart, CoordinateRow, InputRow, Line, Panel, Periodogram, Recorded, Role, Run
 from odescope.report.downsample import line_of
-from odescope.report.units import quantity_units, shown
 from odescope.signals.cutoff import NoiseCeiling, periodogram
 
 WIDE, CLOSE, WHOLE = 640, 360, 960  # pixels of the wide and the close view, and of a panel that has the width alone
@@ -156,8 +158,11 @@ def recorded(result: Identification) -> Recorded:
     runs, last = [], dict[str, float]()
     for run in list(records)[:MOST_RUNS]:
         gap = float(run.t[0]) - last[run.source] - run.sample_period if run.source in last else None
-        runs.append(Run(source=run.source, samples=len(run), duration=run.duration, gap=gap))
+        own = time_score(Records((run,)), signals.coordinates, ())
+        missing = 0 if own is None else max((n for n, _ in own.lost.values()), default=0)
+        runs.append(Run(source=run.source, samples=len(run), duration=run.duration, gap=gap, missing=missing))
         last[run.source] = float(run.t[-1])
+    time = time_score(records, signals.coordinates, ())
     return Recorded(
         files=study.data.files,
         runs=tuple(runs),
@@ -179,6 +184,7 @@ def recorded(result: Identification) -> Recorded:
         ),
         inputs=tuple(InputRow(name=i.name, column=columns[i.name], unit=i.unit or "") for i in signals.inputs),
         chart=signals_chart(result),
+        lost=() if time is None else tuple(lost_samples(time)),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from odescope.model.quantity_units import quantity_units, shown
 from odescope.pipeline.identification import Identification
 from odescope.pipeline.joint_models import Search
 from odescope.report.data import (
@@ -14,7 +15,6 @@ from odescope.report.data import (
     RuleCount,
     Searched,
 )
-from odescope.report.units import quantity_units, shown
 from odescope.selection.ranking import Candidate
 
 MOST_ROWS = 40  # candidates in the grid

@@ -11,22 +11,12 @@ from odescope.library.mechanism import FORCE_ON
 from odescope.library.parse import Scope, parse_term
 from odescope.library.printer import Language, print_product, print_term
 from odescope.model.model import Model
+from odescope.model.quantity_units import Dimension, times
+from odescope.model.quantity_units import quantity_units as quantity_units
+from odescope.model.quantity_units import shown as shown
 from odescope.model.relation import FoundMechanism, Relation
-from odescope.report.numerals import raised
-
-Dimension = tuple[tuple[str, Fraction], ...]  # powers of units, each unit as the study spells it
 
 _NUMBER: Dimension = (("", Fraction(0)),)  # of the empty product, which takes the unit of what it stands beside
-
-
-def quantity_units(model: Model) -> dict[str, Dimension | None]:
-    """Return the unit of every state, target and input; None where the study states none."""
-    units: dict[str, Dimension | None] = {i.name: _of(i.unit) for i in model.inputs}
-    for c in model.coordinates:
-        own = _of(c.unit or ("rad" if c.angle else None))
-        for k in range(c.order + 1):
-            units[c.derivative(k)] = None if own is None else _times(own, (("s", Fraction(-k)),))
-    return units
 
 
 def coefficient_units(relation: Relation, units: dict[str, Dimension | None]) -> tuple[str, ...]:
@@ -90,32 +80,6 @@ def _language(units: dict[str, Dimension | None]) -> Language[Dimension | None]:
     )
 
 
-def shown(dimension: Dimension | None) -> str:
-    """Return a unit as text, "1" for none; "" for an unknown one."""
-    if dimension is None:
-        return ""
-    parts = []
-    for unit, power in sorted(dimension, key=lambda p: (p[1] < 0, p[0] == "s", p[0])):
-        base = unit if unit.isalnum() or power == 1 else f"({unit})"
-        up = raised(power.numerator) if power.denominator == 1 else f"^({power})"
-        parts.append(base if power == 1 else base + up)
-    return " ".join(parts) or "1"
-
-
-def _of(unit: str | None) -> Dimension | None:
-    if unit is None:
-        return None
-    text = " ".join(unit.split())
-    return () if text in ("", "1", "-") else ((text, Fraction(1)),)
-
-
-def _times(first: Dimension, second: Dimension) -> Dimension:
-    powers: dict[str, Fraction] = {}
-    for unit, power in (*first, *second):
-        powers[unit] = powers.get(unit, Fraction(0)) + power
-    return tuple((unit, power) for unit, power in powers.items() if power)
-
-
 def _raised(dimension: Dimension | None, power: float) -> Dimension | None:
     if dimension is None:
         return None
@@ -133,7 +97,7 @@ def _product(factors: Iterable[Dimension | None]) -> Dimension | None:
     for factor in factors:
         if factor is None:
             return None
-        product = _times(product, factor)
+        product = times(product, factor)
     return product
 
 

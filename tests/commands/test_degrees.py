@@ -65,8 +65,8 @@ def test_noise_is_given_and_told_in_the_unit_of_the_column(odescope):
     ended = odescope(
         "filter", "s/model.json", "pend.csv", "--noise", f"theta={noise}", "--process-noise", "theta_ddot=2"
     )
-    assert "measurement noise: theta 0.5\n" in ended.err
-    assert "theta_ddot 2\n" in ended.err
+    assert "measurement noise: theta 0.5 deg\n" in ended.err
+    assert "theta_ddot 2 deg s⁻²\n" in ended.err
     assert "innovations of theta: 0.5" in ended.err
     squared = ended.err.partition("normalised innovations squared: ")[2].partition(" ")[0]
     assert float(squared) == pytest.approx(1.0, abs=0.2)

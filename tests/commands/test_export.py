@@ -33,7 +33,8 @@ def export(tmp_path, monkeypatch, capsys):
 
 
 def test_c_takes_a_folder(export):
-    assert export("model.json", "--to", "c", "--out", "deep/plant") == (0, "", "")
+    written = "wrote deep/plant/: plant.h, plant.c, plant_inputs.c, plant_kalman.c\n"
+    assert export("model.json", "--to", "c", "--out", "deep/plant") == (0, "", written)
     assert sorted(os.listdir("deep/plant")) == C_FILES
     assert os.listdir("deep") == ["plant"]
     code, out, err = export("model.json", "--to", "c")
@@ -57,6 +58,19 @@ def test_a_folder_with_files_is_left_alone_unless_forced(export):
     assert export("model.json", "--to", "c", "--out", "plant", "--force")[0] == 0
     assert sorted(os.listdir("plant")) == ["mine.c", *C_FILES]
     assert export("model.json", "--to", "c", "--out", "model.json")[0] == 2
+
+
+@pytest.mark.parametrize("to", ["python", "matlab", "fmu"])
+def test_a_file_that_is_there_is_left_alone_unless_forced(to, export):
+    Path("mine.x").write_text("mine")
+    code, out, err = export("model.json", "--to", to, "--out", "mine.x")
+    assert (code, out) == (2, "")
+    assert "mine.x is there already; name another file with --out, or say --force to replace it" in err
+    assert Path("mine.x").read_text() == "mine"
+    assert export("model.json", "--to", to, "--out", "mine.x", "--force") == (0, "", "wrote mine.x\n")
+    assert Path("mine.x").read_bytes() != b"mine"
+    assert "would overwrite" in export("model.json", "--to", to, "--out", "model.json", "--force")[2]
+    assert export("model.json", "--to", "python", "--out", os.devnull)[0] == 0
 
 
 def test_a_program_is_called_as_it_is_told(export):
@@ -97,17 +111,17 @@ def test_a_file_is_all_that_a_program_takes(tmp_path, monkeypatch):
 def test_a_program_of_one_file_is_printed_or_written_and_called_as_its_file(language, export):
     code, printed, err = export("model.json", "--to", language)
     assert (code, err) == (0, "")
-    assert export("model.json", "--to", language, "--out", "deep/plant.x") == (0, "", "")
+    assert export("model.json", "--to", language, "--out", "deep/plant.x") == (0, "", "wrote deep/plant.x\n")
     assert Path("deep/plant.x").read_text() == printed
     assert os.listdir("deep") == ["plant.x"]
-    assert export("model.json", "--to", language, "--out", "deep/cart.x") == (0, "", "")
+    assert export("model.json", "--to", language, "--out", "deep/cart.x") == (0, "", "wrote deep/cart.x\n")
     named = language != "casadi"  # a Python module has the name of its file, and none inside
     assert (printed.replace("plant", "cart") == Path("deep/cart.x").read_text()) or not named
     assert export("model.json", "--to", language, "--out", "model.json")[0] == 2
 
 
 def test_a_unit_is_a_file_and_not_for_the_screen(export):
-    assert export("model.json", "--to", "fmu", "--out", "deep/cart.fmu") == (0, "", "")
+    assert export("model.json", "--to", "fmu", "--out", "deep/cart.fmu") == (0, "", "wrote deep/cart.fmu\n")
     assert os.listdir("deep") == ["cart.fmu"]
     assert Path("deep/cart.fmu").read_bytes().startswith(b"PK")
     code, out, err = export("model.json", "--to", "fmu")

@@ -9,6 +9,7 @@ from hand_models import MODELS
 
 from odescope.export import programs
 from odescope.export.about import about
+from odescope.export.languages.python import to_python
 
 NASTY = 'm/s */ =# #= %} %{ /* """ \\ \n\r */*/ =#=# é {{ x }} {% if %} {0}'
 TEXTS = [language for language in programs.names() if language != "fmu"]
@@ -46,3 +47,17 @@ def test_where_the_model_holds_is_said():
     lines = "\n".join(about(MODELS["rational"], ("x is written x_",)))
     for part in ("u [N]: linear", "x: -0.3333333333333333 to 1e+22", "x is written x_", "x [m]"):
         assert part.replace("u [N]: linear", "u: linear") in lines
+
+
+@pytest.mark.parametrize("language", TEXTS)
+def test_every_program_says_in_which_unit_time_is_and_was_recorded(language):
+    model = replace(reactor() if language == "antimony" else driven_cart(), provenance={"time_unit": "min"})
+    texts = [*programs.program_writer(language)(model, "plant").files.values(), to_python(model)]
+    told = "Time: seconds (time was recorded in min: here it is in seconds: a rate in 1/s times 60 is one in 1/min)"
+    assert any(told in text for text in texts[:-1])
+    assert told in texts[-1]
+
+
+@pytest.mark.parametrize("unit", [None, "s", "fortnights", "*/", 60])
+def test_seconds_and_what_is_no_unit_of_time_are_told_as_seconds(unit):
+    assert "Time: seconds" in about(replace(driven_cart(), provenance={"time_unit": unit}))

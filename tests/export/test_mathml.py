@@ -171,6 +171,9 @@ def test_terms_have_their_value(text):
         ("x", "x"),
         ("speed_max", "speedmax"),
         ("x_dddot", "x(3)"),
+        ("x_1_dot", "x˙1"),
+        ("Position_1_dot", "Position_1_dot"),
+        ("vx_dddot", "vx_dddot"),
         ("Omega", "Ω"),
     ],
 )

@@ -135,7 +135,10 @@ def test_of_white_torque_nothing_is_said_but_its_size():
     assert set(terms(result)) == {"th_ddot", "sin(th)", "th_dot", "u"}
     assert process.unexplained[0] == pytest.approx(1.0 / math.sqrt(process.window / STEP), rel=0.3)
     (note,) = said(result, "unexplained")
-    assert f"leaves {process.unexplained[0]:.2g} of th_ddot" in note
+    assert f"leaves {process.unexplained[0]:.2g} rad s⁻² of th_ddot (" in note
+    whole = result.signals.joined()[result.signals.row("th_ddot")]
+    part = 100.0 * process.unexplained[0] / np.sqrt(np.mean(whole**2))
+    assert f"({part:.2f} % of its root mean square) unexplained" in note
 
 
 def test_a_record_that_is_followed_has_no_process_noise_and_nothing_unexplained():

@@ -66,7 +66,10 @@ LOGS = {  # the tables of a log, and a part of each note that it must lead to
         lambda: [log(stamps=REGULAR + 0.1 * PERIOD * random().standard_normal(COUNT))],
         ["the clock was read with a jitter of 9.9 % of"],
     ),
-    "sampling jitter": (lambda: [log(REGULAR + PERIOD * random().uniform(-0.3, 0.3, COUNT))], []),
+    "sampling jitter": (
+        lambda: [log(REGULAR + PERIOD * random().uniform(-0.3, 0.3, COUNT))],
+        ["samples were taken off even times by 17 % of a sample period"],
+    ),
     "irregular steps": (
         lambda: [log(np.cumsum(PERIOD * (1.0 + random().uniform(-0.3, 0.3, COUNT))))],
         ["samples of theta, of 3"],

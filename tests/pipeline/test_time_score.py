@@ -38,3 +38,13 @@ def test_a_recording_on_the_grid_of_a_faster_one_lacks_nothing():
     records = at_one_period(records_from([fast, slow], layout), layout)
     found = time_score(records, [Coordinate("x")], [Input("u", hold="zero")])
     assert (found.missing, found.rows, found.samples) == ({"x": (1, 1)}, 3000, 3000)
+
+
+def test_how_far_samples_are_off_even_times_is_counted_once():
+    layout = Layout(time="t", columns=(("x", "x"),))
+    off = 0.01 * np.random.default_rng(3).uniform(-0.2, 0.2, len(T))
+    taken, read = ({"t": T + off, "x": np.sin(20.0 * t)} for t in (T + off, T))
+    sampling, clock = (time_score(records_from([log], layout), [Coordinate("x")], []) for log in (taken, read))
+    assert (sampling.jitter, clock.scatter) == (0.0, 0.0)
+    assert sampling.scatter == pytest.approx(np.std(off) / 0.01, rel=0.02)
+    assert clock.jitter == pytest.approx(np.std(off) / 0.01, rel=0.02)

@@ -293,3 +293,20 @@ def test_numbers_for_people():
 def test_without_searches_there_is_no_figure_of_them(report):
     names = {p.name for p in pictures(msgspec.structs.replace(report, searches=()))}
     assert not {name for name in names if name.startswith(("accuracy", "candidates", "correlation"))}
+
+
+def test_what_the_page_says_of_gaps_is_what_the_notes_say(result):
+    lost = [300, 301, 302, 900]
+    data = {name: np.delete(column, lost) for name, column in samples()[0].items()}
+    study = Study(data=Data(time="t"), coordinates={"x": Measured(), "y": Measured()}, inputs={"u": Driven()})
+    found = identify(study, data)
+    page = Page(to_html(summary(found)))
+    told = "4 samples of x, of 2000, are missing (0.20 %), in 2 gaps"
+    assert told in found.notes
+    assert f"{told}." in page.text
+    assert "No gap was found" not in page.text
+    assert "gap before" not in page.text
+    table = [cells for _, cells in page.rows if cells[-1] in ("missing samples", "4")]
+    assert table[0][-1] == "missing samples"
+    assert table[1][1:] == ["2,000", "39.98 s", "4"]
+    assert "No gap was found." in Page(to_html(summary(result))).text

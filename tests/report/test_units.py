@@ -5,9 +5,10 @@ from odescope.commands.demo import cart_pendulum
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.model.model import Model
+from odescope.model.quantity_units import quantity_units, shown
 from odescope.model.relation import Relation, RelationTerm
 from odescope.recordings.coordinate import Coordinate, Input
-from odescope.report.units import coefficient_units, mechanism_units, quantity_units, shown
+from odescope.report.units import coefficient_units, mechanism_units
 
 
 def test_the_pendulum_on_a_cart():

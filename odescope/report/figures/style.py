@@ -21,8 +21,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from odescope.arrays import FloatArray
+from odescope.library.numerals import raised
 from odescope.report.data import Line, Role
-from odescope.report.numerals import raised
 from odescope.report.palette import BLACK, BLUE, GREEN, RECORDED, VERMILLION
 
 WIDTH = 7.2  # inches
