@@ -303,7 +303,9 @@ def workbench(
     folder: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="Logs, studies and results; nothing else is seen.")
     ] = Path(),
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on this machine.", show_default="a free one")] = 0,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port on this machine.", show_default="the folder's, or a free one")
+    ] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address, and open nothing.")] = False,
 ) -> None:
     """Open a local page on the logs, studies and results of a folder: look, identify, compare, export."""
@@ -339,7 +341,7 @@ def export(
     name: Annotated[
         str | None, typer.Option(help="What a program is called.", show_default="as the file, else plant")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a file; write to a folder that holds some.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Write to a folder that holds files.")] = False,
 ) -> None:
     """Write a model as text, as LaTeX or MathML for people, or as code that runs it: see docs/exports.md."""
     from odescope.commands.export import export_model

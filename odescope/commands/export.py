@@ -23,7 +23,7 @@ def export_model(model_path: Path, to: str, out: Path | None, name: str | None, 
         to: the language.
         out: file to write, or folder for programs of several files; None for standard output.
         name: what a program is called; None for that of its file.
-        force: whether a file may be replaced, and files may go to a folder that holds some.
+        force: whether files may go to a folder that holds some.
 
     Raises:
         InputError: there is no such language, it cannot express the model, or the files cannot be written.
@@ -36,11 +36,12 @@ def export_model(model_path: Path, to: str, out: Path | None, name: str | None, 
     program = exported(read_model(model_path), to, name)
     (first, content), *more = program.files.items()
     if not more and isinstance(content, str):
-        _deliver(content, model_path, out, force)
+        _deliver(content, model_path, out)
     elif out is None:
         raise InputError(f"{to} takes {'a file' if not more else 'several files'}: say where with --out")
     elif not more and not out.is_dir():
-        _check_place(out, model_path, force)
+        check_file(out)
+        refuse_overwriting([out], [model_path])
         write_files(out.parent, {out.name: content})
         _say_written(str(out))
     else:
@@ -53,25 +54,17 @@ def export_model(model_path: Path, to: str, out: Path | None, name: str | None, 
         print(f"odescope: {note}", file=sys.stderr)
 
 
-def _deliver(text: str, model_path: Path, out: Path | None, force: bool) -> None:
+def _deliver(text: str, model_path: Path, out: Path | None) -> None:
     if out is None:
         say(text)
     else:
-        _check_place(out, model_path, force)
+        refuse_overwriting([out], [model_path])
         write_file(out, text)
         _say_written(str(out))
 
 
 def _say_written(what: str) -> None:
     print(f"wrote {what}", file=sys.stderr)
-
-
-def _check_place(out: Path, model_path: Path, force: bool) -> None:
-    """Refuse a file that cannot be written, that is the model's, or that is there already unless that was allowed."""
-    check_file(out)
-    refuse_overwriting([out], [model_path])
-    if out.is_file() and not force:
-        raise InputError(f"{out} is there already; name another file with --out, or say --force to replace it")
 
 
 def _refuse_filled(folder: Path, force: bool) -> None:

@@ -278,7 +278,10 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
     if doubts.late:
         yield "the search was ended by the clock, [likelihood] seconds: another run may end elsewhere"
     elif not judged.finished:
-        yield "the search ended with its budget: allow it more, [likelihood] budget, for what it may have missed"
+        yield (
+            "the search ended with its budget: allow it more, [likelihood] budget (60 by default, each about half a second"
+            " of two cores), for what it may have missed"
+        )
     if doubts.crowded:
         yield (
             "the search stopped at its largest number of terms: the library lacks what would explain the record in few"

@@ -34,7 +34,7 @@ def domain(filtered: Filtered, model: Model, whole: Whole | None) -> dict[str, t
     """Return the range of every state and input over all the data.
 
     Coordinates, less the offsets of their sensors, and inputs were where the samples that count say; where their rates
-    were is known only of what is filtered.
+    were, and coordinates in what was not kept in memory, is known only of what is filtered.
 
     Args:
         filtered: what is in memory.

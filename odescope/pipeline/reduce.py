@@ -9,12 +9,11 @@ import time
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray
+from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.events import Monitor, Progress
 from odescope.parallel.workers import Threads, Workers, check_wanted
@@ -23,7 +22,7 @@ from odescope.pipeline.sample import SAMPLED, Sample
 from odescope.pipeline.store import Reduced, digest
 from odescope.recordings.chunks import Chunk, cut
 from odescope.recordings.coordinate import Input
-from odescope.recordings.extremes import every, extremes
+from odescope.recordings.extremes import extremes
 from odescope.recordings.layout import Layout
 from odescope.recordings.periods import stretch_at_period
 from odescope.recordings.readers import read_chunk
@@ -31,12 +30,11 @@ from odescope.recordings.record import Stretch
 from odescope.regression.problem import LibraryRows, Pieces, Problem, factored, pieces_a_block
 from odescope.regression.rows import FOLDS, cut_blocks
 from odescope.signals.delays import delayed, remaining
-from odescope.signals.differentiators import Differentiator, derivatives_like
-from odescope.signals.estimate import Channel, Signals, signals_like
+from odescope.signals.differentiators import Differentiator
+from odescope.signals.estimate import Signals, signals_like
 from odescope.signals.filling import filled_like
-from odescope.signals.outliers import STEPS, Clipping, clip_outliers
+from odescope.signals.outliers import Clipping, clip_outliers
 from odescope.signals.placeholders import without_placeholders
-from odescope.signals.relative_noise import FAR
 from odescope.signals.spectral import reach
 
 
@@ -104,38 +102,26 @@ def reduce(task: Task, plan: Plan) -> Reduced:
         where = f"{task.chunk.path.name}, data rows {task.chunk.first + 1} to {task.chunk.stop}"
         raise InputError(f"{where}: {error}") from error
     recordings = sum(s.begins and s.first == 0 for s in stretches)
-    return Reduced(factors, *_extremes(signals, stretches, plan), task.chunk.stop - task.chunk.first, recordings)
+    return Reduced(factors, *_extremes(signals, stretches), task.chunk.stop - task.chunk.first, recordings)
 
 
-def _extremes(signals: Signals, stretches: Sequence[Stretch], plan: Plan) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the greatest value (names,) of every signal of a chunk.
+def _extremes(signals: Signals, stretches: Sequence[Stretch]) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the greatest value (names,) of every signal of a chunk, of inputs as they were recorded.
 
-    That of a coordinate or an input was recorded; samples of a coordinate that are far from the filtered ones are wrong
-    and do not count.
+    Coordinates are taken as filtered: outliers of a chunk are not told from its samples.
 
     Args:
         signals: of the chunk.
-        stretches: less outliers, with inputs as they were recorded.
-        plan: what filters them.
+        stretches: that they are of, with inputs as they were recorded.
     """
     columns = (*signals.columns, np.empty((len(signals.names), 0)))
     low = np.min([c.min(axis=1, initial=np.inf) for c in columns], axis=0)
     high = np.max([c.max(axis=1, initial=-np.inf) for c in columns], axis=0)
-    near = {c.name: partial(_near, channel=c, plan=plan) for c in signals.channels}
-    for name in (*near, *(i.name for i in signals.inputs)):
-        ends = extremes(stretches, name, near.get(name, every))
+    for i in signals.inputs:
+        ends = extremes(stretches, i.name)
         if np.isfinite(ends).all():
-            low[signals.row(name)], high[signals.row(name)] = ends
+            low[signals.row(i.name)], high[signals.row(i.name)] = ends
     return low, high
-
-
-def _near(stretch: Stretch, channel: Channel, plan: Plan) -> BoolArray:
-    """Return which samples (N,) of a stretch are no further from the filtered ones than noise or a kink can be."""
-    y, period = stretch.record.column(channel.name), stretch.record.sample_period
-    (found,) = derivatives_like(plan.differentiator, channel.cutoff, [y], [stretch.cut], period, 0)
-    motion = float(np.sqrt(np.mean(np.diff(found[0]) ** 2)))
-    near: BoolArray = np.abs(y - found[0]) <= max(FAR * channel.noise, STEPS * motion)
-    return near
 
 
 def _signals(chunk: Chunk, plan: Plan) -> tuple[Signals, tuple[Stretch, ...]]:

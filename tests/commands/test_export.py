@@ -61,13 +61,9 @@ def test_a_folder_with_files_is_left_alone_unless_forced(export):
 
 
 @pytest.mark.parametrize("to", ["python", "matlab", "fmu"])
-def test_a_file_that_is_there_is_left_alone_unless_forced(to, export):
+def test_a_file_that_is_there_is_replaced_unless_it_is_the_model(to, export):
     Path("mine.x").write_text("mine")
-    code, out, err = export("model.json", "--to", to, "--out", "mine.x")
-    assert (code, out) == (2, "")
-    assert "mine.x is there already; name another file with --out, or say --force to replace it" in err
-    assert Path("mine.x").read_text() == "mine"
-    assert export("model.json", "--to", to, "--out", "mine.x", "--force") == (0, "", "wrote mine.x\n")
+    assert export("model.json", "--to", to, "--out", "mine.x") == (0, "", "wrote mine.x\n")
     assert Path("mine.x").read_bytes() != b"mine"
     assert "would overwrite" in export("model.json", "--to", to, "--out", "model.json", "--force")[2]
     assert export("model.json", "--to", "python", "--out", os.devnull)[0] == 0

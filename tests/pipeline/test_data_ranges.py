@@ -48,7 +48,7 @@ def test_outliers_and_what_was_not_measured_are_no_data(batches):
     assert domain["x"] == (usual.min(), usual.max())
 
 
-def test_a_log_in_chunks_tells_what_was_recorded_and_no_outlier(tmp_path, lengthy):
+def test_a_log_in_chunks_tells_inputs_as_recorded_and_no_outlier(tmp_path, lengthy):
     struck, step = lengthy["x"].copy(), lengthy["u"].copy()
     top = int(struck.argmax())
     struck[top] += 0.2  # twenty standard deviations of the noise
@@ -56,5 +56,6 @@ def test_a_log_in_chunks_tells_what_was_recorded_and_no_outlier(tmp_path, length
     parquet.write_table(pa.table({**lengthy, "x": struck, "u": step}), tmp_path / "log.parquet")
     result = identify(study_of(tmp_path / "log.parquet"))
     assert result.records.samples < 0.6 * ROWS
-    assert result.model.domain["x"] == (struck.min(), np.delete(struck, top).max())
+    # Coordinates of chunks are told as filtered: within the noise of what was measured.
+    assert result.model.domain["x"] == pytest.approx((struck.min(), np.delete(struck, top).max()), abs=0.05)
     assert result.model.domain["u"] == (step.min(), step.max())

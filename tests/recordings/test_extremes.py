@@ -14,7 +14,6 @@ def test_only_samples_that_count_within_the_stretch_are_taken():
     run = Record(np.arange(5.0), x, ("x",), counts=counts)
     assert extremes([Stretch(run, 1, 4)], "x") == (1.0, 3.0)
     assert extremes([Stretch.whole(run)], "x") == (1.0, 9.0)
-    assert extremes([Stretch.whole(run)], "x", lambda s: s.record.column("x") < 5.0) == (1.0, 3.0)
 
 
 def test_where_nothing_was_measured_there_is_no_range():
