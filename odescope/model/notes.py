@@ -279,8 +279,8 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
         yield "the search was ended by the clock, [likelihood] seconds: another run may end elsewhere"
     elif not judged.finished:
         yield (
-            "the search ended with its budget: allow it more, [likelihood] budget (60 by default, each about half a second"
-            " of two cores), for what it may have missed"
+            "the search ended with its budget: allow it more, [likelihood] budget (60 by default, each about half a"
+            " second of two cores), for what it may have missed"
         )
     if doubts.crowded:
         yield (
