@@ -164,11 +164,10 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
         refitted = space.again(here, here.x0, segments.spread * width)
         if refitted is None:
             break
-        if np.isfinite(width):
-            space, refitted = narrowed(space, refitted, segments.spread * width)
         if np.isinf(width):
             space, here = _with_friction_as_shown(space, refitted, trail)
         else:
+            space, refitted = narrowed(space, refitted, segments.spread * width)
             here = _settle(space, refitted, width, trail)
         scale = _scale(space, here, width)
         if scale > NEAR_NOISE and width == widths[0]:
