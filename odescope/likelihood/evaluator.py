@@ -97,7 +97,8 @@ class Evaluator:
         others = [_pool(os.getpid()).submit(part, k, *edges) for k, edges in parts[1:]]
         taken = sum(part(k, *edges) for k, edges in parts[:1]) + sum(other.result() for other in others)
         self.budget.spend(self.segments, program, p, taken)
-        return out._replace(inner=out.inner.sum(axis=0))
+        with np.errstate(over="ignore", invalid="ignore"):  # of a segment that ran away
+            return out._replace(inner=out.inner.sum(axis=0))
 
     def expand(
         self,

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_systems import CART, RING, TIED_CART, TIED_RING, UPTAKE, drive
@@ -176,6 +178,16 @@ def test_a_segment_does_not_depend_on_its_lane_or_its_neighbours():
             np.testing.assert_allclose(one[0], all_[j], rtol=1e-11, atol=1e-11)
         inner += alone.inner
     np.testing.assert_allclose(inner, together.inner, rtol=1e-11)
+
+
+def test_second_derivatives_that_only_overflow_between_threads_are_infinite_without_a_warning():
+    rng, many = np.random.default_rng(2), 2 * LANES
+    count, start = np.full(many, 3), 3 * np.arange(many)
+    nodes, measured = drive(3 * many, 0.05), rng.standard_normal((3 * many, 2))
+    data, x0 = segments(CART, nodes, measured, start, count, 0.05), rng.standard_normal((many, 4))
+    usual = Evaluator(data).integrate(CART.program, CART.theta, CART.free, x0).inner.max()
+    loud = replace(data, noise=data.noise * np.sqrt(usual / 2.0) / np.sqrt(1.2e308))  # 2.4e308 in all
+    assert np.isinf(Evaluator(loud).integrate(CART.program, CART.theta, CART.free, x0).inner.max())
 
 
 def problem(rng, segments_, n, p):
