@@ -113,8 +113,10 @@ def doubts_of(model: Model, refinement: Refinement | None, signals: Signals) -> 
     """
     if refinement is None:
         return None
-    units, joined = quantity_units(model), signals.joined()
-    sizes = {t: (shown(units[t]), float(np.sqrt(np.mean(joined[signals.row(t)] ** 2)))) for t in model.targets}
+    units, sizes = quantity_units(model), dict[str, tuple[str, float]]()
+    for target in model.targets:
+        squares = np.concatenate([columns[signals.row(target)] ** 2 for columns in signals.columns])
+        sizes[target] = shown(units[target]), float(np.sqrt(squares.mean()))
     return msgspec.structs.replace(doubts(refinement, model.targets), targets=sizes)
 
 
