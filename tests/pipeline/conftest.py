@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+
 import pytest
-from identification_cases import load_bench
 from reduce_cases import long_log, written
 
 from odescope.commands.demo import simulate_log
@@ -27,4 +28,4 @@ def folder(tmp_path_factory, lengthy):
 
 @pytest.fixture(scope="module")
 def systems():
-    return load_bench("systems")
+    return importlib.import_module("systems")

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Driven, Measured, Study
-
-ROOT = Path(__file__).parents[2]
-
 
 TIME = Data(time="t")
 
@@ -24,15 +17,6 @@ REGRESSED = LikelihoodSearch(enabled=False)  # what is tested here is the path u
 
 def study_of(**options):
     return Study(**{"data": TIME, "likelihood": REGRESSED, **options})
-
-
-def load_bench(name):
-    """Import a bench by its path: benches are scripts, not a package."""
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, ROOT / "bench" / f"{name}.py")
-        sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[name])
-    return sys.modules[name]
 
 
 def band(rng, count, period, cutoff):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+
 import msgspec
 import numpy as np
 import pytest
@@ -9,7 +11,6 @@ from identification_cases import (
     DEMO,
     assert_recovers,
     band,
-    load_bench,
     noisy,
     relations,
     runge_kutta,
@@ -192,7 +193,7 @@ def test_nested_search_can_be_switched_off_and_still_finds_a_plain_law(driven):
 
 @pytest.fixture(scope="module")
 def table():
-    bench = load_bench("demo_table")
+    bench = importlib.import_module("demo_table")
     return {level: [bench.run((seed, level, 0.01)) for seed in range(20)] for level in (1, 2)}
 
 
