@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from odescope.library.expression import ONE, Name, Term
 from odescope.library.product import Product
 from odescope.likelihood.fit import Fit
@@ -28,13 +30,16 @@ class Beginnings(Saturating):
     def first(self, found: Fit) -> Standing | None:
         """Return the model with functions that come near to it in the place of what is suspected.
 
-        Those of least penalised cost: functions beside what is no imitation alone, or beside all variables and a
-        constant, too.
+        Those of least penalised cost: few terms and functions, functions with a saturation, or functions beside what is
+        no imitation alone, or beside all variables and a constant, too.
         """
-        near = (self.beside(found, variables) for variables in (None, self.space.frame.variables))
         price = self.moves().penalised
-        standings = (*near, self.sparse(found), self.saturating(found))
-        return min((s for s in standings if s is not None), key=lambda s: price(s.fit), default=None)
+        standings = [s for s in (self.sparse(found), self.saturating(found)) if s is not None]
+        for variables in (None, self.space.frame.variables):
+            bar = min((price(s.fit) for s in standings), default=np.inf)
+            near = self.beside(found, variables, bar)
+            standings += [] if near is None else [near]
+        return min(standings, key=lambda s: price(s.fit), default=None)
 
     def sparse(self, found: Fit) -> Standing | None:
         """Return the model with few terms and functions that come near to it: of those that do the likeliest.
@@ -130,12 +135,13 @@ class Beginnings(Saturating):
             standing.said,
         )
 
-    def beside(self, found: Fit, variables: Collection[str] | None) -> Standing | None:
-        """Return the model with functions that come near to it.
+    def beside(self, found: Fit, variables: Collection[str] | None, bar: float) -> Standing | None:
+        """Return the model with functions that come near to it, None where its penalised cost is above a bar.
 
         Args:
             found: the model before.
             variables: what may stand beside functions with a constant, None for neither.
+            bar: the penalised cost.
         """
         theta, placed = found.theta, [Placed(Choice())] * len(self.suspected)
         for r in dict.fromkeys(s.relation for s in self.suspected):
@@ -151,7 +157,8 @@ class Beginnings(Saturating):
             theta = written
             for k, one in zip(mine, chosen, strict=True):
                 placed[k] = one
-        fit = self.tightened(theta)
+        plain = [k for k in np.flatnonzero(theta) if k < self.own and self.space.mechanisms[k].parts]
+        fit = self.tightened(theta, bar + float(self.space.penalty[plain].sum()))  # all of which pruning may leave out
         return None if fit is None else Standing(self.pruned(fit), tuple(placed), found if self.exact else None)
 
     def simple(self, k: int) -> list[Choice]:

@@ -13,7 +13,7 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.likelihood.block_cholesky import substitute
 from odescope.likelihood.budget import Budget
-from odescope.likelihood.expansion import Expansion, eliminate, scaled
+from odescope.likelihood.expansion import Expansion, costs, eliminate, scaled
 from odescope.likelihood.kernel import LANES, Averages, Settings, Sums, integrate
 from odescope.likelihood.program import Program, effects_of
 from odescope.likelihood.segments import Segments
@@ -99,6 +99,16 @@ class Evaluator:
         self.budget.spend(self.segments, program, p, taken)
         with np.errstate(over="ignore", invalid="ignore"):  # of a segment that ran away
             return out._replace(inner=out.inner.sum(axis=0))
+
+    def costs(self, sums: Sums, x0: FloatArray, defect_std: FloatArray) -> tuple[float, float] | None:
+        """Return the cost of the data and that of the defects, or None where there is no expansion.
+
+        Args:
+            sums: what `integrate` returned.
+            x0: (J, n) initial states.
+            defect_std: (n,) standard deviations of the defects between segments.
+        """
+        return costs(sums, x0, self._joined(defect_std), defect_std)
 
     def expand(
         self,

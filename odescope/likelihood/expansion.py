@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 
 from odescope.arrays import BoolArray, FloatArray
 from odescope.likelihood.block_cholesky import factorise
@@ -52,6 +52,33 @@ def scaled(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     return correlations, scale
 
 
+def _defects(sums: Sums, x0: FloatArray, joined: BoolArray, defect_std: FloatArray) -> FloatArray:
+    """Return the defects between segments (J, n), in standard deviations, none behind one that is not joined."""
+    found = np.zeros_like(x0)
+    found[:-1] = np.where(joined[:-1, None], (sums.last[:-1] - x0[1:]) / defect_std, 0.0)
+    return found
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of segments that ran away
+def costs(sums: Sums, x0: FloatArray, joined: BoolArray, defect_std: FloatArray) -> tuple[float, float] | None:
+    """Return the cost of the data and that of the defects.
+
+    None where a segment or a sensitivity ran away, or the states' block is not positive definite: there is no expansion
+    there, and this costs less than to try one.
+
+    Args:
+        sums: of the kernel.
+        x0: (J, n) initial states.
+        joined: (J,) whether the end of a segment is tied to the start of the next.
+        defect_std: (n,) the defect between them is weighted by 1 / defect_std^2 a state.
+    """
+    if not all(np.isfinite(part.sum()) for part in sums):
+        return None
+    defect, none = _defects(sums, x0, joined, defect_std), np.empty((*x0.shape, 0))
+    positive = factorise(sums, joined, defect_std, 0.0, none, none, defect)[-1]
+    return (float(sums.cost.sum()), float(np.sum(defect**2))) if positive else None
+
+
 @np.errstate(over="ignore", invalid="ignore")  # of segments that ran away
 def eliminate(
     sums: Sums, x0: FloatArray, joined: BoolArray, defect_std: FloatArray, damping: float
@@ -71,9 +98,7 @@ def eliminate(
         damping: added to 1 it multiplies the diagonal (Levenberg-Marquardt).
     """
     segments, n = x0.shape
-    tied = np.where(joined[:, None], 1.0 / defect_std, 0.0)
-    defect = np.zeros((segments, n))
-    defect[:-1] = (sums.last[:-1] - x0[1:]) * tied[:-1]
+    defect, tied = _defects(sums, x0, joined, defect_std), np.where(joined[:, None], 1.0 / defect_std, 0.0)
     inner, cross, along = sums.inner, sums.hessian[:, :, n:], tied[:, :, None] * sums.jacobian[:, :, n:]
     slope, apart = sums.gradient[:, n:].sum(axis=0), along.reshape(segments * n, -1)
     whole = inner + apart.T @ apart
@@ -118,5 +143,5 @@ def _combined(basis: FloatArray | None, slopes: FloatArray) -> FloatArray:
     if basis is None:
         return np.ascontiguousarray(slopes)
     flat = slopes.reshape(-1, slopes.shape[-1])
-    solved: FloatArray = solve_triangular(basis, flat.T, lower=True, check_finite=False)
+    solved: FloatArray = dtrtrs(basis.T, flat.T, lower=0, trans=1)[0]
     return np.ascontiguousarray(solved.T).reshape(slopes.shape)

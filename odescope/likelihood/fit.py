@@ -76,12 +76,13 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Where a fit stands: coefficients, initial states, what the kernel returned there, and the expansion of that."""
+    """Where a fit stands: coefficients, initial states, and what the kernel returned there."""
 
     theta: FloatArray
     x0: FloatArray
     integrated: Sums
-    expansion: Expansion
+    data_cost: float
+    cost: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,17 +95,27 @@ class _Descent:
     defect_std: FloatArray
 
     def at(self, theta: FloatArray, x0: FloatArray) -> _Point | None:
-        """Return the point, or None where a segment blows up."""
+        """Return the point, or None where a segment blows up or the states' block is singular."""
         integrated = self.evaluator.integrate(self.program, theta, self.free, x0)
-        expansion = self.evaluator.expand(self.program, theta, self.free, x0, self.defect_std, 0.0, integrated)
-        return None if expansion is None or not expansion.finite else _Point(theta, x0, integrated, expansion)
+        costs = self.evaluator.costs(integrated, x0, self.defect_std)
+        return None if costs is None else _Point(theta, x0, integrated, costs[0], sum(costs))
+
+    def expansion(self, here: _Point, damping: float) -> Expansion | None:
+        """Return the expansion about a point, or None where it overflows or the states' block is singular.
+
+        Args:
+            here: the point.
+            damping: of Levenberg and Marquardt.
+        """
+        found = self.evaluator.expand(
+            self.program, here.theta, self.free, here.x0, self.defect_std, damping, here.integrated
+        )
+        return found if found is not None and found.finite else None
 
     def after(self, here: _Point, damping: float) -> _Point | None:
         """Return the point that the expansion asks for, or None where that is none."""
-        damped = self.evaluator.expand(
-            self.program, here.theta, self.free, here.x0, self.defect_std, damping, here.integrated
-        )
-        if damped is None or not damped.finite:
+        damped = self.expansion(here, damping)
+        if damped is None:
             return None
         least, largest = (limit[self.free] - here.theta[self.free] for limit in self.program.limits)
         step = self.evaluator.change(damped, self.defect_std, least, largest)
@@ -123,10 +134,10 @@ class _Descent:
         """
         trial = self.after(here, damping)
         for _ in range(CLOSING):
-            if trial is None or not trial.expansion.data_cost < here.expansion.cost < trial.expansion.cost:
+            if trial is None or not trial.data_cost < here.cost < trial.cost:
                 break
             closed = self.after(trial, damping)
-            if closed is None or closed.expansion.cost >= trial.expansion.cost:
+            if closed is None or closed.cost >= trial.cost:
                 break
             trial = closed
         return trial
@@ -165,7 +176,7 @@ def fit(
     largest = np.abs(theta).max(initial=1e-300)
     for _ in range(iterations):
         trial = descent.lower(here, damping)
-        fall = -np.inf if trial is None else here.expansion.cost - trial.expansion.cost
+        fall = -np.inf if trial is None else here.cost - trial.cost
         converged = abs(fall) < (tolerance if fall >= 0.0 else tolerance * 1e-3)
         stalled = 0 if fall > STALL else stalled + int(fall > -SLIP)
         if trial is not None and fall >= 0.0:
@@ -180,5 +191,7 @@ def fit(
         converged = converged or stalled >= PATIENCE
         if converged or damping > LARGEST_DAMPING:
             break
-    end = here.expansion
-    return Fit(here.theta, present, held, here.x0, end.cost, end.data_cost, end.information, converged)
+    end = descent.expansion(here, 0.0)
+    if end is None:
+        return None
+    return Fit(here.theta, present, held, here.x0, here.cost, here.data_cost, end.information, converged)

@@ -132,23 +132,33 @@ class Imitated:
     def nearest(self, choice: Choice, others: Sequence[Placed]) -> tuple[float, Placed]:
         """Return the least sum of squares that a choice leaves beside others, and its constants there.
 
-        Where a choice has several, their grids are too coarse to compare it with others: they are fitted.
-
         Args:
             choice: one of those that may stand there.
             others: what stands beside it.
         """
+        return self.ranked([choice], others)[0]
+
+    def _nearest(self, choice: Choice, around: tuple[FloatArray, FloatArray]) -> tuple[float, Placed]:
+        """Return the least sum of squares that a choice leaves, and its constants there.
+
+        Where a choice has several, their grids are too coarse to compare it with others: they are fitted.
+
+        Args:
+            choice: one of those that may stand there.
+            around: what stands beside it, as `beside` returns it.
+        """
+        left, rest = around
+        whole = float(rest @ rest)
         if not choice.terms:
-            return self.missed(others), Placed(choice)
+            return whole, Placed(choice)
         points, columns = self.on_grid(choice)
-        left, rest = self.beside(np.vstack([self.base, *(self.at(o) for o in others)]))
         squares = np.sum(_left_of(rest, columns - (columns @ left) @ left.T, columns) ** 2, axis=1)
-        k, whole = int(np.argmin(squares)), float(rest @ rest)
+        k = int(np.argmin(squares))
         if not squares[k] < whole:
             return whole, Placed(choice, points[0])
         best = float(squares[k]), Placed(choice, points[k])
         if len(choice.constants) > 1:
-            found, (placed,) = self.fitted([best[1]], (left, rest), POLISH)
+            found, (placed,) = self.fitted([best[1]], around, POLISH)
             return min(best, (found, placed), key=lambda one: one[0])
         return best
 
@@ -204,7 +214,8 @@ class Imitated:
             choices: that may stand there.
             others: what stands beside.
         """
-        return sorted((self.nearest(c, others) for c in choices), key=lambda found: found[0])
+        around = self.beside(np.vstack([self.base, *(self.at(o) for o in others)]))
+        return sorted((self._nearest(c, around) for c in choices), key=lambda found: found[0])
 
     def together(self, choices: Sequence[Sequence[Choice]]) -> list[Placed]:
         """Return one choice of each, so that all together come near, and none is more elaborate than that asks for."""

@@ -11,7 +11,7 @@ from odescope.arrays import FloatArray
 DIFFERENCE = 1e-8  # of a difference quotient, in ranges of a parameter
 DAMPING = 1e-3  # of the first step, relative to the curvature
 MOST_DAMPED = 1e8  # a step that is damped so much and still no better is none
-CONVERGED = 1e-8  # relative fall of the squares that ends it
+CONVERGED = 1e-4  # relative fall of the squares that ends it
 
 
 def least_within(

@@ -90,7 +90,7 @@ def first_state_of(model: Model, piece: DrivenRecord, differentiator: Differenti
         def misfit(trial: FloatArray) -> FloatArray:
             return begin.misfit(begin.placed(state, trial))
 
-        better, error = _fit(misfit, state[moves], max(sizes), evaluations)
+        better, error = _fit(misfit, state[moves], max(sizes), evaluations, updated=length > shortest)
         return begin.placed(state, better), error
 
     length = shortest
@@ -151,7 +151,7 @@ def _rests(record: Record, c: Coordinate) -> bool:
 
 
 def _fit(
-    misfit: Callable[[FloatArray], FloatArray], state: FloatArray, size: float, evaluations: int
+    misfit: Callable[[FloatArray], FloatArray], state: FloatArray, size: float, evaluations: int, updated: bool
 ) -> tuple[FloatArray, float]:
     """Return the state of least misfit and its root mean square, infinite where the run or nothing can be followed.
 
@@ -160,8 +160,11 @@ def _fit(
         state: (n,) to start from.
         size: of the coordinates.
         evaluations: of the misfit at most, besides those for its slopes.
+        updated: whether slopes are difference quotients at the start alone, and what a step shows of them after it:
+            Broyden (1965), https://doi.org/10.1090/S0025-5718-1965-0198670-6.
     """
     last = misfit(state)
+    known: tuple[FloatArray, FloatArray, FloatArray] | None = None  # where slopes were asked for, the misfit, they
 
     def followed(trial: FloatArray) -> FloatArray:
         nonlocal last
@@ -169,7 +172,18 @@ def _fit(
         return last
 
     def slopes(trial: FloatArray) -> FloatArray:
-        steps, base = STEP * np.maximum(np.abs(trial), size), last  # slopes are asked for where the misfit just was
+        nonlocal known
+        if known is not None and updated:  # slopes are asked for where the misfit just was
+            before, value, found = known
+            step = trial - before
+            found = found + np.outer(last - value - found @ step, step / (step @ step))
+        else:
+            found = quotients(trial)
+        known = trial.copy(), last, found
+        return found
+
+    def quotients(trial: FloatArray) -> FloatArray:
+        steps, base = STEP * np.maximum(np.abs(trial), size), last
         columns = [(misfit(trial + move) - base) / step for move, step in zip(np.diag(steps), steps, strict=True)]
         if not np.all(np.isfinite(columns)):
             raise _NotFollowedError
