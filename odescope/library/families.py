@@ -15,7 +15,7 @@ from odescope.library.tape import evaluate, write_tape
 from odescope.recordings.checks import is_angular
 
 FINEST = 400  # values of a constant that are compared, from one end of its range to the other
-SEEN = 2000  # samples on which they are
+SEEN = 500  # samples on which they are
 EXPONENTS = (0.2, 4.0)
 NEGLIGIBLE = 0.05  # of the largest value: a quantity that is never further below zero is one that has no sign
 STEEP = 200.0  # times as wide as a step of tanh or of a logistic function the range of its variable may be
@@ -58,12 +58,13 @@ def laid_out(
     """
     seen = values[:, :: -(-values.shape[1] // SEEN)]
     tape = write_tape([*names, *(c.name for c in constants)], terms)
-    nominal = np.tile(np.array([c.nominal for c in constants])[:, None], seen.shape[1])
-    place, columns = [c.name for c in constants].index(constant.name), []
-    for value in constant.evenly(FINEST):
-        nominal[place] = value
-        columns.append(evaluate(tape, np.vstack([seen, nominal])))
-    return replace(constant, grid=grid_for(constant, np.nan_to_num(np.array(columns), posinf=0.0, neginf=0.0)))
+    tried, samples = constant.evenly(FINEST), seen.shape[1]
+    rows = [np.tile(column, len(tried)) for column in seen]
+    rows += [
+        np.repeat(tried if c.name == constant.name else np.full(len(tried), c.nominal), samples) for c in constants
+    ]
+    columns = evaluate(tape, np.array(rows)).reshape(len(terms), len(tried), samples).swapaxes(0, 1)
+    return replace(constant, grid=grid_for(constant, np.nan_to_num(columns, posinf=0.0, neginf=0.0)))
 
 
 def may_be_angle(values: FloatArray) -> bool:

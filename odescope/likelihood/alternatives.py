@@ -104,11 +104,13 @@ class _Work(Sharing):
         theta = self.written(relation, fit.theta, base, [*others, rival], imitated)
         if theta is None:
             return None
-        for defect_std in (self.space.segments.spread * np.inf, self.moves().defect_std):
-            trial = self.space.fit(theta, np.flatnonzero(theta), fit.x0, defect_std, iterations=FEW)
-            if trial is None or trial.cost + self.least(trial, relation) > bar:
-                return None  # in open segments nothing costs more
-            theta = trial.theta
+        loose, tight = self.space.segments.spread * np.inf, self.moves().defect_std
+        trial = self.space.fit(theta, np.flatnonzero(theta), fit.x0, loose, iterations=FEW)
+        if trial is None or trial.cost + self.least(trial, relation) > bar:
+            return None  # in open segments nothing costs more
+        trial = self.space.fit(trial.theta, trial.present, fit.x0, tight, iterations=FEW)
+        if trial is None or trial.cost + self.least(trial, relation) > bar:
+            return None
         placed = (*standing.placed[:k], rival, *standing.placed[k + 1 :])
         return Standing(self.pruned(trial), placed, standing.said)
 

@@ -11,8 +11,9 @@ from itertools import combinations, product
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.imitation import DEARER, NOTHING_LEFT, Choice, Imitated, Placed
+from odescope.parallel.kernels import kernel
 
 LOOKED_AT = 400  # samples
 SHORTLIST = 6  # functions of which constants are fitted, and plain terms left out
@@ -21,6 +22,7 @@ FUNCTIONS = 2  # of a relation
 STEPS, FEWER_STEPS = 40, 12  # of the fit of constants, at the end and while terms are left out
 COARSER = 3  # points of a grid from one that is looked at to the next: a fit goes on from there
 SMALL = 1e-14  # share of what is said that rounding leaves
+ROUNDING = 1e-12  # length, of 1, below which what others leave of a row is rounding
 
 
 @dataclass(frozen=True)
@@ -138,37 +140,57 @@ def _growth(said: FloatArray, rows: FloatArray, given: Sequence[int], unknown: f
         given: rows to begin with.
         unknown: share of what is said that is not known.
     """
-    kept = list(given)
-    while True:
-        left, explained = _explained(said, rows, kept)
-        dear = (np.maximum(left - explained, 0.0) + unknown) * DEARER ** (2.0 - np.eye(len(explained)))
-        if not dear.size or not dear.min() < left + unknown:
-            return kept, left
-        others = [k for k in range(len(rows)) if k not in kept]
-        kept += [others[k] for k in dict.fromkeys(np.unravel_index(int(np.argmin(dear)), dear.shape))]
+    kept, left = _grown(np.vstack([rows, said]), np.array(given, dtype=np.int64), unknown, DEARER)
+    return kept.tolist(), float(left)
 
 
-def _explained(said: FloatArray, rows: FloatArray, kept: Sequence[int]) -> tuple[float, FloatArray]:
-    """Return the share of what is said that rows leave, and what every other row, or two, explain of it.
+@kernel()
+def _grown(rest: FloatArray, given: IntArray, unknown: float, dearer: float) -> tuple[IntArray, float]:
+    """Return the rows that `_growth` keeps, and the share that they leave.
 
     Args:
-        said: (N,) of length 1.
-        rows: (b, N), each of length 1.
-        kept: those that are there.
+        rest: (b + 1, N) the rows, what is said last; overwritten by what the rows that are kept leave of each.
+        given: rows to begin with.
+        unknown: share of what is said that is not known.
+        dearer: times less that one row more has to leave.
     """
-    here, _, _ = np.linalg.svd(rows[list(kept)].T, full_matrices=False)
-    rest = said - here @ (here.T @ said)
-    own = np.delete(rows, list(kept), axis=0)
-    own = own - (own @ here) @ here.T
-    sizes = np.linalg.norm(own, axis=1)
-    told = sizes**2 > NOTHING_LEFT
-    own = np.where(told[:, None], own / np.maximum(sizes, 1e-300)[:, None], 0.0)
-    both, alone = own @ own.T, own @ rest
-    apart = 1.0 - both**2
-    squares = alone[:, None] ** 2 + alone**2 - 2.0 * both * np.outer(alone, alone)
-    couples = np.where(apart > NOTHING_LEFT, squares / np.maximum(apart, NOTHING_LEFT), 0.0)
-    np.fill_diagonal(couples, alone**2)
-    return float(rest @ rest), couples
+    b = len(rest) - 1
+    kept, count = np.empty(b, dtype=np.int64), 0
+    there = np.zeros(b, dtype=np.bool_)
+    coming = [given[k] for k in range(len(given))]
+    while True:
+        for k in coming:
+            kept[count], there[k] = k, True
+            count += 1
+            size = np.sqrt(np.dot(rest[k], rest[k]))
+            if size > ROUNDING:
+                own = rest[k] / size
+                for i in range(b + 1):
+                    rest[i] -= np.dot(rest[i], own) * own
+        products = np.dot(rest, rest.T)
+        left = max(products[b, b], 0.0)
+        least, one, two = left + unknown, -1, -1
+        for i in range(b):
+            if there[i] or not products[i, i] > NOTHING_LEFT:
+                continue
+            alone = products[i, b] ** 2 / products[i, i]
+            dear = (max(left - alone, 0.0) + unknown) * dearer
+            if dear < least:
+                least, one, two = dear, i, i
+            for j in range(i):
+                if there[j] or not products[j, j] > NOTHING_LEFT:
+                    continue
+                scale = np.sqrt(products[i, i] * products[j, j])
+                both, other = products[i, j] / scale, products[j, b] ** 2 / products[j, j]
+                apart = 1.0 - both**2
+                if apart > NOTHING_LEFT:
+                    together = alone + other - 2.0 * both * products[i, b] * products[j, b] / scale
+                    dear = (max(left - together / apart, 0.0) + unknown) * dearer**2
+                    if dear < least:
+                        least, one, two = dear, j, i
+        if one < 0:
+            return kept[:count], left
+        coming = [one] if one == two else [one, two]
 
 
 def _promising(
