@@ -18,6 +18,7 @@ from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.smoothed_targets import rates
 
 SHARE = 1e-3  # of the largest term of a relation, root mean squares over the record
+UNRESOLVED = 1e-5  # of the same: no integration and no sensor's scale is so true, however small the noise is
 RUNS_AS_WELL = 1.01  # mean squared error of free runs over that with the term, and
 UNSEEN = 1.0  # variances of the noise that it may be larger by
 
@@ -25,8 +26,9 @@ UNSEEN = 1.0  # variances of the noise that it may be larger by
 def without_negligible(space: SearchSpace, outcome: Outcome) -> Outcome:
     """Return the end of a search without terms that are next to nothing everywhere, one after the other.
 
-    A term goes if it makes less than a thousandth of the largest of every relation that it stands in, if it earned less
-    than a few times its penalty, and if free runs go as well without it.
+    A term goes if it makes less than a thousandth of the largest of every relation that it stands in and earned less
+    than a few times its penalty, or makes less than a hundred thousandth whatever it earned, and if free runs go as
+    well without it.
 
     Args:
         space: the data and candidates.
@@ -53,7 +55,7 @@ def one_less(space: SearchSpace, here: Fit, wald: FloatArray, defect_std: FloatA
     slight = [
         (w, k)
         for k, w in zip(here.free.tolist(), wald.tolist(), strict=True)
-        if space.mechanisms[k].parts and shares[k] < SHARE and w < THIN * space.penalty[k]
+        if space.mechanisms[k].parts and shares[k] < (SHARE if w < THIN * space.penalty[k] else UNRESOLVED)
     ]
     if not slight:
         return None

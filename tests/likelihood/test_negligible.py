@@ -15,16 +15,17 @@ NOISE, SPREAD = 2e-4, np.array([1e-4, 5e-4])
 SQUARE = 5  # x^2
 
 
-def space(theta):
-    data = shots(spring_run(theta), drive(), SPRING_STEP, NOISE, np.random.default_rng(1), SPREAD)
+def space(theta, quieter=1.0):
+    rng = np.random.default_rng(1)
+    data = shots(spring_run(theta), drive(), SPRING_STEP, NOISE / quieter, rng, SPREAD / quieter)
     return SearchSpace(Evaluator(data, 2), SPRING.mechanisms, SPRING.frame)
 
 
-def ended(square):
+def ended(square, quieter=1.0):
     """Return the space of a spring with so much of x^2, and the end of a search that has x^2 whatever it earns."""
     theta = SPRING.theta.copy()
     theta[SQUARE] = square
-    it = space(theta)
+    it = space(theta, quieter)
     found = search(it, theta)
     present = np.union1d(found.fit.present, [SQUARE])
     fit = it.fit(found.fit.theta, present, found.fit.x0, it.segments.spread * found.width, found.fit.strength)
@@ -81,3 +82,12 @@ def test_the_statistics_that_are_given_decide_whose_case_is_thin():
     assert leaner[1:] == (SQUARE, 0.0)
     assert SQUARE not in leaner[0].present
     assert one_less(it, here, np.full_like(thin, np.inf), defect_std) is None
+
+
+@pytest.mark.parametrize(("square", "quieter", "stays"), [(1e-5, 20.0, False), (1e-4, 100.0, True), (1e-5, 1e4, True)])
+def test_what_no_sensor_resolves_goes_however_sure_it_is_unless_free_runs_show_it(square, quieter, stays):
+    it, outcome = ended(square, quieter)
+    sure, defect_std = np.full(len(outcome.fit.free), np.inf), it.segments.spread * outcome.width
+    assert (contributions(it, outcome.fit.theta)[SQUARE] < 1e-5) == (square == 1e-5)
+    leaner = one_less(it, outcome.fit, sure, defect_std)
+    assert (leaner is None) == stays
