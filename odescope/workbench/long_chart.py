@@ -48,20 +48,17 @@ class LongChart:
             label: what the chart shows, for who does not see it.
             legend: whether lines are named above.
         """
-        self._plots = tuple(plots)
-        first = plots[0].lines[0].values
-        self._span = self._shown = first.span
-        options = charts.stacked(self._drawn(), axis, self._span)
-        if not legend:
-            options["legend"] = {"show": False}
-        self.chart = charts.chart(options, label, charts.height(len(plots)))
+        self._plots, self._axis, self._legend = tuple(plots), axis, legend
+        self._part = (0.0, 100.0)  # per cent of the abscissa that are looked at
+        self.chart = charts.chart(self._options(), label, charts.height(len(plots)))
         self.chart.on("chart:datazoom", self._zoomed, js_handler=ZOOM)
         text("p", HELP, "about")
 
     def show(self, plots: Sequence[LongPlot]) -> None:
-        """Show other lines where these were, over the same stretch."""
+        """Show other lines where these were."""
         self._plots = tuple(plots)
-        self._redraw()
+        self.chart.options.update(self._options())
+        self.chart.update()  # which waits, unlike a call, for a chart whose script is still on the way
 
     def mark(self, abscissa: float) -> None:
         """Draw a line across all panels."""
@@ -70,10 +67,19 @@ class LongChart:
         count = sum(len(plot.lines) for plot in self._plots)
         self.chart.run_chart_method("setOption", {"series": [{"markLine": {**line, **style}}] * count})
 
+    def _options(self) -> charts.Options:
+        options = charts.stacked(self._drawn(), self._axis, self._span)
+        return options if self._legend else {**options, "legend": {"show": False}}
+
+    @property
+    def _span(self) -> tuple[float, float]:
+        return self._plots[0].lines[0].values.span
+
     def _drawn(self) -> list[charts.Plot]:
-        begin, end = self._shown
+        first, last = self._span
+        begin, end = (first + share / 100.0 * (last - first) for share in self._part)
         more = AROUND * (end - begin)
-        low, high = max(begin - more, self._span[0]), min(end + more, self._span[1])
+        low, high = max(begin - more, first), min(end + more, last)
         return [
             charts.Plot(
                 plot.label,
@@ -83,11 +89,6 @@ class LongChart:
         ]
 
     def _zoomed(self, event: GenericEventArguments) -> None:
-        first, last = self._span
-        begin, end = (first + event.args[key] / 100.0 * (last - first) for key in ("start", "end"))
-        self._shown = (begin, end)
-        self._redraw()
-
-    def _redraw(self) -> None:
+        self._part = (event.args["start"], event.args["end"])
         series = [{"data": one["data"]} for plot in self._drawn() for one in plot.lines]
         self.chart.run_chart_method("setOption", {"series": series})

@@ -118,6 +118,7 @@ class SimulationView:
             control.on_value_change(self._run)
         self._log.on_value_change(self._show_fields)
         self._said, self._drawn = ui.element("div").props("role=status"), ui.element("div")
+        self._chart: LongChart | None = None
         ui.timer(0.01, self._run, once=True)
 
     def _show_fields(self) -> None:
@@ -186,9 +187,11 @@ class SimulationView:
         plots += [
             LongPlot(labels[n], (LongLine("input", "recorded", Overview.of([t], [u])),)) for n, u in inputs.items()
         ]
-        self._drawn.clear()
-        with self._drawn:
-            LongChart(plots, "time (s)", "the simulated states and the inputs over time")
+        if self._chart is None:
+            with self._drawn:
+                self._chart = LongChart(plots, "time (s)", "the simulated states and the inputs over time")
+        else:
+            self._chart.show(plots)
         with self._said:
             for sentence in outside_domain(self._model, {n: [y] for n, y in (run | inputs).items()}):
                 complaint(sentence)

@@ -337,7 +337,6 @@ def test_a_result_of_the_command_line_is_looked_at_tried_and_validated(chromium,
     for _ in range(4):
         page.locator("canvas").first.wait_for()
         start.press("PageUp")
-        page.wait_for_timeout(500)  # NiceGUI's chart has nothing to dispose of while its script is on the way
     visit.says("outside the data of the model")
     page.get_by_label("duration (s)").fill("-1")
     visit.says("the duration must be a positive number")
@@ -377,11 +376,8 @@ def test_a_model_is_tried_from_one_level_to_another_within_its_data(chromium, wo
     assert {label: page.get_by_label(label).input_value() for label in shown} == shown
     assert not page.get_by_label("frequency (Hz)", exact=True).is_visible()
     page.get_by_role("slider", name="T (K) at the start").wait_for()
-    page.locator("canvas").first.wait_for()  # NiceGUI's chart has nothing to dispose of while its script is on the way
     page.get_by_label("steps to (V)").fill("90")
     visit.says("outside the data of the model")
-    page.locator("canvas").first.wait_for()
-    page.wait_for_timeout(500)
     page.get_by_role("combobox", name="shape").click()
     page.get_by_role("option", name="chirp").click()
     for label in ("amplitude (V)", "frequency (Hz)", "last frequency (Hz)"):
