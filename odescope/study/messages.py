@@ -20,6 +20,7 @@ from odescope.signals.differentiators import AnyDifferentiator
 from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Driven, Filtering, Measured, Random, Regression, Study
 from odescope.study.pieces import PLACES
+from odescope.study.wrong_types import in_words_of_toml
 
 _SECTIONS: dict[str, Any] = {
     "data": Data,
@@ -80,7 +81,7 @@ def _explained(message: str) -> str:
         return f"unknown value {choice['value']!r} at `{path}`; {nearest(choice['value'], _choices(path))}"
     if message == "Object missing required field `coordinates`":
         return "the study has no coordinates: add [coordinates.NAME]"
-    plain = message.replace(" | null", "").replace("`$.", "`")
+    plain = in_words_of_toml(message.replace("`$.", "`"))
     return plain.replace("Object missing required field", "the table lacks the key")
 
 

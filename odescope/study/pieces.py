@@ -20,6 +20,7 @@ from odescope.regression.proposers import AnyProposer
 from odescope.regression.rows import AnyRows
 from odescope.signals.differentiators import AnyDifferentiator
 from odescope.study.options import Filtering, Regression, Study
+from odescope.study.wrong_types import in_words_of_toml
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,7 @@ def _made(place: Place, entry: EntryPoint, table: Mapping[str, object], where: s
     try:
         return msgspec.convert(options, kind)
     except msgspec.ValidationError as error:
-        raise InputError(str(error).replace("`$", f"`{where}")) from error
+        raise InputError(in_words_of_toml(str(error).replace("`$", f"`{where}"))) from error
 
 
 def _fields(kind: type) -> list[str]:

@@ -121,7 +121,7 @@ def test_a_study_names_what_packages_offer_and_is_written_back(package):
     [
         ("kind = 'subset'", ["unknown value 'subset'", "did you mean 'subsets'?"]),
         ("kind = 'subsets'\ntrems = 2", ["unknown key 'trems' in [regression.proposers[1]]", "did you mean 'terms'?"]),
-        ("kind = 'subsets'\nterms = 'two'", ["Expected `int`, got `str`", "`regression.proposers[1].terms`"]),
+        ("kind = 'subsets'\nterms = 'two'", ["`regression.proposers[1].terms` must be a whole number, not a text"]),
         ("kind = 'gone'", ["'gone'", "vibrations", "cannot be loaded"]),
         ("kind = 'broken'", ["vibrations", "cannot be loaded (no licence)"]),
         ("kind = 'no_class'", ["no class with a method supports"]),
