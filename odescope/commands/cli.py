@@ -98,7 +98,8 @@ def main() -> None:
 def identify(
     sources: Sources,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the results.", show_default="the source's name, beside it")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the results.", show_default="the source's name, beside it"),
     ] = None,
     time: Annotated[
         str | None, typer.Option(help="Column that holds the time, in seconds or as its heading says.")
@@ -155,7 +156,8 @@ def identify(
 def init(
     sources: DataFiles,
     out: Annotated[
-        Path | None, typer.Option(help="The study.", show_default="the source's name with .toml, beside it")
+        Path | None,
+        typer.Option("--out", "-o", help="The study.", show_default="the source's name with .toml, beside it"),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a study that is there.")] = False,
 ) -> None:
@@ -243,7 +245,8 @@ def validate(
     ],
     data: Annotated[list[Path] | None, typer.Option(help="Data; repeat for more.")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the table and a figure.", show_default="none is written")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the table and a figure.", show_default="none is written"),
     ] = None,
     noise: Annotated[
         list[str] | None,
@@ -279,7 +282,9 @@ def validate(
 
 @app.command(short_help="Identify a simulated pendulum on a cart.")
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the log, the study and the results.")] = Path("odescope-demo"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the log, the study and the results.")] = Path(
+        "odescope-demo"
+    ),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the input and the noise.")] = 0,
     level: Annotated[
         int, typer.Option(min=1, max=4, help="Noise: 1 as in the paper, each step up to ten times more.")
@@ -318,7 +323,7 @@ def workbench(
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Results of identify or demo.")],
     out: Annotated[
-        Path | None, typer.Option(help="Folder for report.html and figures.", show_default="DIR itself")
+        Path | None, typer.Option("--out", "-o", help="Folder for report.html and figures.", show_default="DIR itself")
     ] = None,
 ) -> None:
     """Draw report.html and its figures again from the stored results."""
@@ -336,7 +341,8 @@ def export(
     model: ModelFile,
     to: Annotated[str, typer.Option(metavar="|".join(EXPORTS), help="What to write.")] = "text",
     out: Annotated[
-        Path | None, typer.Option(help="File, or folder for several files.", show_default="standard output")
+        Path | None,
+        typer.Option("--out", "-o", help="File, or folder for several files.", show_default="standard output"),
     ] = None,
     name: Annotated[
         str | None, typer.Option(help="What a program is called.", show_default="as the file, else plant")

@@ -21,7 +21,9 @@ ModelFile = Annotated[
         metavar="MODEL.json", help="A model written by identify, or the folder it is in.", callback=model_in
     ),
 ]
-StatesFile = Annotated[Path | None, typer.Option(help="CSV file for the states.", show_default="standard output")]
+StatesFile = Annotated[
+    Path | None, typer.Option("--out", "-o", help="CSV file for the states.", show_default="standard output")
+]
 Time = Annotated[
     str | None, typer.Option(help="Column that holds the time.", show_default="as identified, else t or time")
 ]
