@@ -35,6 +35,7 @@ from odescope.signals.filling import filled
 from odescope.signals.gated import Reasons, gated_records
 from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, settle_clipping
 from odescope.signals.rates import refuse_rates
+from odescope.signals.shafts import turning_together
 from odescope.study.library_options import Form
 from odescope.study.options import Mechanisms, Study
 from odescope.study.pieces import versions
@@ -81,11 +82,12 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         sample = replace(sample, records=at_one_period(sample.records, study.layout()))
         check_channels(sample.records, study.measured(), study.driven())
     with work.stage("library"):
+        posed = _without_angles(study, turning_together(sample.records, study.measured()))
         mechanisms: dict[Form, Mechanisms] = {
-            form: study.mechanisms(form) for form in study.forms() if form != "relations"
+            form: posed.mechanisms(form) for form in study.forms() if form != "relations"
         }
         wanted = "relations" in study.forms()
-        libraries = tuple(study.candidates(c.target) for c in study.measured()) if wanted else ()
+        libraries = tuple(posed.candidates(c.target) for c in study.measured()) if wanted else ()
         for c, library in zip(study.measured(), libraries, strict=wanted):
             if sample.records.samples < len(library):
                 raise InputError(
@@ -93,6 +95,18 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
                     f" {c.target}: record longer, or shrink the library: [library] degree, rules or a basis"
                 )
     return Prepared(sample, libraries, mechanisms)
+
+
+def _without_angles(study: Study, joined: Sequence[tuple[str, str]]) -> Study:
+    """Return a study whose library has powers of these angles in the place of their sines and cosines."""
+    named = {name for pair in joined for name in pair}
+    return msgspec.structs.replace(
+        study,
+        coordinates={
+            name: msgspec.structs.replace(c, angle=False) if name in named else c
+            for name, c in study.coordinates.items()
+        },
+    )
 
 
 def _in_memory(study: Study, data: Records | Table | Sequence[Table]) -> Records:

@@ -60,6 +60,7 @@ from odescope.selection.advice import advice
 from odescope.signals.estimate import Signals
 from odescope.signals.first_order import second_order_hints
 from odescope.signals.gated import Reasons
+from odescope.signals.shafts import turning_together
 from odescope.study.clock import with_time
 from odescope.study.columns import doubted_headings, settled_columns
 from odescope.study.options import LeftOut, Study
@@ -182,6 +183,10 @@ class Identification:
         unit = self.study.data.time_unit
         units = [] if unit in (None, "s") else [told_in_seconds(unit)]
         units += [f"{name} was recorded in degrees: here it is in radians" for name in sorted(self.study.degrees)]
+        units += [
+            f"{a} and {b} turn together, as the ends of a shaft do: their library has powers, not sines and cosines"
+            for a, b in turning_together(self.records, self.study.measured())
+        ]
         told = notes_of(self.model.scores, dependent, self._doubts)
         return tuple(dict.fromkeys((*told, *units, *self.warnings)))
 

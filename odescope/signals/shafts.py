@@ -1,0 +1,45 @@
+"""Angles that turn together, as the ends of a shaft or the wheels of a gear do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Records
+
+TURN = 2.0 * np.pi  # radians: each of them goes round, so that it is no pendulum that hangs beside another
+TWIST = 1.0  # radians, of the slower: further apart they are not joined, or by something that is no shaft
+
+
+def turning_together(records: Records, coordinates: Sequence[Coordinate]) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of angles that go round together, at one ratio, but for less than a radian.
+
+    What is between them is a function of their difference that nothing repeats when they go round: a spring, say. Its
+    sine and cosine hardly differ from the difference itself and a constant.
+
+    Args:
+        records: with the angles in radians.
+        coordinates: what was measured.
+    """
+    angles = [c.name for c in coordinates if c.angle]
+    turned = {name: [_turned(run.column(name)) for run in records] for name in angles}
+    going = [name for name in angles if max(map(np.ptp, turned[name])) > TURN]
+    return tuple((a, b) for a, b in combinations(going, 2) if _twist(turned[a], turned[b]) < TWIST)
+
+
+def _turned(column: FloatArray) -> FloatArray:
+    """Return an angle (N,) without jumps of a turn, about its mean."""
+    there = np.unwrap(column[np.isfinite(column)])
+    return there - there.mean() if len(there) == len(column) else np.zeros(len(column))
+
+
+def _twist(one: Sequence[FloatArray], other: Sequence[FloatArray]) -> float:
+    """Return the most that two angles (N,) a record part, in radians of the slower, each record for itself."""
+    x, y = (np.concatenate(of) for of in (one, other))
+    fast, slow = (one, other) if x @ x >= y @ y else (other, one)
+    ratio = (x @ y) / min(x @ x, y @ y)
+    return float(max(np.ptp(f - ratio * s) for f, s in zip(fast, slow, strict=True)) / abs(ratio))
