@@ -60,7 +60,7 @@ from odescope.selection.advice import advice
 from odescope.signals.estimate import Signals
 from odescope.signals.first_order import second_order_hints
 from odescope.signals.gated import Reasons
-from odescope.signals.shafts import turning_together
+from odescope.signals.shafts import shaft_notes
 from odescope.study.clock import with_time
 from odescope.study.columns import doubted_headings, settled_columns
 from odescope.study.options import LeftOut, Study
@@ -180,13 +180,9 @@ class Identification:
         if not self.model.mechanisms:
             searches = self.searches
             dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
-        unit = self.study.data.time_unit
-        units = [] if unit in (None, "s") else [told_in_seconds(unit)]
+        units = [] if (unit := self.study.data.time_unit) in (None, "s") else [told_in_seconds(unit)]
         units += [f"{name} was recorded in degrees: here it is in radians" for name in sorted(self.study.degrees)]
-        units += [
-            f"{a} and {b} turn together, as the ends of a shaft do: their library has powers, not sines and cosines"
-            for a, b in turning_together(self.records, self.study.measured())
-        ]
+        units += shaft_notes(self.records, self.study.measured())
         told = notes_of(self.model.scores, dependent, self._doubts)
         return tuple(dict.fromkeys((*told, *units, *self.warnings)))
 
@@ -196,8 +192,7 @@ class Identification:
         said = [*warnings_of(self.model.scores, self._doubts), *doubted_headings(self.study)]
         if self.refinement is not None and not self.refinement.follows:  # laws hold of radians alone
             said += degrees_hints(self.records, self.study.measured())
-        runs = () if self.model.scores is None else self.model.scores.free_runs
-        if any(run.valid_time < 0.5 * run.duration for run in runs):
+        if any(run.valid_time < 0.5 * run.duration for run in _scores(self).free_runs):
             said += order_hints(self.study.measured()) or second_order_hints(self.signals)
         return (*said, *(u.note for u in tables(self.study)[1]))
 

@@ -30,7 +30,8 @@ PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
 ROUNDS = 8
 MANY = 300  # samples of a log, which is then fast beside its motion
-NEIGHBOURS = (1, 2, 3, 4, 5)  # samples away, on either side
+IN_A_ROW = 4  # spikes: of two beside each other the nearer to the others is clipped first
+NEIGHBOURS = (1, 2, 3, 4, 5, 7, 9)  # samples away, on either side: of four spikes in a row most say what the others are
 
 
 @dataclass(frozen=True)
@@ -109,31 +110,40 @@ def _without_spikes(recorded: Sequence[FloatArray]) -> list[FloatArray]:
 
     Spikes in one of several records stand above the noise of all at every frequency: taken for signal they would have
     the first cutoff so high that no round of clipping comes back from there. What is usual is told by the middle one
-    of the means of the neighbours at one to five samples on either side, as two spikes in a row leave that alone.
+    of the means of the neighbours at one to nine samples on either side, as four spikes in a row leave that alone.
     In a log of few samples the motion turns within as many: there a knee would be clipped.
     """
     if sum(map(len, recorded)) < MANY:
         return list(recorded)
-    between = [_between_neighbours(y) for y in recorded]
-    bound = FAR * robust_deviation(np.concatenate([y - m for y, (m, _) in zip(recorded, between, strict=True)]))
-    if bound == 0.0:
-        return list(recorded)
-    return [
-        np.where(np.abs(y - m) > apart, _clipped(y, m, bound), y)
-        for y, (m, apart) in zip(recorded, between, strict=True)
-    ]
+    found, bound = list(recorded), 0.0
+    for _ in range(IN_A_ROW):
+        between = [_between_neighbours(y) for y in found]
+        bound = bound or FAR * robust_deviation(
+            np.concatenate([y - m for y, (m, _) in zip(found, between, strict=True)])
+        )
+        if bound == 0.0:
+            break
+        found = [
+            np.where(np.abs(y - m) > np.maximum(apart, bound), _clipped(y, m, bound), y)
+            for y, (m, apart) in zip(found, between, strict=True)
+        ]
+    return found
 
 
 def _between_neighbours(y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the middle of the means of neighbours (N,) of every sample, and how far these are apart.
+    """Return the middle of what neighbours say (N,) of every sample, and how far that is apart.
 
-    A motion that bends moves them further apart than a sample is from their middle. The ends are themselves.
+    They say their mean, near the ends what lies on a line through two of them. A motion that bends moves that further
+    apart than a sample is from the middle.
     """
     found, apart, reach = y.copy(), np.zeros(len(y)), max(NEIGHBOURS)
-    if len(y) > 2 * reach:
+    if len(y) > 3 * reach:
         inside = slice(reach, len(y) - reach)
         means = [0.5 * (np.roll(y, k) + np.roll(y, -k))[inside] for k in NEIGHBOURS]
         found[inside], apart[inside] = np.median(means, axis=0), np.ptp(means, axis=0)
+        for along, middle, width in ((y, found, apart), (y[::-1], found[::-1], apart[::-1])):
+            lines = [2.0 * along[k : k + reach] - along[2 * k : 2 * k + reach] for k in NEIGHBOURS]
+            middle[:reach], width[:reach] = np.median(lines, axis=0), np.ptp(lines, axis=0)
     return found, apart
 
 
@@ -152,7 +162,7 @@ def gate_outliers(records: Records, coordinates: Sequence[Coordinate], different
         NoModelError: so many samples are far off that none is usual.
     """
     counts = [np.ones_like(run.values) if run.counts is None else run.counts.copy() for run in records]
-    total = 0
+    values, total = [run.values.copy() for run in records], 0
     for c in coordinates:
         column = records.names.index(c.name)
         measured = [n[:, column] > 0.0 for n in counts]
@@ -165,12 +175,26 @@ def gate_outliers(records: Records, coordinates: Sequence[Coordinate], different
                 f"{found} of {records.samples} samples of {c.name} are at the end of the sensor's range or far"
                 f" from any smooth signal: {appearance([run.column(c.name) for run in records])}",
             )
-        for n, f in zip(counts, far, strict=True):
+        for n, y, f in zip(counts, values, far, strict=True):
             n[f, column] = 0.0
+            y[:, column] = _bridged(y[:, column], f)
     if not total:
         return records
-    gated = Records(tuple(replace(run, counts=n) for run, n in zip(records, counts, strict=True)))
+    gated = Records(tuple(replace(run, values=y, counts=n) for run, y, n in zip(records, values, counts, strict=True)))
     return filled(gated, coordinates, differentiator)
+
+
+def _bridged(y: FloatArray, far: BoolArray) -> FloatArray:
+    """Return samples (N,) with a line across the few in a row that are far off.
+
+    What they read would have the cutoff, and so what takes their place, follow them. Where a sensor stood at its end
+    for longer, that is nearer to the signal than a line.
+    """
+    found, there = y.copy(), np.flatnonzero(~far)
+    for first, stop in true_ranges(far):
+        if stop - first < PLATEAU and len(there):
+            found[first:stop] = np.interp(np.arange(first, stop), there, y[there])
+    return found
 
 
 def _far(records: Records, coordinate: Coordinate, differentiator: Differentiator) -> list[BoolArray]:

@@ -31,6 +31,14 @@ def turning_together(records: Records, coordinates: Sequence[Coordinate]) -> tup
     return tuple((a, b) for a, b in combinations(going, 2) if _twist(turned[a], turned[b]) < TWIST)
 
 
+def shaft_notes(records: Records, coordinates: Sequence[Coordinate]) -> list[str]:
+    """Return what is to be said of angles that go round together."""
+    return [
+        f"{a} and {b} turn together, as the ends of a shaft do: their library has powers, not sines and cosines"
+        for a, b in turning_together(records, coordinates)
+    ]
+
+
 def _turned(column: FloatArray) -> FloatArray:
     """Return an angle (N,) without jumps of a turn, about its mean."""
     there = np.unwrap(column[np.isfinite(column)])

@@ -146,3 +146,17 @@ def test_spikes_in_one_of_two_records_do_not_pass_for_signal_at_high_frequencies
     found = gate_outliers(Records.of([replace(runs[0], values=spoilt), runs[1]]), X, Spectral())
     gone = [np.flatnonzero(run.counted("x") == 0.0).tolist() for run in found]
     assert gone == [rows, []]
+
+
+@pytest.mark.parametrize(
+    "rows", [[1500], [1500, 1501], [1500, 1501, 1502, 1503], [1500, 1501, 1503, 1504], [0, 1, 2999]]
+)
+def test_what_takes_the_place_of_readings_of_nothing_is_the_signal(rows):
+    """A slow level, of which a few readings in a row are 0: what they read must not raise the cutoff."""
+    rng, t = np.random.default_rng(len(rows)), np.arange(3000.0)
+    level = 50.0 + 15.0 * np.sin(0.01 * t) + 3.0 * np.abs(np.sin(0.004 * t))
+    read = level + 0.2 * rng.standard_normal(len(t))
+    read[rows] = 0.0
+    found = gate_outliers(Records.of([Record(t, read[:, None], ("h",))]), [Coordinate("h", 1)], Spectral()).runs[0]
+    assert np.flatnonzero(found.counted("h") == 0.0).tolist() == rows
+    assert np.abs(found.column("h") - level)[rows].max() < 0.3
