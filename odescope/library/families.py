@@ -80,8 +80,9 @@ def families_of(
     Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power and saturation, of
     what is always negative (a depth) those of its size; of what changes its sign the size and the square with its sign;
     of all exponentials, tanh, the logistic function and sines, those of the variable itself where it may be an angle.
-    Of a temperature, by its unit, there is Arrhenius' law, about the middle of its range. What hardly moves beside its
-    size has no tanh, and further still no exponentials, which would be lines.
+    Of a temperature, by its unit, there are Arrhenius' law, about the middle of its range, and the fourth power of what
+    it is above absolute zero, as it radiates. What hardly moves beside its size has no tanh, and further still no
+    exponentials, which would be lines.
 
     Args:
         variable: its name.
@@ -112,7 +113,10 @@ def families_of(
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
     for kelvins, inverse, largest in _kelvins(variable, unit, low, high):
         energy = constant(ACTIVATION, ENERGIES[0], largest)
-        drawn.append((f"exp({energy.name}*({inverse:.3g} - 1/({kelvins})))", (energy,)))
+        drawn += [
+            (f"exp({energy.name}*({inverse:.3g} - 1/({kelvins})))", (energy,)),
+            (f"({kelvins})**4", ()),
+        ]
     if least < reach:
         drawn.append((f"tanh({variable}/{scale.name})", (scale,)))
     if size / OFF < reach / FLAT:

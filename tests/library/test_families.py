@@ -103,6 +103,8 @@ def test_a_temperature_has_the_law_of_arrhenius_and_nothing_else_has(unit, shift
     low, high = evaluate(tape, np.array([kelvins - shift, np.full(100, 6000.0)]))[0][[0, -1]]
     assert np.log(high / low) == pytest.approx(6000.0 * (1.0 / 300.0 - 1.0 / 350.0))
     assert low < 1.0 < high  # about the middle: factor and energy can be told apart
+    (radiating,) = (f for f in families_of("z", kelvins - shift, (), unit=unit) if f.term.text.endswith("**4"))
+    assert evaluate(write_tape(["z"], [radiating.term]), (kelvins - shift)[None])[0] == pytest.approx(kelvins**4)
 
 
 @pytest.mark.parametrize(("unit", "angles"), [(None, True), ("rad", True), ("mol/L", False), ("°C", False)])
