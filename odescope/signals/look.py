@@ -180,14 +180,18 @@ def _wraps(own: Sequence[FloatArray]) -> float | None:
     return None
 
 
+def repeats(*own: FloatArray) -> float:
+    """Return the share of the samples (N,) of records that equal the one before."""
+    return float(np.mean(np.concatenate([np.diff(part) == 0.0 for part in own])))
+
+
 def _held(own: Sequence[FloatArray]) -> bool:
     """Tell whether a column repeats itself as a command does, which a sensor that is slow does, too."""
-    repeats = np.mean(np.concatenate([np.diff(part) == 0.0 for part in own]))
     jumps = np.concatenate([np.abs(np.diff(part)) for part in own])
     # The steps of a coarse encoder are of one or two sizes, all of the least.
     coarse = np.mean(jumps[jumps > 0.0] < 2.5 * jumps[jumps > 0.0].min()) > HELD
     levels = len(np.unique(np.concatenate(own)))
-    return bool(repeats > HELD and (levels <= 2 or not (_follows(own) and (coarse or is_slow(own)))))
+    return bool(repeats(*own) > HELD and (levels <= 2 or not (_follows(own) and (coarse or is_slow(own)))))
 
 
 def _is_white(own: Sequence[FloatArray]) -> bool:

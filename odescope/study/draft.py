@@ -25,7 +25,7 @@ from odescope.recordings.periods import at_one_period
 from odescope.recordings.readers import column_names, read_chunk
 from odescope.recordings.record import Records
 from odescope.recordings.text_files import NUMBER
-from odescope.signals.look import Role, Seen, look
+from odescope.signals.look import HELD, Role, Seen, look, repeats
 from odescope.study.looked_at import columns_of
 from odescope.study.toml import moved, parse_study
 
@@ -106,7 +106,9 @@ def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Draft
     if not headings:
         said = f"{file.name} holds no numbers beside the time; its columns are {', '.join(labels)}"
         raise InputError("; ".join([said, *_told(refusals)]))
-    layout = _layout(clock, recording, headings)
+    # What repeats itself is not moved to even times along a curve, which would hide that it does.
+    repeating = frozenset(n for n, h in headings.items() if repeats(columns[h.label]) > HELD)
+    layout = replace(_layout(clock, recording, headings), held=repeating)
     records = Records(tuple(stretch.record for chunk in chunks for stretch in read_chunk(chunk, layout)))
     seen = look(at_one_period(records, layout), headings)
     if not chunks[0].whole:
@@ -273,7 +275,7 @@ def _seldom(seen: Seen, file: Path, layout: Layout) -> Seen:
         file: the whole.
         layout: of the columns.
     """
-    layout = replace(layout, columns=((seen.name, seen.heading.label),))
+    layout = replace(layout, columns=((seen.name, seen.heading.label),), held=frozenset())
     with opened(file) as kind:
         columns = kind.read(file, layout)
         _, codes = recording_codes(columns, layout, file.name)

@@ -148,6 +148,16 @@ def test_inputs_are_told_by_their_name_or_as_they_are_held(here):
     assert "held between its samples, as a command is" in text
 
 
+def test_a_command_is_seen_to_be_held_where_the_stamps_are_not_even(here):
+    rng, count = np.random.default_rng(4), 4320
+    power = np.repeat(rng.choice([0.0, 20.0, 60.0, 110.0, 160.0, 200.0], count // 90), 90)
+    stamps = np.round(5.0 * np.arange(count) + np.append(0.0, rng.uniform(-0.3, 0.3, count - 1)), 2)
+    heat = 20.0 * np.sin(2.0 * np.pi * stamps / 100.0)
+    study, text = drafted({"time_s": stamps, "T_heater (degC)": 60.0 + heat, "P (W)": power})
+    assert study.inputs["P"].hold == "zero"
+    assert "held between its samples, as a command is" in text
+
+
 def test_a_slow_sensor_is_no_command(here):
     study, text = drafted({"t": T, "x": np.repeat(motion(6)[::5], 5)})
     assert list(study.coordinates) == ["x"]
