@@ -82,6 +82,11 @@ def first_state_of(model: Model, piece: DrivenRecord, differentiator: Differenti
     counts[: piece.known] = 0.0
     enough = np.flatnonzero(np.cumsum(np.count_nonzero(counts, axis=1)) >= LEAST_SAMPLES)
     shortest = max(shortest, int(enough[0]) + 1 if len(enough) else len(record))
+    amounts = [c.name for c in model.coordinates if c.order == 1 and record.column(c.name).min() >= 0.0]
+    least = np.where(np.isin(model.states, amounts), 0.0, -np.inf)  # of nothing there is less than nothing
+    for k in np.flatnonzero(start < least):  # at nothing itself what grows in proportion to itself stays
+        name = model.states[k]
+        start[k] = record.column(name)[0] or found[name].noise
     stretch = _Stretch(model, record.t, piece.driven, measured, np.sqrt(counts) / deviations, moves)
 
     def fit(length: int, state: FloatArray, evaluations: int) -> tuple[FloatArray, float]:
@@ -90,7 +95,7 @@ def first_state_of(model: Model, piece: DrivenRecord, differentiator: Differenti
         def misfit(trial: FloatArray) -> FloatArray:
             return begin.misfit(begin.placed(state, trial))
 
-        better, error = _fit(misfit, state[moves], max(sizes), evaluations, updated=length > shortest)
+        better, error = _fit(misfit, state[moves], least[moves], max(sizes), evaluations, updated=length > shortest)
         return begin.placed(state, better), error
 
     length = shortest
@@ -151,13 +156,19 @@ def _rests(record: Record, c: Coordinate) -> bool:
 
 
 def _fit(
-    misfit: Callable[[FloatArray], FloatArray], state: FloatArray, size: float, evaluations: int, updated: bool
+    misfit: Callable[[FloatArray], FloatArray],
+    state: FloatArray,
+    least: FloatArray,
+    size: float,
+    evaluations: int,
+    updated: bool,
 ) -> tuple[FloatArray, float]:
     """Return the state of least misfit and its root mean square, infinite where the run or nothing can be followed.
 
     Args:
         misfit: of a state (n,), in standard deviations; not finite where the free run from there ends early.
         state: (n,) to start from.
+        least: (n,) that it may be.
         size: of the coordinates.
         evaluations: of the misfit at most, besides those for its slopes.
         updated: whether slopes are difference quotients at the start alone, and what a step shows of them after it:
@@ -192,7 +203,9 @@ def _fit(
     if not len(last) or not np.all(np.isfinite(last)):
         return state, np.inf
     try:
-        found = least_squares(followed, state, slopes, x_scale="jac", ftol=CONVERGED, max_nfev=evaluations)
+        found = least_squares(
+            followed, state, slopes, (least, np.inf), x_scale="jac", ftol=CONVERGED, max_nfev=evaluations
+        )
     except _NotFollowedError:
         return state, np.inf
     return found.x, float(np.sqrt(np.mean(found.fun**2)))

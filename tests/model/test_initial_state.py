@@ -62,3 +62,14 @@ def test_a_joint_that_reads_constant_leaves_the_others_their_fit(level):
     assert found == pytest.approx(truth, abs=0.05)
     assert found[1] == pytest.approx(level, abs=1e-12)
     assert found[3] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_count_that_grows_from_next_to_nothing_does_not_begin_below_nothing(seed):
+    """From a start below 0 it would fall without end; the noise of large counts says nothing of the first."""
+    t, truth = 0.5 * np.arange(240), 30.0
+    growth = build([X], [], [("x_dot", "1", 1.0), (None, "x", -0.2), (None, "x**2", 0.2 / 50_000.0)])
+    clean = free(growth, t, np.array([truth])).column("x")
+    noise = 0.02 * clean * np.random.default_rng(seed).standard_normal(len(t))
+    (found,) = initial_state(growth, Record(t, (clean + noise)[:, None], ("x",)))
+    assert found == pytest.approx(truth, rel=0.1)
