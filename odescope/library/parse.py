@@ -150,7 +150,8 @@ class _Walk:
             case ast.Name(id=name):
                 if name not in self.scope.names:
                     known = f"no state or input is called {name!r}; {nearest(name, sorted(self.scope.names))}"
-                    raise self.fail(known + self.declaring(name))
+                    said = self.declaring(name)
+                    raise self.fail(f"{known}{'.' if said and not known.endswith('?') else ''}{said}")
                 return self.values.get(name, _lone(Name(name)))
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return Combination.of([(-c, t) for c, t in self.node(operand, depth + 1).parts])
@@ -175,7 +176,7 @@ class _Walk:
         if self.scope.constants is None:
             return ""
         return (
-            f". If {name} is a constant that is looked for, say in what range:\n\n    [library.parameters]\n"
+            f" If {name} is a constant that is looked for, say in what range:\n\n    [library.parameters]\n"
             f'    {name} = [0.1, 10.0]    # or {name} = "scale", for a range from the data'
         )
 

@@ -93,7 +93,8 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
         return f"{what}: {_forced(found)}"
     if not found.tried:
         return f"{what}: functions of it could not be tried; {_held_within(found)}"
-    tried = "" if found.reason in JOINT else f" ({listed(found.tried)} competed)"
+    some = [*found.tried[:TOLD], *([f"{len(found.tried) - TOLD} more"] if len(found.tried) > TOLD else [])]
+    tried = "" if found.reason in JOINT else f" ({listed(some)} competed)"
     if found.found:
         gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
         return f"{what}: {listed(found.found)} instead{gain}{tried}"

@@ -195,7 +195,10 @@ def _over_linear(gain: float | None) -> str:
 
 def gated_sentence(name: str, found: Sequence[GatedScore]) -> str:
     """Return how many samples of a coordinate do not count, and why."""
-    return f"{sum(g.samples for g in found)} samples of {name} do not count: {listed([_gated(g) for g in found])}"
+    count, why = sum(g.samples for g in found), listed([_gated(g) for g in found])
+    return (
+        f"1 sample of {name} does not count: {why}" if count == 1 else f"{count} samples of {name} do not count: {why}"
+    )
 
 
 def _gated(found: GatedScore) -> str:

@@ -179,7 +179,7 @@ def _layout(model: Model, tables: Sequence[TableLabels], given: TimeColumns, nam
     return Layout(
         time=time,
         date=find_label(str(day), first.labels, first.source) if beside else None,
-        sample_period=given.sample_period,
+        sample_period=_known_period(model) if given.sample_period is None and time is None else given.sample_period,
         columns=tuple(labels.items()),
         angles=angles,
         degrees=frozenset(name for name in angles if _reads_degrees(model, name, labels[name])),
@@ -260,10 +260,18 @@ def _time_label(model: Model, table: TableLabels, given: TimeColumns) -> str | N
     for name in (known, *TIME_NAMES):
         if isinstance(name, str) and (found := find_label(name, table.labels, table.source)):
             return found
+    if _known_period(model) is not None:
+        return None
     raise InputError(
         f"{table.source} has no column called t or time; name it with --time, or give --sample-period. Its columns are"
         f" {', '.join(table.labels)}"
     )
+
+
+def _known_period(model: Model) -> float | None:
+    """Return the sampling period that a study gave, in seconds, where no column held the time."""
+    known = model.provenance.get("sample_period")
+    return known if isinstance(known, float) and known > 0.0 else None
 
 
 def _reads_degrees(model: Model, name: str, label: str) -> bool:

@@ -233,6 +233,7 @@ def provenance(study: Study, signals: Signals, whole: Whole | None) -> dict[str,
     return {
         "odescope": version("odescope"),
         "time": study.data.time,
+        **({"sample_period": study.data.sample_period} if study.data.sample_period else {}),
         **({"date": study.data.date} if study.data.date else {}),
         **({"time_unit": study.data.time_unit} if study.data.time_unit else {}),
         **({"recording": study.data.recording} if study.data.recording else {}),

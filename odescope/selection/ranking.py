@@ -20,6 +20,7 @@ from odescope.selection.sweep import Sweep
 from odescope.selection.unmeasured import FOLLOWS, own_dynamics
 
 MOST_HELD_OUT = 0.9  # of a target's power: what is left elsewhere, as of a system at rest, does not tell its law
+USUAL = 2  # order of a coordinate, at most: to one whose order is higher a higher one still is no advice
 
 
 class Ranking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -111,7 +112,7 @@ def ranking(problem: Problem, found: Sweep, options: Ranking) -> Ranked:
     scores = score(problem, kept.supports, [left_column(problem, s) for s in kept.supports])
     poles = int((~scores.sound).sum())
     if poles:
-        discarded["its denominator changes sign inside the data"] = poles
+        discarded["with a denominator that changes sign inside the data"] = poles
     criteria = _criteria(problem, kept.supports, scores)
     scored = [
         (int(k), _candidate(problem, kept, labels, scores, criteria, int(k))) for k in np.flatnonzero(scores.sound)
@@ -158,6 +159,8 @@ def _higher_order(problem: Problem, best: Candidate) -> str:
     if part < FOLLOWS:
         return ""
     c = next(c for c in problem.signals.coordinates if c.target == problem.target)
+    if c.order > USUAL:
+        return f". Try a lower order for {c.name}: 1 for an amount, 2 for a position"
     return (
         f". What it leaves has dynamics of its own, though: {part:.0%} of its rate follow from itself and from what was"
         f" recorded, as for a state that was not measured. Try order = {c.order + 1} for {c.name}"

@@ -62,6 +62,11 @@ class Drafted:
         """Return how many columns may be coordinates, or inputs."""
         return sum(s.role == role for s in self.seen)
 
+    @property
+    def left_out(self) -> dict[str, str]:
+        """The columns that the study does without, and why."""
+        return _left_out(self.seen, self.unused)
+
 
 @dataclass(frozen=True)
 class ClockColumn:
@@ -332,11 +337,13 @@ def _lines(
     if inputs:
         yield from ("", "[inputs]" + " " * (WIDTH - 8) + "# each may stand in every equation")
         yield from (_line(f"{s.name} = {_input(s)}", s.why) for s in inputs)
-    left_out = [(s.heading.label, s.why) for s in seen if s.role == "neither"]
-    left_out += unused.items()
-    if left_out:
+    if left_out := _left_out(seen, unused):
         yield from ("", "# Left out:")
-        yield from (f"#   {_on_one_line(f'{label}: {why}')}" for label, why in left_out)
+        yield from (f"#   {_on_one_line(f'{label}: {why}')}" for label, why in left_out.items())
+
+
+def _left_out(seen: Sequence[Seen], unused: Mapping[str, str]) -> dict[str, str]:
+    return {s.heading.label: s.why for s in seen if s.role == "neither"} | dict(unused)
 
 
 def _coordinate(s: Seen) -> str:

@@ -109,12 +109,20 @@ def test_the_same_log_in_any_kind_of_file_gives_the_same_model(run, kind):
     assert Path(kind.split(".")[0], "model.json").read_bytes() == Path("run/model.json").read_bytes()
 
 
+PERIOD = ("--sample-period", "0.02")
+
+
 def test_a_sample_period_in_place_of_the_column_of_time(run):
     assert run("identify", "run.csv", *OSCILLATOR_OPTIONS, "--out", "timed").code == 0
-    assert run("identify", "run.csv", "--sample-period", "0.02", *OSCILLATOR_OPTIONS[2:], "--out", "counted").code == 0
+    assert run("identify", "run.csv", *PERIOD, *OSCILLATOR_OPTIONS[2:], "--out", "counted").code == 0
     timed, counted = coefficients("timed"), coefficients("counted")
     assert timed.keys() == counted.keys()
     assert np.allclose([timed[k] for k in timed], [counted[k] for k in timed], rtol=1e-9, atol=0)
+    rows = np.genfromtxt("run.csv", delimiter=",", names=True)
+    write("untimed.csv", {name: rows[name] for name in rows.dtype.names if name != "t"})
+    known, told = (run("validate", "counted/model.json", "--data", "untimed.csv", *more) for more in ((), PERIOD))
+    assert (known.code, known.out) == (0, told.out)
+    assert "no column called t or time" in run("validate", "timed/model.json", "--data", "untimed.csv").err
 
 
 def test_recordings_in_one_file_or_in_several_are_the_same_recordings(odescope):

@@ -38,7 +38,9 @@ def test_what_is_written_runs_as_it_is(odescope):
     write("deep/run.csv", {"time (ms)": 1000.0 * log["t"], "x (mm)": log["x"], "u [V]": log["u"], "ok": 0.0 * log["t"]})
     ended = odescope("init", "deep/run.csv")
     assert (ended.code, ended.out) == (0, "")
-    assert ended.err.startswith("wrote deep/run.toml (coordinates: 1, inputs: 1): read it, then run odescope identify")
+    assert ended.err.startswith(
+        "wrote deep/run.toml (coordinates: 1, inputs: 1; left out: ok, its end says why): read it, then run odescope"
+    )
     text = Path("deep/run.toml").read_text()
     assert text.count("\n") < 40
     commented = [line for line in text.splitlines() if line.strip() and line[0] != "[" and not line.startswith("files")]
