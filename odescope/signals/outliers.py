@@ -13,6 +13,7 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, robust_deviation, true_ranges
 from odescope.errors import NoModelError
+from odescope.recordings.between_samples import looks_held
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, Stretch
 from odescope.signals.appearance import appearance
@@ -30,6 +31,8 @@ PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
 ROUNDS = 8
 MANY = 300  # samples of a log, which is then fast beside its motion
+AROUND = 3  # samples on either side of where a held input jumps,
+BENT = 8.0  # and how many times as far off the filtered signal a sample may be there
 IN_A_ROW = 4  # spikes: of two beside each other the nearer to the others is clipped first
 NEIGHBOURS = (1, 2, 3, 4, 5, 7, 9)  # samples away, on either side: of four spikes in a row most say what the others are
 
@@ -163,10 +166,12 @@ def gate_outliers(records: Records, coordinates: Sequence[Coordinate], different
     """
     counts = [np.ones_like(run.values) if run.counts is None else run.counts.copy() for run in records]
     values, total = [run.values.copy() for run in records], 0
+    inputs = [name for name in records.names if name not in {c.name for c in coordinates}]
+    bent = [_bent(run, inputs) for run in records]
     for c in coordinates:
         column = records.names.index(c.name)
         measured = [n[:, column] > 0.0 for n in counts]
-        far = [f & m for f, m in zip(_far(records, c, differentiator), measured, strict=True)]
+        far = [f & m for f, m in zip(_far(records, c, differentiator, bent), measured, strict=True)]
         found = sum(int(f.sum()) for f in far)
         total += found
         if found >= MOST * sum(int(m.sum()) for m in measured):
@@ -197,8 +202,26 @@ def _bridged(y: FloatArray, far: BoolArray) -> FloatArray:
     return found
 
 
-def _far(records: Records, coordinate: Coordinate, differentiator: Differentiator) -> list[BoolArray]:
-    """Return which samples (N,) of every record are far from the signal, or at an end of the sensor's range."""
+def _bent(run: Record, inputs: Sequence[str]) -> BoolArray:
+    """Return which samples (N,) are about where a held input jumps, so that what follows it may bend."""
+    found = np.zeros(len(run), dtype=np.bool_)
+    for column in map(run.column, inputs):
+        for k in np.flatnonzero(np.diff(column)) if looks_held(column) else ():
+            found[max(k + 1 - AROUND, 0) : k + 1 + AROUND] = True
+    return found
+
+
+def _far(
+    records: Records, coordinate: Coordinate, differentiator: Differentiator, bent: Sequence[BoolArray]
+) -> list[BoolArray]:
+    """Return which samples (N,) of every record are far from the signal, or at an end of the sensor's range.
+
+    Args:
+        records: uniformly sampled, at one period.
+        coordinate: what was measured.
+        differentiator: filters it.
+        bent: where signals may bend more than they do elsewhere.
+    """
     recorded = [run.column(coordinate.name) for run in records]
     saturated = _saturated(recorded, [run.counted(coordinate.name) > 0.0 for run in records])
     # A wrong sample pulls a filter that is not robust: where even then none is off its share, none is far.
@@ -208,7 +231,8 @@ def _far(records: Records, coordinate: Coordinate, differentiator: Differentiato
     bound, limits, rest = _residuals(records, coordinate, differentiator, ROUNDS, STEPS)
     if _left_signal([np.clip(r, -bound, bound) for r in rest]) > SIGNAL_LEFT:
         return saturated
-    return [f | (np.abs(r) > limit) for f, r, limit in zip(saturated, rest, limits, strict=True)]
+    allowed = [np.where(b, BENT * limit, limit) for b, limit in zip(bent, limits, strict=True)]
+    return [f | (np.abs(r) > limit) for f, r, limit in zip(saturated, rest, allowed, strict=True)]
 
 
 def _residuals(

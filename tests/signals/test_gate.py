@@ -160,3 +160,18 @@ def test_what_takes_the_place_of_readings_of_nothing_is_the_signal(rows):
     found = gate_outliers(Records.of([Record(t, read[:, None], ("h",))]), [Coordinate("h", 1)], Spectral()).runs[0]
     assert np.flatnonzero(found.counted("h") == 0.0).tolist() == rows
     assert np.abs(found.column("h") - level)[rows].max() < 0.3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_a_held_input_jumps_what_follows_may_bend(seed):
+    """A current answers a voltage that is held for .5 s within eight samples: it bends at every step."""
+    rng, t = np.random.default_rng(seed), 0.002 * np.arange(15_000)
+    u = np.repeat(rng.uniform(0.0, 12.0, 60), 250)
+    i = np.zeros(len(t))
+    for k in range(1, len(t)):
+        i[k] = u[k - 1] + (i[k - 1] - u[k - 1]) * np.exp(-0.002 / 0.016)
+    read = i + 0.03 * rng.standard_normal(len(t))
+    read[[1234, 7777]] += 3.0
+    records = Records.of([Record(t, np.column_stack([read, u]), ("i", "u"))])
+    found = gate_outliers(records, [Coordinate("i", 1)], Spectral()).runs[0]
+    assert np.flatnonzero(found.counted("i") == 0.0).tolist() == [1234, 7777]
