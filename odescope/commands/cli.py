@@ -195,7 +195,7 @@ def simulate(
         refuse_overwriting([out], [model, data])
     made = free_runs(model, data, time, sample_period, recording, initial or [])
     for note in made.notes:
-        print(f"odescope: {note}", file=sys.stderr)
+        print(f"note: {note}", file=sys.stderr)
     _deliver(made.text, made.lines, out)
 
 
@@ -277,7 +277,7 @@ def validate(
     if out is not None:
         write_files(out, validation_files(found, next(iter(models.values()))))
     for note in found.notes:
-        print(f"odescope: {note}", file=sys.stderr)
+        print(f"note: {note}", file=sys.stderr)
     say("".join(f"{line}\n" for line in found.lines))
 
 
@@ -363,7 +363,7 @@ def _deliver(text: str, lines: Iterable[str], out: Path | None) -> None:
 
     if out is None:
         for line in lines:
-            print(f"odescope: {line}", file=sys.stderr)
+            print(line, file=sys.stderr)
         say(text)
     else:
         write_file(out, text)

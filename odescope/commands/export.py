@@ -51,7 +51,7 @@ def export_model(model_path: Path, to: str, out: Path | None, name: str | None, 
         write_files(out, program.files)
         _say_written(f"{out}/: {', '.join(program.files)}")
     for note in program.notes:
-        print(f"odescope: {note}", file=sys.stderr)
+        print(f"note: {note}", file=sys.stderr)
 
 
 def _deliver(text: str, model_path: Path, out: Path | None) -> None:

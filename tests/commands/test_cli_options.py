@@ -207,7 +207,7 @@ def test_simulate_and_export_write_to_a_file_what_they_else_print(run):
         told = "wrote new/deep/file\n" if command[0] == "export" else ""
         assert (stored.code, stored.err) == (0, told)
         # What there is to say of a free run goes wherever the table does not.
-        assert printed.err == (f"odescope: {stored.out}" if command[0] == "simulate" else "")
+        assert printed.err == (stored.out if command[0] == "simulate" else "")
         assert stored.out.startswith("x: fit 99.") if command[0] == "simulate" else stored.out == ""
         assert Path("new/deep/file").read_text() == printed.out
         assert os.listdir("new/deep") == ["file"]
@@ -245,7 +245,7 @@ def test_a_reader_that_has_seen_enough_is_no_error(run):
     with process("simulate", "run/model.json", "run.csv") as child:
         child.stdout.close()  # the CSV is larger than a pipe holds
         told = child.stderr.read()
-        assert told.startswith("odescope: x: fit 99.")
+        assert told.startswith("x: fit 99.")
         assert told.count("\n") == 1
         assert child.wait() == 0
 

@@ -82,7 +82,7 @@ def test_a_program_is_called_as_it_is_told(export):
 def test_names_that_the_language_reserves_are_said(export):
     code, _, err = export("reserved.json", "--to", "c", "--out", "plant")
     assert code == 0
-    assert "odescope: double is written double_\n" in err
+    assert "note: double is written double_\n" in err
     assert "double is written double_" in Path("plant/plant.h").read_text()
 
 

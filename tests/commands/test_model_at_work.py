@@ -107,7 +107,7 @@ def test_simulate_says_how_well_it_fits(machine):
     assert ended.out.startswith("x: fit 9")
     assert float(ended.out.split("RMSE")[1]) == pytest.approx(NOISE, rel=0.05)
     given = machine("simulate", "model.json", "log.csv", "--initial", "x=1", "--initial", "x_dot=0.5")
-    assert "odescope: x: fit 9" in given.err
+    assert "x: fit 9" in given.err
     log = oscillator(200)
     write("input.csv", {"t": log["t"], "u": log["u"]})
     blind = machine("simulate", "model.json", "input.csv", "--initial", "x=1", "--initial", "x_dot=0.5")
