@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import compress
@@ -48,9 +48,12 @@ SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out,
 class Prepared:
     """The recordings, as far as they stand in memory, the library of each target, and the mechanisms of other forms.
 
-    There are no libraries where relations do not compete. Terms name the constants within functions.
+    There are no libraries where relations do not compete. Terms name the constants within functions. `shafts` are pairs
+    of angles that go round together, which are no angles in `study`: that is whose candidates they are, here and later.
     """
 
+    study: Study
+    shafts: tuple[tuple[str, str], ...]
     sample: Sample
     libraries: tuple[Library, ...]
     mechanisms: Mapping[Form, Mechanisms]
@@ -82,7 +85,9 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         sample = replace(sample, records=at_one_period(sample.records, study.layout()))
         check_channels(sample.records, study.measured(), study.driven())
     with work.stage("library"):
-        posed = _without_angles(study, turning_together(sample.records, study.measured()))
+        fixed = study.library.terms is not None or study.library.preset == "paper"
+        shafts = () if fixed else turning_together(sample.records, study.measured())
+        posed = _without_angles(study, {name for pair in shafts for name in pair})
         mechanisms: dict[Form, Mechanisms] = {
             form: posed.mechanisms(form) for form in study.forms() if form != "relations"
         }
@@ -94,19 +99,13 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
                     f"{sample.records.samples} samples cannot decide between {len(library)} candidate terms for"
                     f" {c.target}: record longer, or shrink the library: [library] degree, rules or a basis"
                 )
-    return Prepared(sample, libraries, mechanisms)
+    return Prepared(posed, shafts, sample, libraries, mechanisms)
 
 
-def _without_angles(study: Study, joined: Sequence[tuple[str, str]]) -> Study:
+def _without_angles(study: Study, names: Collection[str]) -> Study:
     """Return a study whose library has powers of these angles in the place of their sines and cosines."""
-    named = {name for pair in joined for name in pair}
-    return msgspec.structs.replace(
-        study,
-        coordinates={
-            name: msgspec.structs.replace(c, angle=False) if name in named else c
-            for name, c in study.coordinates.items()
-        },
-    )
+    plain = {n: msgspec.structs.replace(c, angle=False) for n, c in study.coordinates.items() if n in names}
+    return msgspec.structs.replace(study, coordinates=study.coordinates | plain)
 
 
 def _in_memory(study: Study, data: Records | Table | Sequence[Table]) -> Records:
@@ -176,7 +175,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     if wanted:
         with work.stage("delays"):
             # Delays are found with relations, whatever form the model is to have.
-            libraries = prepared.libraries or tuple(study.candidates(c.target) for c in study.measured())
+            libraries = prepared.libraries or tuple(prepared.study.candidates(c.target) for c in study.measured())
             libraries = tuple(library.without(study.parameters) for library in libraries)
             delays = _delays(work, records, libraries, wanted)
             if study.likelihood.enabled:

@@ -54,15 +54,14 @@ from odescope.pipeline.versions import best_version
 from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints, order_hints
 from odescope.recordings.coordinate import Input
-from odescope.recordings.headings import told_in_seconds
 from odescope.recordings.record import Recorded, Records
 from odescope.selection.advice import advice
 from odescope.signals.estimate import Signals
 from odescope.signals.first_order import second_order_hints
 from odescope.signals.gated import Reasons
-from odescope.signals.shafts import shaft_notes
+from odescope.signals.shafts import shaft_note
 from odescope.study.clock import with_time
-from odescope.study.columns import doubted_headings, settled_columns
+from odescope.study.columns import converted, doubted_headings, settled_columns
 from odescope.study.options import LeftOut, Study
 from odescope.study.pieces import tables
 from odescope.validation.free_runs import FreeRunOf, free_runs
@@ -77,7 +76,8 @@ class Identification:
     bytes, when it ended; `left_out` are mechanisms that no data could tell from others; `searched` are the inputs as
     they were known before the likelihood stage, which may find delays; `gated` says why a sample of a record does not
     count; `free_runs` are those of the model from the starts of the recordings; a draft has none. `cleaned` are the
-    recordings that these are over: without what does not count, otherwise as they were recorded.
+    recordings that these are over: without what does not count, otherwise as they were recorded. `shafts` are pairs of
+    angles that go round together.
     """
 
     study: Study
@@ -94,6 +94,7 @@ class Identification:
     gated: Reasons = field(default_factory=dict)
     free_runs: tuple[FreeRunOf, ...] = ()
     cleaned: Records | None = None
+    shafts: tuple[tuple[str, str], ...] = ()
 
     @property
     def coefficients(self) -> tuple[CoefficientRow, ...]:
@@ -180,11 +181,8 @@ class Identification:
         if not self.model.mechanisms:
             searches = self.searches
             dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
-        units = [] if (unit := self.study.data.time_unit) in (None, "s") else [told_in_seconds(unit)]
-        units += [f"{name} was recorded in degrees: here it is in radians" for name in sorted(self.study.degrees)]
-        units += shaft_notes(self.records, self.study.measured())
         told = notes_of(self.model.scores, dependent, self._doubts)
-        return tuple(dict.fromkeys((*told, *units, *self.warnings)))
+        return tuple(dict.fromkeys((*told, *converted(self.study), *map(shaft_note, self.shafts), *self.warnings)))
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -341,12 +339,13 @@ def _identified(
             filtered.gated,
             runs,
             seen.undelayed,
+            prepared.shafts,
         )
 
     if regressed.model is not None:
         work.monitor.tell(DraftReady(result(filtered, regressed.model, None)))
     try:
-        winner = compete(work, prepared, filtered, regressed)
+        winner = compete(replace(work, study=prepared.study), prepared, filtered, regressed)
         seen = settled(work, filtered, winner.model)
         with work.stage("model"):
             model = _judged(work.study, seen, regressed, winner)

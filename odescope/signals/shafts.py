@@ -11,6 +11,7 @@ from odescope.arrays import FloatArray
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Records
 
+MOST = (0.005, 0.995)  # quantiles of an angle between which it counts: a wrong sample says nothing of a shaft
 TURN = 2.0 * np.pi  # radians: each of them goes round, so that it is no pendulum that hangs beside another
 TWIST = 1.0  # radians, of the slower: further apart they are not joined, or by something that is no shaft
 
@@ -22,27 +23,27 @@ def turning_together(records: Records, coordinates: Sequence[Coordinate]) -> tup
     sine and cosine hardly differ from the difference itself and a constant.
 
     Args:
-        records: with the angles in radians.
+        records: with the angles in radians, without jumps of a turn.
         coordinates: what was measured.
     """
     angles = [c.name for c in coordinates if c.angle]
-    turned = {name: [_turned(run.column(name)) for run in records] for name in angles}
-    going = [name for name in angles if max(map(np.ptp, turned[name])) > TURN]
-    return tuple((a, b) for a, b in combinations(going, 2) if _twist(turned[a], turned[b]) < TWIST)
+    about = {name: [_about_middle(run.column(name)) for run in records] for name in angles}
+    going = [name for name in angles if max(map(np.ptp, about[name])) > TURN]
+    return tuple((a, b) for a, b in combinations(going, 2) if _twist(about[a], about[b]) < TWIST)
 
 
-def shaft_notes(records: Records, coordinates: Sequence[Coordinate]) -> list[str]:
-    """Return what is to be said of angles that go round together."""
-    return [
-        f"{a} and {b} turn together, as the ends of a shaft do: their library has powers, not sines and cosines"
-        for a, b in turning_together(records, coordinates)
-    ]
+def shaft_note(angles: tuple[str, str]) -> str:
+    """Return what is to be said of two angles that go round together."""
+    one, other = angles
+    return (
+        f"{one} and {other} turn together, as the ends of a shaft do: the default library has powers of them, no sines"
+    )
 
 
-def _turned(column: FloatArray) -> FloatArray:
-    """Return an angle (N,) without jumps of a turn, about its mean."""
-    there = np.unwrap(column[np.isfinite(column)])
-    return there - there.mean() if len(there) == len(column) else np.zeros(len(column))
+def _about_middle(angle: FloatArray) -> FloatArray:
+    """Return an angle (N,) less its median, as far as most of its samples go."""
+    found: FloatArray = np.clip(angle, *np.quantile(angle, MOST)) - np.median(angle)
+    return found
 
 
 def _twist(one: Sequence[FloatArray], other: Sequence[FloatArray]) -> float:
@@ -50,4 +51,4 @@ def _twist(one: Sequence[FloatArray], other: Sequence[FloatArray]) -> float:
     x, y = (np.concatenate(of) for of in (one, other))
     fast, slow = (one, other) if x @ x >= y @ y else (other, one)
     ratio = (x @ y) / min(x @ x, y @ y)
-    return float(max(np.ptp(f - ratio * s) for f, s in zip(fast, slow, strict=True)) / abs(ratio))
+    return float(max(np.ptp(_about_middle(f - ratio * s)) for f, s in zip(fast, slow, strict=True)) / abs(ratio))

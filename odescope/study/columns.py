@@ -14,7 +14,15 @@ from odescope.arrays import Table
 from odescope.errors import InputError
 from odescope.recordings.checks import is_degrees
 from odescope.recordings.frames import table_names
-from odescope.recordings.headings import UNITS_OF_TIME, Heading, doubtful_time_unit, find_label, is_unit, time_unit
+from odescope.recordings.headings import (
+    UNITS_OF_TIME,
+    Heading,
+    doubtful_time_unit,
+    find_label,
+    is_unit,
+    time_unit,
+    told_in_seconds,
+)
 from odescope.recordings.readers import column_names, find_files
 from odescope.recordings.record import Records
 from odescope.study.options import Driven, Measured, Study
@@ -74,6 +82,13 @@ def with_labels(study: Study, labels: Sequence[str], source: str) -> Study:
             )
         readers[label] = name
     return msgspec.structs.replace(study, data=data, coordinates=coordinates, inputs=inputs)
+
+
+def converted(study: Study) -> list[str]:
+    """Return which columns are in other units here than they were recorded in."""
+    unit = study.data.time_unit
+    times = [] if unit in (None, "s") else [told_in_seconds(unit)]
+    return times + [f"{name} was recorded in degrees: here it is in radians" for name in sorted(study.degrees)]
 
 
 def doubted_headings(study: Study) -> tuple[str, ...]:
