@@ -20,6 +20,7 @@ from odescope.signals.appearance import appearance
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.filling import filled
 from odescope.signals.relative_noise import FAR, usual_deviations
+from odescope.signals.taken_out import taken_out
 
 STEPS = 0.25  # root mean squares of the motion from sample to sample: what is nearer may be a kink of the signal
 SIGNAL_LEFT = 0.5  # correlation of neighbours in what a filter leaves, beyond which that is no noise
@@ -118,18 +119,14 @@ def _without_spikes(recorded: Sequence[FloatArray]) -> list[FloatArray]:
     """
     if sum(map(len, recorded)) < MANY:
         return list(recorded)
-    found, bound = list(recorded), 0.0
-    for _ in range(IN_A_ROW):
-        between = [_between_neighbours(y) for y in found]
-        bound = bound or FAR * robust_deviation(
-            np.concatenate([y - m for y, (m, _) in zip(found, between, strict=True)])
-        )
-        if bound == 0.0:
+    found, between = list(recorded), [_between_neighbours(y) for y in recorded]
+    bound = FAR * robust_deviation(np.concatenate([y - m for y, (m, _) in zip(found, between, strict=True)]))
+    for _ in range(IN_A_ROW if bound > 0.0 else 0):
+        spikes = [np.abs(y - m) > np.maximum(apart, bound) for y, (m, apart) in zip(found, between, strict=True)]
+        if not any(map(np.any, spikes)):
             break
-        found = [
-            np.where(np.abs(y - m) > np.maximum(apart, bound), _clipped(y, m, bound), y)
-            for y, (m, apart) in zip(found, between, strict=True)
-        ]
+        found = [np.where(far, _clipped(y, m, bound), y) for y, far, (m, _) in zip(found, spikes, between, strict=True)]
+        between = [_between_neighbours(y) for y in found]
     return found
 
 
@@ -164,50 +161,32 @@ def gate_outliers(records: Records, coordinates: Sequence[Coordinate], different
     Raises:
         NoModelError: so many samples are far off that none is usual.
     """
-    counts = [np.ones_like(run.values) if run.counts is None else run.counts.copy() for run in records]
-    values, total = [run.values.copy() for run in records], 0
     inputs = [name for name in records.names if name not in {c.name for c in coordinates}]
     bent = [_bent(run, inputs) for run in records]
+    gone = list[dict[str, BoolArray]]({} for _ in records)
     for c in coordinates:
-        column = records.names.index(c.name)
-        measured = [n[:, column] > 0.0 for n in counts]
+        measured = [run.counted(c.name) > 0.0 for run in records]
         far = [f & m for f, m in zip(_far(records, c, differentiator, bent), measured, strict=True)]
         found = sum(int(f.sum()) for f in far)
-        total += found
         if found >= MOST * sum(int(m.sum()) for m in measured):
             raise NoModelError(
                 "signals",
                 f"{found} of {records.samples} samples of {c.name} are at the end of the sensor's range or far"
                 f" from any smooth signal: {appearance([run.column(c.name) for run in records])}",
             )
-        for n, y, f in zip(counts, values, far, strict=True):
-            n[f, column] = 0.0
-            y[:, column] = _bridged(y[:, column], f)
-    if not total:
+        for out, f in zip(gone, far if found else (), strict=bool(found)):
+            out[c.name] = f
+    if not any(gone):
         return records
-    gated = Records(tuple(replace(run, values=y, counts=n) for run, y, n in zip(records, values, counts, strict=True)))
-    return filled(gated, coordinates, differentiator)
-
-
-def _bridged(y: FloatArray, far: BoolArray) -> FloatArray:
-    """Return samples (N,) with a line across the few in a row that are far off.
-
-    What they read would have the cutoff, and so what takes their place, follow them. Where a sensor stood at its end
-    for longer, that is nearer to the signal than a line.
-    """
-    found, there = y.copy(), np.flatnonzero(~far)
-    for first, stop in true_ranges(far):
-        if stop - first < PLATEAU and len(there):
-            found[first:stop] = np.interp(np.arange(first, stop), there, y[there])
-    return found
+    return filled(Records.of(map(taken_out, records, gone)), coordinates, differentiator)
 
 
 def _bent(run: Record, inputs: Sequence[str]) -> BoolArray:
     """Return which samples (N,) are about where a held input jumps, so that what follows it may bend."""
-    found = np.zeros(len(run), dtype=np.bool_)
-    for column in map(run.column, inputs):
-        for k in np.flatnonzero(np.diff(column)) if looks_held(column) else ():
-            found[max(k + 1 - AROUND, 0) : k + 1 + AROUND] = True
+    jumps = np.zeros(len(run), dtype=np.bool_)
+    for column in filter(looks_held, map(run.column, inputs)):
+        jumps |= np.diff(column, prepend=column[0]) != 0.0
+    found: BoolArray = np.convolve(jumps, np.ones(2 * AROUND), mode="full")[AROUND : AROUND + len(run)] > 0.0
     return found
 
 
@@ -225,10 +204,11 @@ def _far(
     recorded = [run.column(coordinate.name) for run in records]
     saturated = _saturated(recorded, [run.counted(coordinate.name) > 0.0 for run in records])
     # A wrong sample pulls a filter that is not robust: where even then none is off its share, none is far.
-    _, limits, rest = _residuals(records, coordinate, differentiator, 1, PULLED * STEPS)
+    first = _without_spikes(recorded)
+    _, limits, rest = _residuals(records, coordinate, differentiator, 1, PULLED * STEPS, first)
     if not any((np.abs(r) > limit).any() for r, limit in zip(rest, limits, strict=True)):
         return saturated
-    bound, limits, rest = _residuals(records, coordinate, differentiator, ROUNDS, STEPS)
+    bound, limits, rest = _residuals(records, coordinate, differentiator, ROUNDS, STEPS, first)
     if _left_signal([np.clip(r, -bound, bound) for r in rest]) > SIGNAL_LEFT:
         return saturated
     allowed = [np.where(b, BENT * limit, limit) for b, limit in zip(bent, limits, strict=True)]
@@ -236,11 +216,25 @@ def _far(
 
 
 def _residuals(
-    records: Records, coordinate: Coordinate, differentiator: Differentiator, rounds: int, steps: float
+    records: Records,
+    coordinate: Coordinate,
+    differentiator: Differentiator,
+    rounds: int,
+    steps: float,
+    first: list[FloatArray],
 ) -> tuple[float, list[FloatArray], list[FloatArray]]:
-    """Return the bound of the last round of clipping, the residuals from which on samples are far, and residuals."""
+    """Return the bound of the last round of clipping, the residuals from which on samples are far, and residuals.
+
+    Args:
+        records: uniformly sampled, at one period.
+        coordinate: what was measured.
+        differentiator: filters it.
+        rounds: of clipping, at most.
+        steps: root mean square steps of the signal from which on a sample may be far.
+        first: (N,) the samples of every record that the first round filters.
+    """
     recorded = [run.column(coordinate.name) for run in records]
-    taken, smooth = _robustly_filtered(records, coordinate, differentiator, rounds, _without_spikes(recorded), True)
+    taken, smooth = _robustly_filtered(records, coordinate, differentiator, rounds, first, True)
     bound = taken[-1][1] if taken else 0.0
     motion = np.concatenate([np.diff(s) for s in smooth])
     rest = [y - s for y, s in zip(recorded, smooth, strict=True)]
