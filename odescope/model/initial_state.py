@@ -63,10 +63,14 @@ def first_state_of(model: Model, piece: DrivenRecord, differentiator: Differenti
     record = less_offsets(piece.record, model.coordinates)
     period = record.sample_period
     rests = [c for c in model.coordinates if _rests(record, c)]
+    amounts = [c.name for c in model.coordinates if c.order == 1 and _read(record, c).min(initial=np.inf) >= 0.0]
     (record,) = filled(Records.of(record), model.coordinates, differentiator)
     found = {c.name: measured_derivatives(Records.of(record), c, differentiator) for c in model.coordinates}
     first = {c.derivative(k): found[c.name].values[0][k, 0] for c in model.coordinates for k in range(c.order)}
     first |= {s: 0.0 if k else record.column(c.name)[0] for c in rests for k, s in enumerate(c.states)}
+    for name in amounts:  # there is no less than nothing, where what grows in proportion to itself would stay
+        if first[name] <= 0.0:
+            first[name] = max(record.column(name)[0], 0.0) or found[name].noise
     start = np.array([first[s] for s in model.states])
     if all(c.order == 1 for c in model.coordinates) and all(d.noise == 0.0 for d in found.values()):
         return np.array([record.column(c.name)[0] for c in model.coordinates])
@@ -82,11 +86,7 @@ def first_state_of(model: Model, piece: DrivenRecord, differentiator: Differenti
     counts[: piece.known] = 0.0
     enough = np.flatnonzero(np.cumsum(np.count_nonzero(counts, axis=1)) >= LEAST_SAMPLES)
     shortest = max(shortest, int(enough[0]) + 1 if len(enough) else len(record))
-    amounts = [c.name for c in model.coordinates if c.order == 1 and record.column(c.name).min() >= 0.0]
-    least = np.where(np.isin(model.states, amounts), 0.0, -np.inf)  # of nothing there is less than nothing
-    for k in np.flatnonzero(start < least):  # at nothing itself what grows in proportion to itself stays
-        name = model.states[k]
-        start[k] = record.column(name)[0] or found[name].noise
+    least = np.where(np.isin(model.states, amounts), 0.0, -np.inf)
     stretch = _Stretch(model, record.t, piece.driven, measured, np.sqrt(counts) / deviations, moves)
 
     def fit(length: int, state: FloatArray, evaluations: int) -> tuple[FloatArray, float]:
@@ -149,9 +149,14 @@ def _size(record: Record, name: str) -> float:
     return max(float(np.ptp(record.column(name))), 1e-300)
 
 
+def _read(record: Record, c: Coordinate) -> FloatArray:
+    """Return the samples of a coordinate that were measured."""
+    return record.column(c.name)[record.counted(c.name) > 0.0]
+
+
 def _rests(record: Record, c: Coordinate) -> bool:
     """Say whether a coordinate reads constant wherever it was measured, if it was at all."""
-    read = record.column(c.name)[record.counted(c.name) > 0.0]
+    read = _read(record, c)
     return len(read) > 0 and bool(np.all(read == read[0]))
 
 
