@@ -93,8 +93,7 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
         return f"{what}: {_forced(found)}"
     if not found.tried:
         return f"{what}: functions of it could not be tried; {_held_within(found)}"
-    some = [*found.tried[:TOLD], *([f"{len(found.tried) - TOLD} more"] if len(found.tried) > TOLD else [])]
-    tried = "" if found.reason in JOINT else f" ({listed(some)} competed)"
+    tried = "" if found.reason in JOINT else f" ({listed(_some(found.tried))} competed)"
     if found.found:
         gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
         return f"{what}: {listed(found.found)} instead{gain}{tried}"
@@ -131,9 +130,7 @@ def _of_the_path(path: Sequence[PathScore]) -> Iterator[str]:
     if not dropped:
         return
     dropped.sort(key=lambda step: -(step.statistic or 0.0))
-    told = [f"{step.dropped}{_evidence(step)}" for step in dropped[:TOLD]]
-    if len(dropped) > TOLD:
-        told.append(f"{len(dropped) - TOLD} more")
+    told = _some([f"{step.dropped}{_evidence(step)}" for step in dropped])
     first, last = path[0], path[chosen]
     errors = (
         "" if first.error is None or last.error is None else f"{first.error:.2g} with them, {last.error:.2g} without"
@@ -161,6 +158,11 @@ def _of_constants(sums: Sequence[Conserved]) -> Iterator[str]:
         many = f"recordings 1 to {len(found.values)}" if len(found.values) > 1 else "recording 1"
         reason = ", as these reactions have it" if found.by_model else ""
         yield f"{found.sum} stays constant at {', '.join(told)}{more} in {many}{reason}"
+
+
+def _some(items: Sequence[str]) -> list[str]:
+    """Return the first items, and how many more there are."""
+    return [*items[:TOLD], *([f"{len(items) - TOLD} more"] if len(items) > TOLD else [])]
 
 
 def listed(items: Sequence[str]) -> str:
