@@ -166,7 +166,7 @@ def init(
 
     path, drafted = init_study(sources, out, force)
     told = f"coordinates: {drafted.count('coordinate')}, inputs: {drafted.count('input')}"
-    told += f"; left out: {', '.join(drafted.left_out)}, its end says why" if drafted.left_out else ""
+    told += f"; left out, see its last lines: {', '.join(drafted.left_out)}" if drafted.left_out else ""
     print(f"wrote {path} ({told}): read it, then run odescope identify {path}", file=sys.stderr)
 
 

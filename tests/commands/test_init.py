@@ -39,7 +39,7 @@ def test_what_is_written_runs_as_it_is(odescope):
     ended = odescope("init", "deep/run.csv")
     assert (ended.code, ended.out) == (0, "")
     assert ended.err.startswith(
-        "wrote deep/run.toml (coordinates: 1, inputs: 1; left out: ok, its end says why): read it, then run odescope"
+        "wrote deep/run.toml (coordinates: 1, inputs: 1; left out, see its last lines: ok): read it, then run odescope"
     )
     text = Path("deep/run.toml").read_text()
     assert text.count("\n") < 40
