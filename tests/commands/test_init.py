@@ -12,11 +12,6 @@ from odescope.study.options import Driven, Measured
 from odescope.study.toml import parse_study, read_study
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def test_what_is_written_runs_as_it_is(odescope):
     log = oscillator(1200)
     Path("deep").mkdir()
@@ -53,7 +48,7 @@ def test_a_study_that_is_there_is_only_replaced_by_force(odescope):
 
 
 @pytest.mark.parametrize(("name", "said"), [("Datum/Zeit", "Datum/Zeit"), ("logged", "logged"), ("Uhrzeit", "Uhrzeit")])
-def test_a_column_of_dates_is_the_time(here, odescope, name, said):
+def test_a_column_of_dates_is_the_time(odescope, name, said):
     rows = [f"{k // 60:02}:{k % 60:02};{x:.4f};0\n" for k, x in enumerate(motion(3)[:1000].tolist())]
     date = "08:" if name == "Uhrzeit" else "31.01.2024 08:"
     text = f"Größe;{name};x (mm);Datum\n" + "".join(f"1;{date}{row[:-3]};31.01.2024\n" for row in rows)
@@ -66,7 +61,7 @@ def test_a_column_of_dates_is_the_time(here, odescope, name, said):
     assert ("Datum: dates" in written) == (name != "Uhrzeit")
 
 
-def test_times_that_cannot_be_read_are_told_with_what_can(here, odescope):
+def test_times_that_cannot_be_read_are_told_with_what_can(odescope):
     rows = [f"31/01/2024 08:{k // 60:02}:{k % 60:02},{x:.4f}\n" for k, x in enumerate(motion(3)[:600].tolist())]
     Path("log.csv").write_text("Time,x (mm)\n" + "".join(rows))
     assert odescope("init", "log.csv").code == 0
@@ -109,7 +104,7 @@ def test_a_day_and_a_clock_in_two_columns_are_one_time(odescope):
     assert [np.datetime64(cell, "us") for cell in written[1:]] == stamps
 
 
-def test_cells_that_are_no_numbers_are_told_where_a_column_is_left_out(here, odescope):
+def test_cells_that_are_no_numbers_are_told_where_a_column_is_left_out(odescope):
     cells = [repr(x) for x in motion(1)[:99].tolist()]
     cells[7] = "fail"
     rows = [f"{t!r},{x},{t * t!r}\n" for t, x in zip(T[:99].tolist(), cells, strict=True)]
@@ -124,7 +119,7 @@ def test_cells_that_are_no_numbers_are_told_where_a_column_is_left_out(here, ode
     assert "the first line of bare.csv holds numbers" in odescope.refused("init", "bare.csv")
 
 
-def test_of_several_files_all_that_have_what_the_first_has_are_looked_at(here, odescope):
+def test_of_several_files_all_that_have_what_the_first_has_are_looked_at(odescope):
     for name in ("a.csv", "b.csv"):
         write(name, {"t": T, "x": motion(1)})
     assert odescope("init", "a.csv", "b.csv", "--out", "both.toml").code == 0
@@ -135,7 +130,7 @@ def test_of_several_files_all_that_have_what_the_first_has_are_looked_at(here, o
     assert "# a.csv: 1500 samples in 1 recording" in Path("other.toml").read_text()
 
 
-def test_what_experiments_were_run_at_drives_and_what_is_sampled_unevenly_is_told_so(here, odescope):
+def test_what_experiments_were_run_at_drives_and_what_is_sampled_unevenly_is_told_so(odescope):
     """Five tubes at a temperature each: one file shows it constant, and a grid has points that nobody sampled."""
     t = np.round(np.geomspace(0.1, 20.0, 25), 2)
     for k, level in enumerate((30.0, 40.0, 55.0)):
