@@ -34,6 +34,7 @@ ROUNDS = 8
 MANY = 300  # samples of a log, which is then fast beside its motion
 AROUND = 3  # samples on either side of where a held input jumps,
 BENT = 8.0  # and how many times as far off the filtered signal a sample may be there
+SELDOM = 0.1  # of all samples
 IN_A_ROW = 4  # spikes: of two beside each other the nearer to the others is clipped first
 NEIGHBOURS = (1, 2, 3, 4, 5, 7, 9)  # samples away, on either side: of four spikes in a row most say what the others are
 
@@ -182,12 +183,15 @@ def gate_outliers(records: Records, coordinates: Sequence[Coordinate], different
 
 
 def _bent(run: Record, inputs: Sequence[str]) -> BoolArray:
-    """Return which samples (N,) are about where a held input jumps, so that what follows it may bend."""
+    """Return which samples (N,) are about where a held input jumps, so that what follows it may bend.
+
+    None where these are not few: what is usual then holds of bends, too, and wrong samples would be let pass.
+    """
     jumps = np.zeros(len(run), dtype=np.bool_)
     for column in filter(looks_held, map(run.column, inputs)):
         jumps |= np.diff(column, prepend=column[0]) != 0.0
     found: BoolArray = np.convolve(jumps, np.ones(2 * AROUND), mode="full")[AROUND : AROUND + len(run)] > 0.0
-    return found
+    return found if found.mean() < SELDOM else np.zeros_like(found)
 
 
 def _far(

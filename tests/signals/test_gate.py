@@ -175,3 +175,15 @@ def test_where_a_held_input_jumps_what_follows_may_bend(seed):
     records = Records.of([Record(t, np.column_stack([read, u]), ("i", "u"))])
     found = gate_outliers(records, [Coordinate("i", 1)], Spectral()).runs[0]
     assert np.flatnonzero(found.counted("i") == 0.0).tolist() == [1234, 7777]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_a_held_input_jumps_all_the_time_nothing_more_is_let_pass(seed):
+    rng = np.random.default_rng(seed)
+    t, x = motion()
+    u = np.repeat(rng.uniform(0.0, 12.0, len(t) // 5), 5)
+    spikes = np.sort(rng.choice(np.arange(5, len(t) - 5, 5), 30, replace=False))
+    measured = x + NOISE * rng.standard_normal(len(t))
+    measured[spikes] += 15.0 * NOISE
+    found = gate_outliers(Records.of(Record(t, np.column_stack([measured, u]), ("x", "u"))), X, Spectral()).runs[0]
+    assert np.flatnonzero(found.counted("x") == 0.0).tolist() == spikes.tolist()
