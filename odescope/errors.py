@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -42,6 +43,20 @@ class Stopped(OdescopeError):
     """The user stopped the run; the message says what is kept of it."""
 
     exit_code = 130
+
+
+@contextmanager
+def interrupts_as_such() -> Iterator[None]:
+    """Raise as such an interrupt that came while compiled code returned: Python tells SystemErrors that it caused."""
+    try:
+        yield
+    except SystemError as error:
+        cause: BaseException | None = error
+        while isinstance(cause, SystemError):
+            cause = cause.__cause__
+        if isinstance(cause, KeyboardInterrupt):
+            raise cause from None
+        raise
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

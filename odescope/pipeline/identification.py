@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 import odescope
 from odescope.arrays import Table
-from odescope.errors import InputError, NoModelError, said
+from odescope.errors import InputError, NoModelError, interrupts_as_such, said
 from odescope.events import Event, Monitor, Note, never, unheard
 from odescope.library.product import Product
 from odescope.likelihood.refine import Refinement
@@ -235,6 +235,7 @@ class NothingFound(Event):
     advice: tuple[str, ...]
 
 
+@interrupts_as_such()
 def identify(
     study: Study,
     data: Records | Table | Sequence[Table] | Path | str | Sequence[Path | str] | None = None,

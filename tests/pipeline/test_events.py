@@ -96,3 +96,15 @@ def test_what_a_listener_raises_ends_the_run():
 
     with pytest.raises(RuntimeError, match="enough"):
         identify(STUDY, oscillator(), watch=watch)
+
+
+@pytest.mark.parametrize("cause", [KeyboardInterrupt, ValueError])
+def test_an_interrupt_that_came_while_compiled_code_returned_is_one(cause):
+    def watch(event):
+        if event == StageBegan("likelihood"):
+            within = SystemError("an inner function returned a result with an exception set")
+            within.__cause__ = cause()
+            raise SystemError("a function returned a result with an exception set") from within
+
+    with pytest.raises(KeyboardInterrupt if cause is KeyboardInterrupt else SystemError):
+        identify(STUDY, oscillator(), watch=watch)
