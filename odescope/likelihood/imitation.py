@@ -13,6 +13,7 @@ from odescope.library.expression import Term
 from odescope.library.families import Family
 from odescope.library.tape import Tape, evaluate, write_tape
 from odescope.likelihood.least_within import least_within
+from odescope.likelihood.unexplained import unexplained
 
 SEEN = 2000  # samples on which functions are compared
 ROUNDS = 3  # of choosing each function, given the others
@@ -20,8 +21,6 @@ DEARER = 2.0  # times less that one coefficient or constant more has to leave
 EACH = 8  # points of each of two constants
 POLISH = 30  # steps of least squares between the points of several grids
 LARGEST = 1e100  # value of a function that says something: squares of larger ones overflow
-SMALLEST = 1e-150  # length of a column that has a direction: squares of shorter ones underflow
-NOTHING_LEFT = 1e-10  # share of a function that others do not say
 
 
 @dataclass(frozen=True)
@@ -66,26 +65,6 @@ def choices_of(families: Sequence[Family], beside: Sequence[Term]) -> tuple[Choi
         Choice(tuple(c.terms[0] for c in both), both[0].constants) for both in waves.values() if len(both) == len("ab")
     ]
     return (*found, *pairs)
-
-
-def _left_of(rest: FloatArray, own: FloatArray, here: FloatArray) -> FloatArray:
-    """Return what columns leave of others' rest (..., N), all of it where one of them says nothing of its own.
-
-    Args:
-        rest: (N,) what others leave.
-        own: (..., terms, N) the columns less what others say of them.
-        here: (..., terms, N) the columns.
-    """
-    told = np.all(np.sum(own**2, axis=-1) > NOTHING_LEFT * np.sum(here**2, axis=-1), axis=-1)
-    missed: FloatArray = np.where(told[..., None], rest, 0.0)
-    directions = list[FloatArray]()
-    for k in range(own.shape[-2]):
-        one = own[..., k, :]
-        for direction in directions:
-            one = one - np.sum(direction * one, axis=-1, keepdims=True) * direction
-        directions.append(one / np.maximum(np.linalg.norm(one, axis=-1, keepdims=True), SMALLEST))
-        missed = missed - np.sum(directions[-1] * missed, axis=-1, keepdims=True) * directions[-1]
-    return np.where(told[..., None], missed, rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,12 +126,12 @@ class Imitated:
             choice: one of those that may stand there.
             around: what stands beside it, as `beside` returns it.
         """
-        left, rest = around
+        there, rest = around
         whole = float(rest @ rest)
         if not choice.terms:
             return whole, Placed(choice)
         points, columns = self.on_grid(choice)
-        squares = np.sum(_left_of(rest, columns - (columns @ left) @ left.T, columns) ** 2, axis=1)
+        squares = np.sum(unexplained(rest, there, columns) ** 2, axis=1)
         k = int(np.argmin(squares))
         if not squares[k] < whole:
             return whole, Placed(choice, points[0])
@@ -163,10 +142,10 @@ class Imitated:
         return best
 
     def beside(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return orthonormal columns (N, b) that span rows (b, N), and what these leave of what is said (N,)."""
+        """Return orthonormal rows (b, N) that span rows (b, N), and what these leave of what is said (N,)."""
         sizes = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)[:, None]
-        left, _, _ = np.linalg.svd((rows / sizes).T, full_matrices=False)
-        return left, self.said - left @ (left.T @ self.said)
+        _, _, there = np.linalg.svd(rows / sizes, full_matrices=False)
+        return there, self.said - (there @ self.said) @ there
 
     def fitted(
         self, placed: Sequence[Placed], around: tuple[FloatArray, FloatArray], steps: int
@@ -181,7 +160,7 @@ class Imitated:
             around: what stands beside them, as `beside` returns it.
             steps: at most.
         """
-        (left, rest), constants = around, [c for p in placed for c in p.choice.constants]
+        (there, rest), constants = around, [c for p in placed for c in p.choice.constants]
         size = max(float(np.linalg.norm(rest)), 1e-300)
 
         def valued(coefficients: FloatArray) -> dict[str, float]:
@@ -190,7 +169,7 @@ class Imitated:
         def missed(trials: FloatArray) -> FloatArray:
             values = [valued(trial) for trial in trials]
             here = np.concatenate([self.at_all(p.choice, values) for p in placed if p.choice.terms], axis=1)
-            return _left_of(rest / size, here - (here @ left) @ left.T, here)
+            return unexplained(rest / size, there, here)
 
         if not any(p.choice.terms for p in placed):
             return float(rest @ rest), tuple(placed)

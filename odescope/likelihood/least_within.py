@@ -30,13 +30,14 @@ def least_within(
         steps: at most.
     """
     low, high = limits.T
-    moves = np.vstack([np.zeros(len(begin)), np.diag(DIFFERENCE * (high - low))])
+    size = DIFFERENCE * (high - low)
 
     def around(x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        signs = np.where(x + moves.sum(axis=0) > high, -1.0, 1.0)
-        found = missed(x + signs * moves)
-        slopes = (found[1:] - found[0]) / (signs * np.diag(moves[1:]))[:, None]
-        return found[0], slopes, float(found[0] @ found[0])
+        moves = np.where(x + size > high, -size, size)
+        points = np.repeat(x[None], len(x) + 1, axis=0)
+        np.fill_diagonal(points[1:], x + moves)
+        found = missed(points)
+        return found[0], (found[1:] - found[0]) / moves[:, None], float(found[0] @ found[0])
 
     x = np.clip(begin, low, high)
     residual, slopes, squares = around(x)
@@ -47,8 +48,9 @@ def least_within(
         if not free.any():
             break
         curvature = slopes[free] @ slopes[free].T
+        curvature.flat[:: len(curvature) + 1] *= 1.0 + damping
         step = np.zeros(len(x))
-        step[free] = np.linalg.lstsq(curvature + damping * np.diag(np.diag(curvature)), downhill[free])[0]
+        step[free] = np.linalg.lstsq(curvature, downhill[free])[0]
         trial = np.clip(x + step, low, high)
         other = around(trial)
         fallen = squares - other[2]

@@ -12,7 +12,8 @@ from itertools import combinations, product
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.likelihood.imitation import DEARER, NOTHING_LEFT, Choice, Imitated, Placed
+from odescope.likelihood.imitation import DEARER, Choice, Imitated, Placed
+from odescope.likelihood.unexplained import NOTHING_LEFT
 from odescope.parallel.kernels import kernel
 
 LOOKED_AT = 400  # samples
