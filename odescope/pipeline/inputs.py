@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import msgspec
+import numpy as np
 
 from odescope.likelihood.refine import Refinement
 from odescope.recordings.between_samples import looks_held
@@ -15,10 +16,14 @@ from odescope.study.options import Study
 
 
 def first_holds(records: Records, study: Study) -> tuple[Input, ...]:
-    """Return the inputs of a study; one whose hold is open begins as held where every record shows it, else linear."""
+    """Return the inputs of a study; one whose hold is open begins as held where every record shows it, else linear.
+
+    A record in which it does not change shows nothing.
+    """
     found = []
     for i in study.driven():
-        seen = study.inputs[i.name].hold == "auto" and all(looks_held(run.column(i.name)) for run in records)
+        moving = [column for run in records if np.ptp(column := run.column(i.name)) > 0.0]
+        seen = study.inputs[i.name].hold == "auto" and moving and all(map(looks_held, moving))
         found.append(msgspec.structs.replace(i, hold="zero") if seen else i)
     return tuple(found)
 

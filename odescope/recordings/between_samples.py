@@ -9,7 +9,7 @@ from odescope.arrays import BoolArray, FloatArray, IntArray
 REACH = 32  # samples to each side that a value between samples is made of
 WINDOW = 8.0  # of Kaiser: what lies below 0.9 of half the sampling rate is kept to 1e-4
 FINER = 4  # nodes a sample of a band-limited input that is laid out
-LEVELS = 20  # jumps, at least, that say that a command is held over several rows
+IN_STEP = 20  # jumps, at least, that say that a command changes at every so many rows alone
 ALONE = 0.9  # of the jumps: so many stand between samples that do not change
 JUMP = 0.1  # standard deviations of the input: smaller jumps may be steps of a converter
 
@@ -88,12 +88,12 @@ def _later(samples: FloatArray, fraction: float) -> FloatArray:
 def looks_held(samples: FloatArray) -> bool:
     """Say whether an input (N,) is seen to be held over several rows: runs of equal values between large jumps.
 
-    A slow signal after a coarse converter has runs, too, but its jumps are small, and come at any row: a command that
-    is computed every so many rows changes at these alone, however little.
+    One step is enough. A slow signal after a coarse converter has runs, too, but its jumps are small, and come at any
+    row: a command that is computed every so many rows changes at these alone, however little.
     """
     changes = np.diff(samples)
     jumps = changes != 0.0
-    if np.count_nonzero(jumps) < LEVELS:
+    if not jumps.any():
         return False
     still: BoolArray = ~jumps
     alone = still[:-2] & jumps[1:-1] & still[2:]
@@ -104,5 +104,7 @@ def looks_held(samples: FloatArray) -> bool:
 
 def _in_step(jumps: IntArray) -> bool:
     """Say whether an input jumps (J,) at every so many samples, two or more, and hardly ever between."""
+    if len(jumps) < IN_STEP:
+        return False
     every = int(np.bincount(np.diff(jumps)).argmax())
     return every > 1 and int(np.bincount(jumps % every).max()) > ALONE * len(jumps)

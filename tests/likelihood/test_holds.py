@@ -103,6 +103,25 @@ def test_the_hold_is_found_together_with_a_delay(hold, late):
         assert max(np.abs(list(off(model).values()))) < 4.0
 
 
+@pytest.mark.parametrize("steps", [1, 4])
+def test_a_few_steps_of_a_command_are_held_and_not_late(steps):
+    """Half a sample later they would do as well in lines; a record in which nothing is commanded says nothing."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        t, runs = PERIOD * np.arange(COUNT), []
+        for levels in (rng.uniform(-1.0, 1.0, steps + 1), np.zeros(steps + 1)):
+            u, x = levels[np.arange(COUNT) * (steps + 1) // COUNT], np.ones(COUNT)
+            for k in range(COUNT - 1):  # x' = 3 u - 2 x, exactly
+                x[k + 1] = 1.5 * u[k] + (x[k] - 1.5 * u[k]) * np.exp(-2.0 * PERIOD)
+            runs.append({"t": t, "x": x + 1e-3 * rng.standard_normal(COUNT), "u": u})
+        plain = Study(data=Data(time="t"), coordinates={"x": Measured()}, inputs={"u": Driven()})
+        model = identify(plain, runs).model
+        assert (model.inputs[0].hold, model.inputs[0].delay) == ("zero", 0.0)
+        assert {t.term.text: t.coefficient for t in model.relations[0].terms} == pytest.approx(
+            {"1": 1.0, "x": 2.0, "u": -3.0}, rel=0.01
+        )
+
+
 @pytest.mark.parametrize("hold", ["zero", "band-limited"])
 def test_a_hold_is_found_that_shows_in_a_few_parts_of_the_record_alone(hold):
     model = identify(study(), oscillator(hold, 2, bursts=True)).model

@@ -65,7 +65,9 @@ def test_a_command_that_changes_every_fifth_row_is_seen_and_others_are_not():
     assert not looks_held(np.round(300.0 * slow))  # of a converter, at any row
     assert not looks_held(levels)
     assert not looks_held(np.round(np.sin(2e-3 * t), 2))  # a slow signal after a converter of 8 bits
-    assert not looks_held(np.repeat(levels[:10], 100))  # too few jumps to matter
+    assert looks_held(np.repeat(levels[:10], 100))
+    assert looks_held(np.where(t < 500, 0.0, 1.0))  # a single step
+    assert not looks_held(np.zeros(1000))
     assert not looks_held(np.where(t < 500, 0.0, np.sin(0.2 * (t - 500))))
 
 
