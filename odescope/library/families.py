@@ -17,6 +17,7 @@ from odescope.recordings.checks import is_angular
 FINEST = 400  # values of a constant that are compared, from one end of its range to the other
 SEEN = 500  # samples on which they are
 EXPONENTS = (0.2, 4.0)
+ORDERS = (1.2, 8.0)  # of Hill's function: at 1 it is a saturation
 NEGLIGIBLE = 0.05  # of the largest value: a quantity that is never further below zero is one that has no sign
 STEEP = 200.0  # times as wide as a step of tanh or of a logistic function the range of its variable may be
 GROWTH = 30.0  # largest argument of an exponential, over the range of its variable,
@@ -77,9 +78,10 @@ def families_of(
 ) -> tuple[Family, ...]:
     """Return the functions of a variable that have values on the data, those without constants first.
 
-    Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power and saturation, of
-    what is always negative (a depth) those of its size; of what changes its sign the size and the square with its sign;
-    of all exponentials, tanh, the logistic function and sines, those of the variable itself where it may be an angle.
+    Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power, saturation and the
+    rates of Hill and Haldane, of what is always negative (a depth) those of its size; of what changes its sign the size
+    and the square with its sign; of all exponentials, tanh, the logistic function and sines, those of the variable
+    itself where it may be an angle.
     Of a temperature, by its unit, there are Arrhenius' law, about the middle of its range, and the fourth power of what
     it is above absolute zero, as it radiates. What hardly moves beside its size has no tanh, and further still no
     exponentials, which would be lines.
@@ -141,8 +143,7 @@ def _by_sign(
         high: its largest.
         constant: makes one of a role, from the least to the largest.
     """
-    least, largest = (low, high) if high > -low else (-high, -low)
-    amount, plus = (variable, "+") if high > -low else (f"(-{variable})", "-")
+    least, largest, amount, plus = _as_amount(variable, low, high)
     if least > 0.0:
         power = constant("exponent", *EXPONENTS)
         yield from ((f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,)))
@@ -151,8 +152,38 @@ def _by_sign(
     if least > -NEGLIGIBLE * largest:
         half = constant(HALF, max(largest / OFF, -POLE * least), largest / FLAT)
         yield f"{variable}/({half.name} {plus} {variable})", (half,)
+        yield from _rates(variable, low, high, constant)
     else:
         yield from ((f"abs({variable})", ()), (f"{variable}*abs({variable})", ()))
+
+
+def _rates(
+    variable: str, low: float, high: float, constant: Callable[[str, float, float], Constant]
+) -> Iterator[Drawn]:
+    """Yield the rates of two constants that an amount has: Hill's, and Haldane's of a substrate that inhibits.
+
+    Hill (1910), J. Physiol. 40, iv; Haldane (1930), Enzymes; of microorganisms Andrews (1968), Biotechnol. Bioeng. 10,
+    707. The power of what noise takes below zero is no number.
+
+    Args:
+        variable: its name.
+        low: its least value.
+        high: its largest.
+        constant: makes one of a role, from the least to the largest.
+    """
+    least, largest, amount, plus = _as_amount(variable, low, high)
+    if least > 0.0:
+        level, order = constant("level", largest / OFF, largest / FLAT), constant("order", *ORDERS)
+        power = f"{amount}**{order.name}"
+        yield f"{power}/({level.name}**{order.name} + {power})", (level, order)
+    affinity = constant("affinity", max(largest / OFF, -POLE * least), largest / FLAT)
+    inhibition = constant("inhibition", largest / OFF, largest / FLAT)
+    yield f"{variable}/({affinity.name} {plus} {variable} + {variable}**2/{inhibition.name})", (affinity, inhibition)
+
+
+def _as_amount(variable: str, low: float, high: float) -> tuple[float, float, str, str]:
+    """Return the least and the largest value of what has no sign, its text, and the sign of the variable in it."""
+    return (low, high, variable, "+") if high > -low else (-high, -low, f"(-{variable})", "-")
 
 
 def _kelvins(variable: str, unit: str | None, low: float, high: float) -> Iterator[tuple[str, float, float]]:

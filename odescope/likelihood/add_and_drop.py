@@ -217,10 +217,11 @@ class Moves:
             return None
         present = np.isin(free, here.free)
         rest = project(expansion.information, expansion.gradient[None], present)
-        now, new, prices = free[present], free[~present], space.penalty
-        paid = prices[now][:, None] + prices[now] - np.diag(prices[now])
+        now, new = free[present], free[~present]
+        prices = space.penalty[now] + space.bound_to(here)
+        paid = prices[:, None] + prices - np.diag(prices)
         change = rise(rest, here.theta[now] * rest.scale[present]) / self.scale
-        earned = paid - prices[new][:, None, None] - change
+        earned = paid - space.penalty[new][:, None, None] - change
         earned[np.isin(new, [*self.barred])] = -np.inf
         for place in np.argsort(earned, axis=None)[::-1][: self.judge.trials]:
             k, *pair = np.unravel_index(place, earned.shape)

@@ -51,11 +51,14 @@ class Placed:
 def choices_of(families: Sequence[Family], beside: Sequence[Term]) -> tuple[Choice, ...]:
     """Return what may stand for a suspicion.
 
+    A function with two constants is not multiplied by its own variable: with it the curve would be any.
+
     Args:
         families: of its variable.
         beside: what they may be multiplied by.
     """
-    found = [Choice((f.term * rest,), f.constants) for rest in beside for f in families]
+    made = ((f, rest) for rest in beside for f in families if len(f.constants) < 2 or f.variable not in rest.names)
+    found = [Choice((f.term * rest,), f.constants) for f, rest in made]
     waves = dict[tuple[str, ...], list[Choice]]()
     for choice in found:
         if any(text in choice.terms[0].text for text in ("sin(", "cos(")):

@@ -75,9 +75,7 @@ def sparse(
     return sorted(better, key=lambda one: one.dear)[:SHORTLIST]
 
 
-def grown(
-    imitated: Imitated, choices: Sequence[Sequence[Choice]], bar: tuple[float, int], cheap: int = 1
-) -> list[Sparse]:
+def grown(imitated: Imitated, choices: Sequence[Sequence[Choice]], bar: tuple[float, int]) -> list[Sparse]:
     """Return what says a relation with one function and, of many plain terms, the fewest beside it, the best first.
 
     A function is recognised beside the right terms alone, and these may be products: a flow times a concentration.
@@ -86,12 +84,11 @@ def grown(
         imitated: what the relation says, with all plain terms.
         choices: the functions for every suspicion, of which one at most is taken.
         bar: share of what is said that is not known, and the number of terms that say it now.
-        cheap: constants that a function may have.
     """
     seen, unknown, terms = _thinned(imitated), max(bar[0], SMALL), bar[1] + 1
     said, base, found = _unit(seen.said[None])[0], _unit(seen.base), list[Sparse]()
     none = (Placed(Choice()),) * len(choices)
-    for k, choice in ((k, c) for k, among in enumerate(choices) for c in among if len(c.constants) <= cheap):
+    for k, choice in ((k, c) for k, among in enumerate(choices) for c in among):
         points, columns = seen.on_grid(choice)
         tried = list[Sparse]()
         for values, here in list(zip(points, columns, strict=True))[::COARSER]:

@@ -5,6 +5,7 @@ import pytest
 
 from odescope.library.constants import thinned_grid
 from odescope.library.families import POINTS, families_of
+from odescope.library.parse import Scope, parse_term
 from odescope.library.readable import readable
 from odescope.library.tape import evaluate, write_tape
 
@@ -37,13 +38,25 @@ def test_a_saturation_of_what_noise_takes_below_nothing_has_its_pole_beyond_that
         assert halves[0].low >= max(-2.0 * low, 0.03)
 
 
+HILL, HALDANE = "z**order_z/(level_z**order_z + z**order_z)", "z/(affinity_z + z + z**2/inhibition_z)"
+
+
+@pytest.mark.parametrize(
+    ("low", "rates"), [(0.2, {HILL, HALDANE}), (-0.01, {HALDANE}), (-1.0, set())], ids=["amount", "noise", "signed"]
+)
+def test_an_amount_has_the_rates_of_hill_and_haldane(low, rates):
+    scope = Scope.of(["z"], constants=["order_z", "level_z", "affinity_z", "inhibition_z"])
+    known = {readable(parse_term(text, scope)): text for text in (HILL, HALDANE)}
+    assert {known[text] for text in texts(np.linspace(low, 3.0, 500)) & set(known)} == rates
+
+
 def test_what_is_always_negative_has_the_functions_of_its_size():
     values = np.linspace(0.2, 3.0, 500)
     here, mirrored = families_of("z", values, ()), families_of("z", -values, ())
     assert len(here) == len(mirrored)
     for one, other in zip(here, mirrored, strict=True):
         names = [c.name for c in one.constants]
-        if not names or names[0].startswith(("exponent", "half", "scale")):
+        if not names or names[0].startswith(("exponent", "half", "scale", "level", "affinity")):
             assert [c.name for c in other.constants] == names
             columns = [np.full_like(values, c.nominal) for c in one.constants]
             (at,) = evaluate(write_tape(["z", *names], [one.term]), np.array([values, *columns]))

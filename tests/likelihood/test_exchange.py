@@ -1,18 +1,24 @@
 """One mechanism for two: what it does to cost and coefficients, against least squares, and in a search."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from small_systems import SPRING, SPRING_PRESENT, SPRING_STEP, drive, shots, spring_run
 
-from odescope.library.mechanism import candidate
+from odescope.library.constants import Constant
+from odescope.library.mechanism import Mechanism, candidate
+from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
 from odescope.likelihood.add_and_drop import Moves
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import project
 from odescope.likelihood.exchange import FAR, foreseen, refitted, rise
+from odescope.likelihood.program import Frame
 from odescope.likelihood.search import WhiteResiduals, search
 from odescope.likelihood.search_space import SearchSpace
+from odescope.recordings.coordinate import Coordinate
 
 ROWS, PRESENT = 200, np.array([True, True, False, True, False, True])
 
@@ -141,3 +147,22 @@ def test_two_terms_that_add_up_to_one_of_the_law_give_way_to_it(name):
     assert moves.exchange(there, judge.expansion(there)) is None
     found = search(it, theta)
     assert sorted(found.fit.present) == SPRING_PRESENT.tolist()
+
+
+def test_a_power_gives_way_to_the_variable_that_it_is_within_its_error():
+    """Its exponent goes with it: that is what the exchange of one coefficient for one earns."""
+    coordinate, exponent = Coordinate("x"), Constant("e", 0.2, 4.0, 0.9)
+    terms = [Product("x_dot"), *(Product(None, parse_term(t, Scope.of(["x"], constants=["e"]))) for t in ("1", "x"))]
+    terms.append(Product(None, parse_term("x**e", Scope.of(["x"], constants=["e"]))))
+    mechanisms = (*(candidate(0, t, "x_dot") for t in terms), Mechanism("constant", "constant e", "e", (), 0.0))
+    frame = replace(Frame.of((coordinate,), ()), constants={"e": exponent})
+    t = 0.01 * np.arange(300)
+    states = (1.5 - 1.3 * np.exp(-2.0 * t))[:, None]
+    data = shots(states, np.zeros((300, 3, 0)), 0.01, 0.002, np.random.default_rng(0), np.array([0.01]))
+    it = SearchSpace(Evaluator(data, 2), mechanisms, frame)
+    here = it.begin(np.array([1.0, -3.0, 0.0, 2.0, exponent.coefficient(1.02)]), it.segments.spread)
+    judge = WhiteResiduals(it, it.segments.spread)
+    assert 4 in here.present
+    there = Moves(it, judge, 1.0, 1.0, []).exchange(here, judge.expansion(here))
+    assert there is not None
+    assert there.present.tolist() == [0, 1, 2]

@@ -74,6 +74,22 @@ def test_what_was_tried_and_what_it_was_worth_is_said(found):
     assert from_json(to_json(found.model)).scores.suspicions == found.model.scores.suspicions
 
 
+def test_the_rate_of_hill_is_found_with_its_order():
+    """A gene that activates itself, and its product that decays."""
+    logs = recorded(
+        lambda x, u: u + 2.0 * x**2 / (1.0 + x**2) - 1.2 * x, [0.1, 0.6, 2.0], np.arange(0.0, 30.0, 0.05), 0, inflow
+    )
+    model = identify(study(), logs).model
+    terms = {t.text: t for t in model.relations[0].terms}
+    (hill,) = set(terms) - {"x_dot", "u", "x"}
+    assert model.parameters[0].written == ("x**order_x/(level_x**order_x + x**order_x)",)
+    for name, value in {"u": -1.0, "x": 1.2, hill: -2.0}.items():
+        assert abs(terms[name].coefficient - value) < 4.0 * terms[name].std_error
+    for name, value in {"order_x": 2.0, "level_x": 1.0}.items():
+        found = next(p for p in model.parameters if p.name == name)
+        assert abs(found.value - value) < 4.0 * found.std_error
+
+
 def test_without_suspicion_an_imitation_stays_and_is_wrong_beyond_the_record(found, logs):
     plain = identify(study(suspect=False), logs).model
     assert plain.scores.suspicions == ()
