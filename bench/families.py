@@ -94,6 +94,25 @@ def _enzyme(*at):
     return 0.1 * x[1] - flux, flux - 0.6 * x[1], 0.5 * x[1]
 
 
+def _gene(_, x, u):
+    return (u + 2.0 * x[0] ** 2 / (1.0 + x[0] ** 2) - 1.2 * x[0],)
+
+
+def _toggle(*at):
+    a, b = at[1]
+    return 3.0 / (1.0 + b**3) - a, 2.5 / (1.0 + a**3) - 0.8 * b
+
+
+def _inhibited(_, x, u):
+    growth = 0.5 * x[1] / (0.8 + x[1] + x[1] ** 2 / 4.0) * x[0]
+    return growth - u * x[0], u * (8.0 - x[1]) - 2.0 * growth
+
+
+def dilution(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    f, phase = rng.uniform(0.01, 0.1, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
+    return 0.1 + 0.012 * np.sin(2.0 * np.pi * np.multiply.outer(t, f) + phase).sum(axis=1)
+
+
 def inflow(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     f, phase = rng.uniform(0.002, 0.02, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
     return np.maximum(1.0 + 0.12 * np.sin(2.0 * np.pi * np.multiply.outer(t, f) + phase).sum(axis=1), 0.0)
@@ -102,6 +121,10 @@ def inflow(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def feed(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     f, phase = rng.uniform(0.02, 0.3, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
     return 0.4 * np.sin(2.0 * np.pi * np.multiply.outer(t, f) + phase).sum(axis=1)
+
+
+def induction(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return 0.45 + 0.5 * feed(t, rng)
 
 
 def _tanks(_, h, u):
@@ -179,6 +202,25 @@ SYSTEMS = {
     "reaction, unnamed exponential": System(
         _growth, [(0.0,), (1.0,)], np.arange(0.0, 60.0, 0.05), "x", 1, Candidates(),
         [{"1": 1.0, "u": 0.7, "exp(x/rise_x)": -0.4}], {"rise_x": 0.7}, feed, ONE_INPUT,
+    ),
+    "gene, unnamed rate of Hill": System(
+        _gene, [(0.1,), (0.6,), (2.0,)], np.arange(0.0, 40.0, 0.05), "x", 1, Candidates(),
+        [{"u": 1.0, "x": -1.2, "x**order_x/(level_x**order_x + x**order_x)": 2.0}], {"order_x": 2.0, "level_x": 1.0},
+        induction, ONE_INPUT,
+    ),
+    "two genes, unnamed rates of Hill": System(
+        _toggle, [(0.2, 2.5), (2.5, 0.3), (0.8, 0.3), (3.0, 3.0)], np.arange(0.0, 12.0, 0.05), "ab", 1, Candidates(),
+        [
+            {"1": 3.0, "a": -1.0, "b**order_b/(b**order_b + level_b**order_b)": -3.0},
+            {"1": 2.5, "b": -0.8, "a**order_a/(a**order_a + level_a**order_a)": -2.5},
+        ], {"order_a": 3.0, "level_a": 1.0, "order_b": 3.0, "level_b": 1.0},
+    ),
+    "chemostat, unnamed rate of Haldane": System(
+        _inhibited, [(0.6, 2.5), (0.9, 6.0), (1.2, 4.0)], np.arange(0.0, 60.0, 0.1), "XS", 1, Candidates(),
+        [
+            {"X*u": -1.0, "S*X/(S + S**2/inhibition_S + affinity_S)": 0.5},
+            {"u": 8.0, "S*u": -1.0, "S*X/(S + S**2/inhibition_S + affinity_S)": -1.0},
+        ], {"affinity_S": 0.8, "inhibition_S": 4.0}, dilution, ONE_INPUT,
     ),
     "oscillator, unrecorded forcing": System(
         _shaken, [(0.5, 0.0)], np.arange(0.0, 40.0, 0.02), "x", 2, Candidates(),
