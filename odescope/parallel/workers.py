@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Sized
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol, TypeVar
@@ -113,8 +113,8 @@ class Threads:
         alone: bool = False,
         check: Callable[[], None] = nothing,
     ) -> Generator[R, None, None]:
-        """Yield function(item, *shared) in order (see `Workers.map`), in the thread of the caller if one runs alone."""
-        if alone or (isinstance(items, Sized) and len(items) == 1):
+        """Yield function(item, *shared) in order (see `Workers.map`); with `alone`, in the thread of the caller."""
+        if alone:
             for item in items:
                 check_wanted()
                 check()
