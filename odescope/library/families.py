@@ -137,53 +137,36 @@ def _by_sign(
 ) -> Iterator[Drawn]:
     """Yield the functions that what has no sign has, and what has one.
 
+    Rates with two constants are Hill's (1910), J. Physiol. 40, iv, and Haldane's (1930), Enzymes, of a substrate that
+    inhibits, of microorganisms Andrews (1968), Biotechnol. Bioeng. 10, 707.
+
     Args:
         variable: its name.
         low: its least value.
         high: its largest.
         constant: makes one of a role, from the least to the largest.
     """
-    least, largest, amount, plus = _as_amount(variable, low, high)
+    least, largest = (low, high) if high > -low else (-high, -low)
+    amount, plus = (variable, "+") if high > -low else (f"(-{variable})", "-")
     if least > 0.0:
         power = constant("exponent", *EXPONENTS)
         yield from ((f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,)))
+        level, order = constant("level", largest / OFF, largest / FLAT), constant("order", *ORDERS)
+        raised = f"{amount}**{order.name}"
+        yield f"{raised}/({level.name}**{order.name} + {raised})", (level, order)
     elif least > -NEGLIGIBLE * largest:
         yield f"sqrt(abs({variable}))", ()
     if least > -NEGLIGIBLE * largest:
         half = constant(HALF, max(largest / OFF, -POLE * least), largest / FLAT)
         yield f"{variable}/({half.name} {plus} {variable})", (half,)
-        yield from _rates(variable, low, high, constant)
+        affinity = constant("affinity", half.low, half.high)
+        inhibition = constant("inhibition", largest / OFF, largest / FLAT)
+        yield (
+            f"{variable}/({affinity.name} {plus} {variable} + {variable}**2/{inhibition.name})",
+            (affinity, inhibition),
+        )
     else:
         yield from ((f"abs({variable})", ()), (f"{variable}*abs({variable})", ()))
-
-
-def _rates(
-    variable: str, low: float, high: float, constant: Callable[[str, float, float], Constant]
-) -> Iterator[Drawn]:
-    """Yield the rates of two constants that an amount has: Hill's, and Haldane's of a substrate that inhibits.
-
-    Hill (1910), J. Physiol. 40, iv; Haldane (1930), Enzymes; of microorganisms Andrews (1968), Biotechnol. Bioeng. 10,
-    707. The power of what noise takes below zero is no number.
-
-    Args:
-        variable: its name.
-        low: its least value.
-        high: its largest.
-        constant: makes one of a role, from the least to the largest.
-    """
-    least, largest, amount, plus = _as_amount(variable, low, high)
-    if least > 0.0:
-        level, order = constant("level", largest / OFF, largest / FLAT), constant("order", *ORDERS)
-        power = f"{amount}**{order.name}"
-        yield f"{power}/({level.name}**{order.name} + {power})", (level, order)
-    affinity = constant("affinity", max(largest / OFF, -POLE * least), largest / FLAT)
-    inhibition = constant("inhibition", largest / OFF, largest / FLAT)
-    yield f"{variable}/({affinity.name} {plus} {variable} + {variable}**2/{inhibition.name})", (affinity, inhibition)
-
-
-def _as_amount(variable: str, low: float, high: float) -> tuple[float, float, str, str]:
-    """Return the least and the largest value of what has no sign, its text, and the sign of the variable in it."""
-    return (low, high, variable, "+") if high > -low else (-high, -low, f"(-{variable})", "-")
 
 
 def _kelvins(variable: str, unit: str | None, low: float, high: float) -> Iterator[tuple[str, float, float]]:
