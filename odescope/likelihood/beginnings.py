@@ -168,7 +168,6 @@ class Beginnings(Saturating):
         return [c for c in self.choices[k] if len(c.constants) < 2 and len(c.terms) < 2]
 
     def linear(self, k: int) -> list[Choice]:
-        """Return the variable of a suspicion, alone and beside others, as what stands there where it may."""
-        one = self.suspected[k]
-        terms = (Term(((Name(one.variable), 1),)) * rest for rest in dict.fromkeys((ONE, *one.beside)))
-        return [Choice((term,)) for term in terms if (one.relation, Product(None, term)) in self.number]
+        """Return the variable of a suspicion as what stands for it, where it is a candidate."""
+        term = Term(((Name(self.suspected[k].variable), 1),))
+        return [Choice((term,))] if (self.suspected[k].relation, Product(None, term)) in self.number else []
