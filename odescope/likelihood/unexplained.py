@@ -6,29 +6,20 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.parallel.kernels import kernel
+from odescope.regression.solve import dot
 
 SMALLEST = 1e-150  # length of a function that has a direction: squares of shorter ones underflow
 NOTHING_LEFT = 1e-10  # share of a function that others do not say
 
 
-@kernel("reassoc", "contract", inline=True)
-def _squares(a: FloatArray) -> float:
-    total = 0.0
-    for k in range(a.shape[0]):
-        total += a[k] * a[k]
-    return total
-
-
-@kernel("reassoc", "contract")
+@kernel("contract")
 def _take_out(direction: FloatArray, a: FloatArray) -> None:
-    along = 0.0
-    for k in range(a.shape[0]):
-        along += direction[k] * a[k]
+    along = dot(direction, a)
     for k in range(a.shape[0]):
         a[k] -= along * direction[k]
 
 
-@kernel("reassoc", "contract")
+@kernel()
 def unexplained(rest: FloatArray, beside: FloatArray, functions: FloatArray) -> FloatArray:
     """Return what functions leave (points, N), all of the rest where one of them says nothing of its own.
 
@@ -44,13 +35,13 @@ def unexplained(rest: FloatArray, beside: FloatArray, functions: FloatArray) -> 
         told = True
         for k in range(many):
             own[k] = functions[point, k]
-            whole = _squares(own[k])
+            whole = dot(own[k], own[k])
             for row in range(beside.shape[0]):
                 _take_out(beside[row], own[k])
-            told = told and _squares(own[k]) > NOTHING_LEFT * whole
+            told = told and dot(own[k], own[k]) > NOTHING_LEFT * whole
             for other in range(k):
                 _take_out(own[other], own[k])
-            own[k] /= max(np.sqrt(_squares(own[k])), SMALLEST)
+            own[k] /= max(np.sqrt(dot(own[k], own[k])), SMALLEST)
         if told:
             for k in range(many):
                 _take_out(own[k], left[point])

@@ -85,8 +85,8 @@ def _grown(array: NDArray[Any]) -> NDArray[Any]:
 
 
 @kernel("reassoc", "contract")
-def _dot(a: FloatArray, b: FloatArray) -> float:
-    # Only a sum that may be taken in any order runs in vector registers.
+def dot(a: FloatArray, b: FloatArray) -> float:
+    """Return the sum of products of a (N,) and b (N,): in any order, which alone runs in vector registers."""
     total = 0.0
     for k in range(a.shape[0]):
         total += a[k] * b[k]
@@ -110,7 +110,7 @@ def normal_fit(r: FloatArray, gram: FloatArray, support: IntArray, left: int) ->
     a, x = np.empty((s, s)), np.empty(s)
     for i in range(s):
         for j in range(i + 1):
-            total = gram[support[i], support[j]] - _dot(a[i, :j], a[j, :j])
+            total = gram[support[i], support[j]] - dot(a[i, :j], a[j, :j])
             if i == j:
                 if not total > PIVOT_TOLERANCE:
                     return least_squares(r, support, left)[0]
@@ -136,7 +136,7 @@ def normal_fit(r: FloatArray, gram: FloatArray, support: IntArray, left: int) ->
 def _solve_cholesky(a: FloatArray, x: FloatArray) -> None:
     s = x.shape[0]
     for i in range(s):
-        x[i] = (x[i] - _dot(a[i, :i], x[:i])) / a[i, i]
+        x[i] = (x[i] - dot(a[i, :i], x[:i])) / a[i, i]
     for i in range(s - 1, -1, -1):
         for k in range(i + 1, s):
             x[i] -= a[k, i] * x[k]
