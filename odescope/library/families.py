@@ -81,10 +81,9 @@ def families_of(
     Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power, saturation and the
     rates of Hill and Haldane, of what is always negative (a depth) those of its size; of what changes its sign the size
     and the square with its sign; of all exponentials, tanh, the logistic function and sines, those of the variable
-    itself where it may be an angle.
-    Of a temperature, by its unit, there are Arrhenius' law, about the middle of its range, and the fourth power of what
-    it is above absolute zero, as it radiates. What hardly moves beside its size has no tanh, and further still no
-    exponentials, which would be lines.
+    itself where it may be an angle. Of a temperature, by its unit, there are Arrhenius' law, about the middle of its
+    range, and the fourth power of what it is above absolute zero, as it radiates. What hardly moves beside its size has
+    no tanh, and further still no exponentials, which would be lines.
 
     Args:
         variable: its name.
