@@ -33,7 +33,9 @@ def narrowed(space: SearchSpace, found: Fit, defect_std: FloatArray, halvings: i
                 space, found = narrower, half
                 continue
             between = _between(narrower, name, space.frame.constants[name].nominal, found, defect_std)
-            if between is not None and between.cost + space.price(between) < found.cost + space.price(found):
+            # What half the width costs is what the record says of it: the widths so far are its choice, too.
+            jump = found if half is None else max(found, half, key=lambda f: f.cost)
+            if between is not None and between.cost + space.price(between) < jump.cost + space.price(jump):
                 space, found = narrower, between
             break
     return space, found

@@ -82,10 +82,10 @@ def test_friction_decays_as_fast_as_it_slows_down_what_hardly_slides():
     assert program.decay(3.0 * theta) == pytest.approx(program.decay(theta))  # a relation says the same at any scale
 
 
-def block_in_search(width, more=()):
+def block_in_search(width, more=(), layer=0.0):
     """Return the space of a block without input that comes to rest again and again, and its fit under a wide layer.
 
-    Candidates are its friction, its width, and more.
+    Candidates are its friction, its width, and more; the friction's own layer is none by default.
     """
     rng, step = np.random.default_rng(1), 0.01
     runs, start, measured, states = 40, [], [], []
@@ -96,7 +96,7 @@ def block_in_search(width, more=()):
             measured.append(x + 1e-5 * rng.standard_normal())
             states.append((x, v))
             for _ in range(1000):  # of semi-implicit Euler
-                slower = 1e-5 * FORCE / MASS
+                slower = 1e-5 * FORCE / MASS * (np.tanh(abs(v) / layer) if layer else 1.0)
                 v = 0.0 if abs(v) <= slower else v - slower * np.sign(v)
                 x += 1e-5 * v
     count = np.full(runs, 25)
@@ -144,3 +144,16 @@ def test_a_layer_stays_as_it_is_where_half_of_it_is_no_better():
     same, kept = narrowed(space, found, np.full(2, np.inf))
     assert same.frame.constants["w"].nominal == 0.0004
     assert kept is found
+
+
+def test_a_width_that_halves_fell_near_is_a_parameter_where_half_of_it_costs_more():
+    space, near = block_in_search(0.95 * WIDTH, layer=WIDTH)
+    own, found = narrowed(space, near, np.full(2, np.inf))
+    gain, penalty = near.cost - found.cost, own.price(found) - space.price(near)
+    assert 1.0 < gain < penalty  # by itself it would not be worth a parameter
+    assert own.fixed_constants(found) == []
+    (width,) = (k for k, m in enumerate(own.mechanisms) if m.kind == "constant")
+    value = own.frame.constants["w"].at(found.theta[width])
+    errors = dict(zip(found.free.tolist(), np.sqrt(found.variances), strict=True))
+    assert abs(np.log(value / WIDTH)) < 4.0 * errors[width]
+    assert abs(found.theta[1] - FORCE / MASS) < 4.0 * errors[1]
