@@ -150,7 +150,8 @@ def _by_sign(
     if least > 0.0:
         power = constant("exponent", *EXPONENTS)
         yield from ((f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,)))
-        level, order = constant("level", largest / OFF, largest / FLAT), constant("order", *ORDERS)
+        # What is not half saturated at the largest amount is a power, or a polynomial.
+        level, order = constant("level", largest / OFF, largest), constant("order", *ORDERS)
         raised = f"{amount}**{order.name}"
         yield f"{raised}/({level.name}**{order.name} + {raised})", (level, order)
     elif least > -NEGLIGIBLE * largest:

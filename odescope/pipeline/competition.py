@@ -212,7 +212,7 @@ def _with_more(
     refinement = with_modulated(work, filtered, regressed, refinement)  # products are simpler than functions
     if refinement is not None:
         refinement, suspicions = with_suspected(work, filtered, posed, refinement)
-    higher = with_higher_degree(work, filtered, regressed, refinement)
+    higher = with_higher_degree(work, filtered, regressed, refinement, any(s.found for s in suspicions))
     angular, angles = with_angles(work, filtered, regressed, higher, bool(suspicions))
     # What was suspected of a model that is gone says nothing of the one that came instead.
     return angular, (*(suspicions if higher is refinement else ()), *angles)

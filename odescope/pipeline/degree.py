@@ -20,24 +20,25 @@ FEW_ENOUGH = 60
 
 
 def with_higher_degree(
-    work: Work, filtered: Filtered, regressed: Regressed, refinement: Refinement | None
+    work: Work, filtered: Filtered, regressed: Regressed, refinement: Refinement | None, functions: bool
 ) -> Refinement | None:
     """Return the model with products of higher degree, where that is evidently better.
 
-    Quotients imitate these, as they do functions. Nothing is tried where a model without quotients follows the record,
-    or a library was written by hand.
+    Quotients imitate these, and functions that are found in place of quotients. Nothing is tried where a model without
+    either follows the record, or a library was written by hand.
 
     Args:
         work: whose study says of which states functions may be looked for.
         filtered: the records and their signals.
         regressed: what regression in the default library found.
         refinement: the model so far, if there is one.
+        functions: whether it holds some that the library lacks.
     """
     study, signals = work.study, filtered.signals
     angles = any(c.angle for c in signals.coordinates)
     if study.library.by_hand or angles or not study.suspects or not filtered.sample.complete:
         return refinement
-    if refinement is not None and refinement.exact and not _quotient(refinement):
+    if refinement is not None and refinement.exact and not (functions or _quotient(refinement)):
         return refinement
     wides = (with_basis(work, basis_of(study), degree) for degree in DEGREES)
     wide, found = next(
