@@ -14,7 +14,7 @@ from odescope.library.parse import Scope, parse_term
 from odescope.library.tape import evaluate, write_tape
 from odescope.recordings.checks import is_angular
 
-FINEST = 400  # values of a constant that are compared, from one end of its range to the other
+FINEST = 200  # values of a constant that are compared, from one end of its range to the other
 SEEN = 500  # samples on which they are
 EXPONENTS = (0.2, 4.0)
 ORDERS = (1.2, 8.0)  # of Hill's function: at 1 it is a saturation

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -21,7 +22,7 @@ from odescope.likelihood.add_and_drop import Moves
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import thinned
-from odescope.likelihood.imitation import SEEN, Choice, Imitated, Placed, choices_of
+from odescope.likelihood.imitation import SEEN, Choice, Imitated, Placed, Samples, choices_of
 from odescope.likelihood.negligible import worthless
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WIDTHS, WhiteResiduals
@@ -99,6 +100,11 @@ class FunctionSpace:
         own = len(space.mechanisms)
         return cls(wide, tuple(suspected), families, choices, number, own, float(width), refinement.exact)
 
+    @cached_property
+    def samples(self) -> Samples:
+        """The variables at the averages of the record, and functions of them."""
+        return Samples(values_of_variables(self.space))
+
     def padded(self, theta: FloatArray) -> FloatArray:
         """Return coefficients of the model as those of all candidates."""
         return np.append(theta, np.zeros(len(self.space.mechanisms) - len(theta)))
@@ -170,8 +176,7 @@ class FunctionSpace:
         terms = [space.mechanisms[k].parts[0].product.term for k in base]
         theta = found.theta if at is None else at
         columns = space.evaluated(terms, theta)[:, ::every] if terms else np.zeros((0, len(said[::every])))
-        values = {name: column[::every] for name, column in values_of_variables(space).items()}
-        return Imitated(said[::every], columns, values) if np.isfinite(said).all() else None
+        return Imitated(said[::every], columns, self.samples.thinned(every)) if np.isfinite(said).all() else None
 
     def written(
         self, relation: int, theta: FloatArray, base: Sequence[int], placed: Sequence[Placed], imitated: Imitated

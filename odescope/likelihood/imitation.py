@@ -71,17 +71,21 @@ def choices_of(families: Sequence[Family], beside: Sequence[Term]) -> tuple[Choi
 
 
 @dataclass(frozen=True, eq=False)
-class Imitated:
-    """What one relation says of its target at some samples, and functions that may say it.
+class Samples:
+    """Variables at some samples, by name (N,), and functions of them, each evaluated on its grid once."""
 
-    Shapes: said (N,), base (b, N) what stands beside the functions in any case; values by name of the variable (N,).
-    """
-
-    said: FloatArray
-    base: FloatArray
     values: Mapping[str, FloatArray]
     columns: dict[Choice, tuple[list[dict[str, float]], FloatArray]] = field(default_factory=dict)
     tapes: dict[Choice, Tape] = field(default_factory=dict)
+    fewer: dict[int, Samples] = field(default_factory=dict)
+
+    def thinned(self, every: int) -> Samples:
+        """Return one sample of so many."""
+        if every == 1:
+            return self
+        if every not in self.fewer:
+            self.fewer[every] = Samples({name: column[::every] for name, column in self.values.items()})
+        return self.fewer[every]
 
     def on_grid(self, choice: Choice) -> tuple[list[dict[str, float]], FloatArray]:
         """Return the constants of a choice at every point of their grids, and its terms there (points, terms, N)."""
@@ -100,7 +104,7 @@ class Imitated:
         if choice not in self.tapes:
             names = [*self.values, *(c.name for c in choice.constants)]
             self.tapes[choice] = write_tape(names, choice.terms)
-        many, samples = len(points), len(self.said)
+        many, samples = len(points), len(next(iter(self.values.values())))
         rows = np.empty((len(self.values) + len(choice.constants), many, samples))
         for row, column in zip(rows, self.values.values(), strict=False):
             row[:] = column
@@ -110,6 +114,18 @@ class Imitated:
             columns = evaluate(self.tapes[choice], rows.reshape(len(rows), many * samples))
         columns[~(np.abs(columns) < LARGEST)] = 0.0
         return columns.reshape(len(columns), many, samples).swapaxes(0, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Imitated:
+    """What one relation says of its target at some samples, and functions that may say it.
+
+    Shapes: said (N,), base (b, N) what stands beside the functions in any case.
+    """
+
+    said: FloatArray
+    base: FloatArray
+    samples: Samples
 
     def nearest(self, choice: Choice, others: Sequence[Placed]) -> tuple[float, Placed]:
         """Return the least sum of squares that a choice leaves beside others, and its constants there.
@@ -133,7 +149,7 @@ class Imitated:
         whole = float(rest @ rest)
         if not choice.terms:
             return whole, Placed(choice)
-        points, columns = self.on_grid(choice)
+        points, columns = self.samples.on_grid(choice)
         squares = np.sum(unexplained(rest, there, columns) ** 2, axis=1)
         k = int(np.argmin(squares))
         if not squares[k] < whole:
@@ -171,7 +187,7 @@ class Imitated:
 
         def missed(trials: FloatArray) -> FloatArray:
             values = [valued(trial) for trial in trials]
-            here = np.concatenate([self.at_all(p.choice, values) for p in placed if p.choice.terms], axis=1)
+            here = np.concatenate([self.samples.at_all(p.choice, values) for p in placed if p.choice.terms], axis=1)
             return unexplained(rest / size, there, here)
 
         if not any(p.choice.terms for p in placed):
@@ -185,7 +201,7 @@ class Imitated:
 
     def missed(self, placed: Sequence[Placed]) -> float:
         """Return the sum of squares that the base and functions leave."""
-        columns = np.vstack([self.base, *(self.at(p) for p in placed)])
+        columns = np.vstack([self.base, *(self.samples.at(p) for p in placed)])
         rest = self.said - self.coefficients(placed) @ columns if len(columns) else self.said
         return float(rest @ rest)
 
@@ -196,7 +212,7 @@ class Imitated:
             choices: that may stand there.
             others: what stands beside.
         """
-        around = self.beside(np.vstack([self.base, *(self.at(o) for o in others)]))
+        around = self.beside(np.vstack([self.base, *(self.samples.at(o) for o in others)]))
         return sorted((self._nearest(c, around) for c in choices), key=lambda found: found[0])
 
     def together(self, choices: Sequence[Sequence[Choice]]) -> list[Placed]:
@@ -214,7 +230,7 @@ class Imitated:
 
     def coefficients(self, placed: Sequence[Placed]) -> FloatArray:
         """Return those of the base, then of all terms of the choices."""
-        columns = np.vstack([self.base, *(self.at(p) for p in placed)])
+        columns = np.vstack([self.base, *(self.samples.at(p) for p in placed)])
         scale = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
         found: FloatArray = np.linalg.lstsq((columns / scale[:, None]).T, self.said)[0] / scale
         return found

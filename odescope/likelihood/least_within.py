@@ -50,7 +50,7 @@ def least_within(
         curvature = slopes[free] @ slopes[free].T
         curvature.flat[:: len(curvature) + 1] *= 1.0 + damping
         step = np.zeros(len(x))
-        step[free] = np.linalg.lstsq(curvature, downhill[free])[0]
+        step[free] = np.linalg.solve(curvature, downhill[free])
         trial = np.clip(x + step, low, high)
         other = around(trial)
         fallen = squares - other[2]

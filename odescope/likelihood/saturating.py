@@ -19,7 +19,6 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.function_space import FunctionSpace
 from odescope.likelihood.imitation import Choice, Placed
 from odescope.likelihood.standing import Standing
-from odescope.likelihood.suspicion import values_of_variables
 
 
 def partial_fractions(
@@ -120,7 +119,7 @@ class Saturating(FunctionSpace):
         bare, grown = below.get(ONE, 0.0), below.get(Term(((Name(name), 1),)), 0.0)
         powers = [p.term.power_of(Name(name)) for _, p in products]
         families = (f for f in self.families.get(name, ()) for c in f.constants if c.name.startswith(f"{HALF}_"))
-        family, seen = next(families, None), values_of_variables(self.space).get(name, np.zeros(1))
+        family, seen = next(families, None), self.samples.values.get(name, np.zeros(1))
         if family is None or seen.max() < -seen.min() or len(below) != 2 or not bare * grown > 0.0:
             return None
         if any(power < 0 or power % 1 for power in powers):

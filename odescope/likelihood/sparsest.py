@@ -89,7 +89,7 @@ def grown(imitated: Imitated, choices: Sequence[Sequence[Choice]], bar: tuple[fl
     said, base, found = _unit(seen.said[None])[0], _unit(seen.base), list[Sparse]()
     none = (Placed(Choice()),) * len(choices)
     for k, choice in ((k, c) for k, among in enumerate(choices) for c in among):
-        points, columns = seen.on_grid(choice)
+        points, columns = seen.samples.on_grid(choice)
         tried = list[Sparse]()
         for values, here in list(zip(points, columns, strict=True))[::COARSER]:
             rows = np.vstack([base, _unit(here)])
@@ -117,8 +117,7 @@ def beside(imitated: Imitated, given: Sequence[int], unknown: float) -> list[int
 
 def _thinned(imitated: Imitated) -> Imitated:
     every = -(-len(imitated.said) // LOOKED_AT)
-    values = {name: column[::every] for name, column in imitated.values.items()}
-    return Imitated(imitated.said[::every], imitated.base[:, ::every], values)
+    return Imitated(imitated.said[::every], imitated.base[:, ::every], imitated.samples.thinned(every))
 
 
 def _unit(rows: FloatArray) -> FloatArray:
@@ -211,7 +210,7 @@ def _promising(
     """
     found, whole = list[Sparse](), max(float(imitated.said @ imitated.said), 1e-300)
     for rows in bases:
-        seen = replace(imitated, base=imitated.base[list(rows)], columns=imitated.columns, tapes=imitated.tapes)
+        seen = replace(imitated, base=imitated.base[list(rows)])
         for k, among in enumerate(choices):
             if placed[k].choice.terms:
                 continue
@@ -236,7 +235,7 @@ def _couples(
     """
     none, found = Placed(Choice()), list[Sparse]()
     plain = [(k, Placed(c)) for k, among in enumerate(choices) for c in among if c.size == 1 and not c.constants]
-    columns = {placed.choice: imitated.at(placed)[0] for _, placed in plain}
+    columns = {placed.choice: imitated.samples.at(placed)[0] for _, placed in plain}
     whole = max(float(imitated.said @ imitated.said), 1e-300)
     for rows, ((j, one), (k, other)) in product(((), *bases[:-1]), combinations(plain, 2)):
         if j == k or one.choice == other.choice:

@@ -17,6 +17,7 @@ from odescope.pipeline.work import Work
 
 DEGREES = (6, 5, 4)  # the highest with no more than so many candidates is taken:
 FEW_ENOUGH = 60
+FEW = 20  # where functions were found: less is to be expected
 
 
 def with_higher_degree(
@@ -40,10 +41,8 @@ def with_higher_degree(
         return refinement
     if refinement is not None and refinement.exact and not (functions or _quotient(refinement)):
         return refinement
-    wides = (with_basis(work, basis_of(study), degree) for degree in DEGREES)
-    wide, found = next(
-        ((w, f) for w in wides if (f := regressed_with(w, filtered, FEW_ENOUGH)) is not None), (work, None)
-    )
+    wides, many = (with_basis(work, basis_of(study), degree) for degree in DEGREES), FEW if functions else FEW_ENOUGH
+    wide, found = next(((w, f) for w in wides if (f := regressed_with(w, filtered, many)) is not None), (work, None))
     follows = refinement is not None and refinement.exact
     if found is None or not promises(found, regressed, EVIDENT if follows else 0.0):
         return refinement

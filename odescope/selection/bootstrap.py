@@ -15,7 +15,7 @@ from odescope.regression.problem import Problem
 from odescope.regression.proposers import Proposer, Support
 from odescope.selection.criterion import penalty
 from odescope.selection.ranking import Candidate
-from odescope.selection.sweep import primitive
+from odescope.selection.sweep import Quotients
 
 REPLICATES = 50  # together no dearer than two sweeps
 LEAST_PIVOT = 1e-4  # of unit columns
@@ -121,5 +121,4 @@ def _best(times: IntArray, drawn: _Drawn) -> Support:
     best = min((s for s in sorted(found) if set(s) & drawn.own), key=criterion, default=())
     if not best:
         return best
-    place = {term: j for j, term in enumerate(drawn.terms)}
-    return tuple(sorted(primitive(best, drawn.terms, place).values()))
+    return tuple(sorted(Quotients(drawn.terms).primitive(best).values()))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import sub
 
 import numpy as np
 
 from odescope.arrays import BoolArray, IntArray
-from odescope.library.expression import Term
 from odescope.library.product import Product
 from odescope.parallel.workers import Threads, nothing
 from odescope.regression.factor import Factor
@@ -70,7 +70,7 @@ def sweep(
         proposers: searched with, one after the other.
         check: called several times a second; what it raises ends the sweep.
     """
-    place = {term: j for j, term in enumerate(terms)}
+    quotients = Quotients(terms)
     found: dict[Support, dict[int, None]] = {}
 
     def search(guess: int) -> list[Support]:
@@ -84,7 +84,7 @@ def sweep(
 
     for guess, supports in enumerate(Threads().map(search, range(factor.width), check=check)):
         for support in dict.fromkeys(supports):
-            divided = primitive((*support, guess), terms, place)
+            divided = quotients.primitive((*support, guess))
             found.setdefault(tuple(sorted(divided.values())), {})[divided[guess]] = None
     return Sweep(tuple(found), tuple(tuple(g) for g in found.values()), factor.width)
 
@@ -105,23 +105,35 @@ def nested_libraries(terms: Sequence[Product], own: Sequence[int]) -> tuple[Supp
     return tuple(s for s in dict.fromkeys([explicit, *sets]) if len(s) > 1 and set(s) & set(own))
 
 
-def primitive(support: Support, terms: Sequence[Product], place: Mapping[Product, int]) -> dict[int, int]:
-    """Return what each column of a relation becomes when what is common to all its terms is divided out.
+class Quotients:
+    """A library's products as powers of their atoms, by which relations are divided.
 
-    Both relations say the same of the target; where the library lacks a quotient the relation stays as it is.
-
-    Args:
-        support: columns of the relation.
-        terms: the library's m products.
-        place: the column of each of them.
+    There are thousands of supports, and products of terms as objects take longer than the searches that find these.
     """
-    first = terms[support[0]]
-    powers = {atom: min(terms[j].term.power_of(atom) for j in support) for atom, _ in first.term.factors}
-    inverse = Term.of((atom, -power) for atom, power in powers.items() if power > 0)
-    factors = {terms[j].factor for j in support}
-    if not inverse.factors and (len(factors) > 1 or None in factors):
-        return dict(zip(support, support, strict=True))
-    quotients = {
-        j: place.get(Product(terms[j].factor if len(factors) > 1 else None, terms[j].term * inverse)) for j in support
-    }
-    return {j: q if q is not None and None not in quotients.values() else j for j, q in quotients.items()}
+
+    def __init__(self, terms: Sequence[Product]) -> None:
+        atoms = dict.fromkeys(atom for p in terms for atom, _ in p.term.factors)
+        self._powers = [tuple(p.term.power_of(atom) for atom in atoms) for p in terms]
+        self._targets = [p.factor for p in terms]
+        self._place = {key: j for j, key in enumerate(zip(self._targets, self._powers, strict=True))}
+
+    def primitive(self, support: Support) -> dict[int, int]:
+        """Return what each column of a relation becomes when what is common to all its terms is divided out.
+
+        Both relations say the same of the target; where the library lacks a quotient the relation stays as it is.
+
+        Args:
+            support: columns of the relation.
+        """
+        as_it_is, targets = dict(zip(support, support, strict=True)), {self._targets[j] for j in support}
+        common = [max(0, min(powers)) for powers in zip(*(self._powers[j] for j in support), strict=True)]
+        if not any(common) and (len(targets) > 1 or None in targets):
+            return as_it_is
+        quotients = dict[int, int]()
+        for j in support:
+            target = self._targets[j] if len(targets) > 1 else None
+            found = self._place.get((target, tuple(map(sub, self._powers[j], common))))
+            if found is None:
+                return as_it_is
+            quotients[j] = found
+        return quotients

@@ -5,14 +5,14 @@ import pytest
 
 from odescope.library.expression import ONE
 from odescope.library.families import families_of
-from odescope.likelihood.imitation import Choice, Imitated, Placed, choices_of
+from odescope.likelihood.imitation import Choice, Imitated, Placed, Samples, choices_of
 
 Z = np.linspace(0.3, 4.0, 400)
 W = np.cos(3.0 * Z)
 
 
 def imitated(said):
-    return Imitated(said, np.array([np.ones_like(Z)]), {"z": Z, "w": W})
+    return Imitated(said, np.array([np.ones_like(Z)]), Samples({"z": Z, "w": W}))
 
 
 def choice(text):

@@ -5,7 +5,7 @@ import numpy as np
 from odescope.library.expression import ONE
 from odescope.library.families import families_of
 from odescope.library.pairs import pair_families
-from odescope.likelihood.imitation import Choice, Imitated, choices_of
+from odescope.likelihood.imitation import Choice, Imitated, Samples, choices_of
 from odescope.likelihood.sparsest import beside, grown, sparse
 
 T = np.linspace(0.0, 12.0, 300)
@@ -19,7 +19,7 @@ def ends(said, terms=8):
     single = choices_of(families_of("x", VALUES["x"], ()), (ONE,))
     pairs = [Choice((f.term,), f.constants, f.points) for f in pair_families(VALUES, ())]
     noise = np.sqrt(UNKNOWN * np.mean(said**2)) * np.random.default_rng(0).standard_normal(len(said))
-    return sparse(Imitated(said + noise, BASE, VALUES), [single, pairs], BASES, (UNKNOWN, terms))
+    return sparse(Imitated(said + noise, BASE, Samples(VALUES)), [single, pairs], BASES, (UNKNOWN, terms))
 
 
 def test_a_step_of_a_weighted_sum_is_found_with_the_terms_beside_it():
@@ -53,7 +53,7 @@ def test_a_function_is_recognised_beside_products_that_alone_say_little():
     names, base = products()
     said = 0.8 * VALUES["z"] * (VALUES["y"] - 0.9) - 1.3 * np.exp(VALUES["x"] / 0.5)
     single = choices_of(families_of("x", VALUES["x"], ()), (ONE,))
-    best = grown(Imitated(said, base, VALUES), [single], (UNKNOWN, 8))[0]
+    best = grown(Imitated(said, base, Samples(VALUES)), [single], (UNKNOWN, 8))[0]
     assert [names[k] for k in best.kept] == ["z", "y*z"]
     assert [t.text for t in best.placed[0].choice.terms] == ["exp(rise_x**-1*x)"]
     assert abs(best.placed[0].values["rise_x"] - 0.5) < 1e-3
@@ -63,5 +63,5 @@ def test_what_stands_beside_a_given_row_is_the_fewest_products():
     names, base = products()
     rate = np.sqrt(VALUES["x"])
     said = -1.1 * rate + 0.4 * VALUES["z"] - 0.7 * VALUES["x"] * VALUES["z"]
-    kept = beside(Imitated(said, np.vstack([rate, base]), VALUES), [0], UNKNOWN)
+    kept = beside(Imitated(said, np.vstack([rate, base]), Samples(VALUES)), [0], UNKNOWN)
     assert sorted(["rate", *names][k] for k in kept) == ["rate", "x*z", "z"]

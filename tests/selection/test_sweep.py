@@ -11,7 +11,7 @@ from odescope.library.parse import Scope
 from odescope.library.tape import evaluate, write_tape
 from odescope.regression.factor import factorise
 from odescope.regression.proposers import BackwardElimination, EnergyThreshold
-from odescope.selection.sweep import Sweep, nested_libraries, primitive, sweep
+from odescope.selection.sweep import Quotients, Sweep, nested_libraries, sweep
 
 repeatable = settings(derandomize=True, deadline=None, max_examples=60)
 WIDTH = 12
@@ -29,7 +29,6 @@ def terms_of(*texts):
 
 # {1, x, v, sin(x)} to degree 3, alone and times the target
 RICH = (Library.of(("x", "v", "sin(x)"), SCOPE).powers(3) * Library.of(("1", "v_dot"), SCOPE)).products(["v_dot"])
-PLACE = {term: j for j, term in enumerate(RICH)}
 OWN = tuple(j for j, term in enumerate(RICH) if term.factor == "v_dot")
 
 
@@ -117,7 +116,7 @@ def test_dividing_out_leaves_no_common_factor_and_the_same_prediction(support, s
     support = tuple(sorted({*support, OWN[seed % len(OWN)]}))
     if all(j in OWN for j in support):
         support = (0, *support)
-    quotients = primitive(support, RICH, PLACE)
+    quotients = Quotients(RICH).primitive(support)
     relation = tuple(sorted(quotients.values()))
     # A library of monomials holds every quotient: what is left is primitive.
     atoms = {atom for p in RICH for atom, _ in p.expanded.factors}
@@ -130,21 +129,19 @@ def test_dividing_out_leaves_no_common_factor_and_the_same_prediction(support, s
     np.testing.assert_allclose(
         predicted(relation, [moved[j] for j in relation], columns, 20), predicted(support, xi, columns, 20), rtol=1e-9
     )
-    assert primitive(relation, RICH, PLACE) == {j: j for j in relation}
+    assert Quotients(RICH).primitive(relation) == {j: j for j in relation}
 
 
 def test_a_quotient_that_the_library_lacks_leaves_the_relation_as_it_is():
     terms = terms_of("x*v", "x**2", "x*v_dot", "v", "v_dot")
-    place = {term: j for j, term in enumerate(terms)}
-    assert primitive((0, 1, 2), terms, place) == {0: 0, 1: 1, 2: 2}  # x**2/x = x is not there
-    assert primitive((0, 2), terms, place) == {0: 3, 2: 4}
+    assert Quotients(terms).primitive((0, 1, 2)) == {0: 0, 1: 1, 2: 2}  # x**2/x = x is not there
+    assert Quotients(terms).primitive((0, 2)) == {0: 3, 2: 4}
 
 
 def test_a_common_function_is_divided_out():
     terms = terms_of("sin(x)", "v*sin(x)", "v_dot*sin(x)", "1", "v", "v_dot", "cos(x)")
-    place = {term: j for j, term in enumerate(terms)}
-    assert primitive((0, 1, 2), terms, place) == {0: 3, 1: 4, 2: 5}
-    assert primitive((0, 1, 6), terms, place) == {0: 0, 1: 1, 6: 6}
+    assert Quotients(terms).primitive((0, 1, 2)) == {0: 3, 1: 4, 2: 5}
+    assert Quotients(terms).primitive((0, 1, 6)) == {0: 0, 1: 1, 6: 6}
 
 
 # sweep
