@@ -19,7 +19,8 @@ from odescope.likelihood.fit import CONVERGED, ITERATIONS, Fit
 from odescope.likelihood.held_out import WINDOWS, free_run_errors, stretches
 from odescope.likelihood.search_space import SearchSpace
 
-FAITHFUL = 0.005  # standard deviations of what was measured: a free run as near to the record needs no more terms
+FAITHFUL = 0.01  # standard deviations of what was measured: a free run as near to the record needs no more terms;
+VERY = 0.005  # where the misfit is white it has to be as near as this to do without what is sure
 WORTH = 3.0  # times the least error: but what a term improves as much is physics, however near the runs are
 TELLING = 0.1  # standard deviations: where even the best free runs are further from the record, shorter ones tell more
 SHORT = 8  # averages, of the shortest runs
@@ -112,7 +113,7 @@ class ModelPath:
         """
         price = self.space.penalty
         sure = self._last_with(lambda dropped: THIN * float(price[self.space.mechanisms.index(dropped)]))
-        near = max((k for k in range(len(self.steps)) if near_enough(self.steps, k)), default=0)
+        near = max((k for k in range(len(self.steps)) if near_enough(self.steps, k, VERY)), default=0)
         return replace(self, chosen=min(self.chosen, max(sure, near)))
 
     @property
@@ -183,9 +184,15 @@ def knee(steps: Sequence[PathStep], unseen: Sequence[FloatArray], anywhere: Call
     )
 
 
-def near_enough(steps: Sequence[PathStep], k: int) -> bool:
-    """Say whether free runs of a model, but for their spread, are so near that none can be nearer by what matters."""
-    return steps[k].error - steps[k].spread <= min(FAITHFUL, WORTH * min(s.error for s in steps))
+def near_enough(steps: Sequence[PathStep], k: int, faithful: float = FAITHFUL) -> bool:
+    """Say whether free runs of a model, but for their spread, are so near that none can be nearer by what matters.
+
+    Args:
+        steps: the models.
+        k: number of the one.
+        faithful: error of a free run that is near enough, in standard deviations of what was measured.
+    """
+    return steps[k].error - steps[k].spread <= min(faithful, WORTH * min(s.error for s in steps))
 
 
 def _no_worse(errors: FloatArray, best: FloatArray) -> bool:

@@ -32,7 +32,8 @@ def chosen(unseen, anywhere=None):
     [
         (0.0030, 0.0045, 1),  # both near the record, and nearly as near
         (4e-5, 0.0045, 0),  # both near the record, but a hundred times further without the term
-        (0.0030, 0.0080, 0),  # the shorter one is further off than half a percent
+        (0.0045, 0.0080, 1),
+        (0.0045, 0.0120, 0),  # the shorter one is further off than a percent
     ],
 )
 def test_a_term_that_brings_runs_much_nearer_stays_however_near_they_are_without(longer, shorter, number):
@@ -113,7 +114,7 @@ def test_beside_white_noise_what_earned_four_times_its_price_stays(statistics, l
     assert ModelPath(it, tuple(models), 3).keeping_sure.chosen == left
 
 
-@pytest.mark.parametrize(("error", "left"), [(0.004, 3), (0.04, 1)])
+@pytest.mark.parametrize(("error", "left"), [(0.004, 3), (0.008, 1), (0.04, 1)])
 def test_what_looks_white_keeps_nothing_sure_beside_runs_that_are_near_without(error, left):
     it = spring(1)
     sure = [(m, 100.0 * p) for m, p in zip(it.mechanisms[4:6], it.penalty[4:6], strict=True)]
