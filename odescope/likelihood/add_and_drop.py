@@ -166,7 +166,10 @@ class Moves:
         moved = free[kept != present]
         if len(moved) < 2:
             return None
-        theta[free] = refitted(expansion, theta[free], np.flatnonzero(kept))
+        again = refitted(expansion, theta[free], np.flatnonzero(kept))
+        if again is None:
+            return None
+        theta[free] = again
         trial = space.fit(theta, np.union1d(free[kept], here.held), here.x0, self.defect_std, here.strength)
         if trial is None or self.penalised(trial) >= self.penalised(here) - GAIN:
             return None
@@ -229,8 +232,10 @@ class Moves:
                 return None
             gone = np.unique(now[pair])
             kept = np.union1d(np.setdiff1d(now, gone), new[k])
-            theta = here.theta.copy()
-            theta[free] = refitted(expansion, here.theta[free], np.searchsorted(free, kept))
+            theta, again = here.theta.copy(), refitted(expansion, here.theta[free], np.searchsorted(free, kept))
+            if again is None:
+                continue
+            theta[free] = again
             trial = space.fit(theta, np.union1d(kept, here.held), here.x0, self.defect_std, here.strength)
             if trial is None or (self.judge.binding and self._weak(trial)):
                 continue

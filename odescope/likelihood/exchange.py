@@ -13,6 +13,7 @@ from odescope.likelihood.expansion import Expansion, scaled
 from odescope.likelihood.gauge import SINGULAR, inverse
 
 FAR = 8  # moves that the expansion of a cost foresees, at most
+RUNAWAY = 1e12  # times as large as any: what rounding makes of coefficients
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of coefficients of which the data say nothing
@@ -41,8 +42,8 @@ def rise(rest: Projection, theta: FloatArray) -> FloatArray:
     return change
 
 
-def refitted(expansion: Expansion, theta: FloatArray, kept: IntArray) -> FloatArray:
-    """Return the coefficients (f,) of least cost where only some are not zero.
+def refitted(expansion: Expansion, theta: FloatArray, kept: IntArray) -> FloatArray | None:
+    """Return the coefficients (f,) of least cost where only some are not zero; None where the data say nothing of these.
 
     Args:
         expansion: of the cost about theta, initial states eliminated.
@@ -52,8 +53,9 @@ def refitted(expansion: Expansion, theta: FloatArray, kept: IntArray) -> FloatAr
     found = np.zeros_like(theta)
     found[kept] = theta[kept]
     gradient = expansion.gradient + expansion.information @ (found - theta)
-    found[kept] -= inverse(expansion.information[np.ix_(kept, kept)]) @ gradient[kept]
-    return found
+    with np.errstate(over="ignore", invalid="ignore"):  # of coefficients of which the data say nothing
+        found[kept] -= inverse(expansion.information[np.ix_(kept, kept)]) @ gradient[kept]
+    return found if np.all(np.abs(found) < RUNAWAY * np.abs(theta).max(initial=1.0)) else None
 
 
 def foreseen(
