@@ -20,7 +20,7 @@ from odescope.likelihood.held_out import WINDOWS, free_run_errors, stretches
 from odescope.likelihood.search_space import SearchSpace
 
 FAITHFUL = 0.01  # standard deviations of what was measured: a free run as near to the record needs no more terms;
-VERY = 0.005  # where the misfit is white it has to be as near as this to do without what is sure
+VERY = 0.005  # the same where the misfit is white: what lacks then is not known to be
 WORTH = 3.0  # times the least error: but what a term improves as much is physics, however near the runs are
 TELLING = 0.1  # standard deviations: where even the best free runs are further from the record, shorter ones tell more
 SHORT = 8  # averages, of the shortest runs
@@ -116,16 +116,20 @@ class ModelPath:
         near = max((k for k in range(len(self.steps)) if near_enough(self.steps, k, VERY)), default=0)
         return replace(self, chosen=min(self.chosen, max(sure, near)))
 
-    @property
-    def at_knee(self) -> ModelPath:
-        """The path with the shortest model chosen that runs freely no worse than the best, or near enough.
+    def at_knee(self, faithful: float = FAITHFUL) -> ModelPath:
+        """Return the path with the shortest model chosen that runs freely no worse than the best, or near enough.
 
         None that lacks what halves the variance of what is unexplained: that is physics, however near runs are.
+
+        Args:
+            faithful: error of a free run that is near enough, in standard deviations of what was measured.
         """
         over = stretches(self.space.segments)
         pieces, unseen = self._telling(min(high - low for low, high in over))
         steps = self.steps[: 1 + self._last_with(lambda _: HALVES * self.space.segments.samples)]
-        return replace(self, chosen=knee(steps, unseen, lambda step: _errors(self.space, step.fit, over, pieces)))
+        return replace(
+            self, chosen=knee(steps, unseen, lambda step: _errors(self.space, step.fit, over, pieces), faithful)
+        )
 
     def _last_with(self, enough: Callable[[Mechanism], float]) -> int:
         """Return the number of the last model that has all whose Wald statistic is more than enough."""
@@ -164,7 +168,12 @@ def _lost(steps: Sequence[PathStep]) -> bool:
     return steps[-1].error > LOST and min(s.error for s in steps) < KEPT
 
 
-def knee(steps: Sequence[PathStep], unseen: Sequence[FloatArray], anywhere: Callable[[PathStep], FloatArray]) -> int:
+def knee(
+    steps: Sequence[PathStep],
+    unseen: Sequence[FloatArray],
+    anywhere: Callable[[PathStep], FloatArray],
+    faithful: float = FAITHFUL,
+) -> int:
     """Return the number of the shortest model that runs freely no worse than the best, or near enough.
 
     The best is that of the least error over what is held out. No worse is one for which neither the runs there nor
@@ -174,17 +183,19 @@ def knee(steps: Sequence[PathStep], unseen: Sequence[FloatArray], anywhere: Call
         steps: the models.
         unseen: errors (n,) of each in free runs over what is held out.
         anywhere: returns those of one over the whole record (m,).
+        faithful: error of a free run that is near enough, in standard deviations of what was measured.
     """
     best = min(range(len(steps)), key=lambda k: _rms(unseen[k]))
     of_the_best = anywhere(steps[best])
     return max(
         k
         for k, s in enumerate(steps)
-        if near_enough(steps, k) or (_no_worse(unseen[k], unseen[best]) and _no_worse(anywhere(s), of_the_best))
+        if near_enough(steps, k, faithful)
+        or (_no_worse(unseen[k], unseen[best]) and _no_worse(anywhere(s), of_the_best))
     )
 
 
-def near_enough(steps: Sequence[PathStep], k: int, faithful: float = FAITHFUL) -> bool:
+def near_enough(steps: Sequence[PathStep], k: int, faithful: float) -> bool:
     """Say whether free runs of a model, but for their spread, are so near that none can be nearer by what matters.
 
     Args:

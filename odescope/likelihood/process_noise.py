@@ -21,7 +21,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
 from odescope.likelihood.negligible import one_less
 from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
-from odescope.likelihood.path import ModelPath
+from odescope.likelihood.path import VERY, ModelPath
 from odescope.likelihood.program import Program
 from odescope.likelihood.search import Outcome, WhiteResiduals
 from odescope.likelihood.search_space import Move, SearchSpace
@@ -197,10 +197,12 @@ def search_with_process_noise(
     if len(open_.start) > len(seen.segments.start):
         seen, longest, trail = _searched_on(space.on(open_), seen, longest, trail)
     way = ModelPath.back(seen.within(seen.budget.part(PATH_SHARE)), longest, seen.segments.spread)
-    way = way.chosen_at(terms) if terms is not None else way.at_knee
     known = robust_evidence(seen, longest) if terms is None else None
     sure = known is not None and white(longest, known)
-    way = way.keeping_sure if sure else way
+    if terms is not None:
+        way = way.chosen_at(terms)
+    else:
+        way = way.at_knee(VERY).keeping_sure if sure else way.at_knee()
     here = way.choice.fit
     begun = with_noise(space, seen.segments.noise, seen.segments.spread)
     found = begun.again(here, begun.segments.initial, begun.segments.spread)

@@ -75,7 +75,7 @@ def test_where_a_random_force_leaves_long_runs_telling_nothing_shorter_ones_tell
     ]
     assert models[0].error > 0.2
     assert knee(models, [s.errors for s in models], lambda step: step.errors) == 1
-    assert ModelPath(it, tuple(models), 0).at_knee.chosen == 0
+    assert ModelPath(it, tuple(models), 0).at_knee().chosen == 0
 
 
 @pytest.mark.parametrize("lengths", [(103,), (100, 27), (30, 20, 25, 40, 35, 10, 12, 15, 18, 21)])
@@ -130,4 +130,4 @@ def test_what_halves_the_unexplained_variance_stays_however_near_runs_are(share,
     near, statistic = np.array([0.001, 0.0012, 0.0011]), share * it.segments.samples
     dropped = (None, 0.0), (it.mechanisms[5], 3.0), (it.mechanisms[3], statistic)
     models = tuple(PathStep(fitted(it), near, m, s, 5 - k) for k, (m, s) in enumerate(dropped))
-    assert ModelPath(it, models, 0).at_knee.chosen == left
+    assert ModelPath(it, models, 0).at_knee().chosen == left
