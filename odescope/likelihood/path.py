@@ -19,8 +19,8 @@ from odescope.likelihood.fit import CONVERGED, ITERATIONS, Fit
 from odescope.likelihood.held_out import WINDOWS, free_run_errors, stretches
 from odescope.likelihood.search_space import SearchSpace
 
-FAITHFUL = 0.01  # standard deviations of what was measured: a free run as near to the record needs no more terms;
-VERY = 0.005  # the same where the misfit is white: what lacks then is not known to be
+VERY = 0.005  # standard deviations of what was measured: a free run as near to the record, but for the spread of
+FAITHFUL = 0.01  # stretches, needs no more terms; where the misfit is not white, nor does one as near as this
 WORTH = 3.0  # times the least error: but what a term improves as much is physics, however near the runs are
 TELLING = 0.1  # standard deviations: where even the best free runs are further from the record, shorter ones tell more
 SHORT = 8  # averages, of the shortest runs
@@ -196,14 +196,16 @@ def knee(
 
 
 def near_enough(steps: Sequence[PathStep], k: int, faithful: float) -> bool:
-    """Say whether free runs of a model, but for their spread, are so near that none can be nearer by what matters.
+    """Say whether free runs of a model are so near that none can be nearer by what matters.
 
     Args:
         steps: the models.
         k: number of the one.
-        faithful: error of a free run that is near enough, in standard deviations of what was measured.
+        faithful: error of a free run that is near enough, in standard deviations of what was measured; half a percent
+            is, but for the spread of the errors.
     """
-    return steps[k].error - steps[k].spread <= min(faithful, WORTH * min(s.error for s in steps))
+    error, worth = steps[k].error, WORTH * min(s.error for s in steps)
+    return error - steps[k].spread <= min(VERY, worth) or error <= min(faithful, worth)
 
 
 def _no_worse(errors: FloatArray, best: FloatArray) -> bool:
