@@ -63,6 +63,16 @@ def test_the_coefficients_are_those_of_a_fit_anew_from_wherever_it_begins():
     np.testing.assert_allclose(refitted(expansion, theta, kept), least(design, y, kept)[0], rtol=1e-8)
 
 
+def test_there_are_no_coefficients_where_one_says_nothing_but_rounding():
+    design, y = regression(1)
+    theta, information = least(design, y, np.flatnonzero(PRESENT))[0], design.T @ design
+    gradient = -design.T @ (y - design @ theta)
+    information[4], information[:, 4], gradient[4] = 0.0, 0.0, 1e-12
+    expansion = SimpleNamespace(information=information, gradient=gradient)
+    assert refitted(expansion, theta, np.array([0, 3, 4])) is None
+    assert refitted(expansion, theta, np.array([0, 3, 5])) is not None
+
+
 def one_at_a_time(design, y, present, able, price):
     """Return which columns stay when the best addition or drop, by least squares anew, is made until none is better."""
     kept = present.copy()

@@ -29,6 +29,15 @@ def test_the_function_that_was_said_comes_nearest(text, said):
     assert text in ranked[0][1].choice.terms[0].text
 
 
+def test_functions_at_fewer_samples_are_those_of_all():
+    samples, function = Samples({"z": Z, "w": W}), choice("tanh(")
+    points, columns = samples.on_grid(function)
+    fewer = samples.thinned(3)
+    assert fewer.on_grid(function)[0] == points
+    np.testing.assert_array_equal(fewer.on_grid(function)[1], columns[:, :, ::3])
+    assert samples.thinned(3) is fewer  # and evaluated once
+
+
 def test_what_is_missed_is_that_of_least_squares_at_the_same_constants():
     rng = np.random.default_rng(1)
     found = imitated(np.sqrt(Z) + 0.3 * np.tanh(Z / 0.5) + 0.1 * rng.standard_normal(len(Z)))

@@ -9,7 +9,7 @@ from process_cases import LINEAR, Q, fitted, kicked, spring
 from small_systems import SPRING, drive
 
 from odescope.likelihood.held_out import free_run_errors, held_out, stretches
-from odescope.likelihood.path import ModelPath, PathStep, knee
+from odescope.likelihood.path import FAITHFUL, VERY, ModelPath, PathStep, knee
 
 COMMON = np.array([0.02, 0.08, 0.04, 0.06])  # what is hard in each stretch, whatever the model
 CHANCE = np.array([-0.009, 0.012, -0.008, 0.010])
@@ -20,11 +20,11 @@ def steps(*errors):
     return [PathStep(None, np.array(e), None, 0.0, len(errors) - k) for k, e in enumerate(errors)]
 
 
-def chosen(unseen, anywhere=None):
+def chosen(unseen, anywhere=None, faithful=FAITHFUL):
     """Return the number of the model that is chosen; over the whole record errors are the same by default."""
     models = steps(*unseen)
     whole = dict(zip(map(id, models), unseen if anywhere is None else anywhere, strict=True))
-    return knee(models, [s.errors for s in models], lambda step: np.array(whole[id(step)]))
+    return knee(models, [s.errors for s in models], lambda step: np.array(whole[id(step)]), faithful)
 
 
 @pytest.mark.parametrize(
@@ -38,6 +38,16 @@ def chosen(unseen, anywhere=None):
 )
 def test_a_term_that_brings_runs_much_nearer_stays_however_near_they_are_without(longer, shorter, number):
     assert chosen([[longer] * 3, [shorter] * 3]) == number
+
+
+def test_where_a_misfit_is_white_runs_have_to_be_nearer_to_do_without_a_term():
+    assert chosen([[0.0045] * 3, [0.0080] * 3], faithful=VERY) == 0
+    assert chosen([[0.0045] * 3, [0.0049] * 3], faithful=VERY) == 1
+
+
+def test_the_spread_of_stretches_counts_up_to_half_a_percent_alone():
+    assert chosen([[0.002] * 3, [0.004, 0.006, 0.0035]]) == 1
+    assert chosen([[0.006] * 3, [0.006, 0.017, 0.009]]) == 0
 
 
 def test_what_all_models_find_hard_in_a_stretch_hides_no_difference():
