@@ -43,7 +43,7 @@ def rise(rest: Projection, theta: FloatArray) -> FloatArray:
 
 
 def refitted(expansion: Expansion, theta: FloatArray, kept: IntArray) -> FloatArray | None:
-    """Return the coefficients (f,) of least cost where only some are not zero; None where the data say nothing of these.
+    """Return the coefficients (f,) of least cost where only some are not zero, None where these are but rounding.
 
     Args:
         expansion: of the cost about theta, initial states eliminated.

@@ -201,8 +201,10 @@ def search_with_process_noise(
     sure = known is not None and white(longest, known)
     if terms is not None:
         way = way.chosen_at(terms)
+    elif sure:
+        way = way.at_knee(VERY).keeping_sure
     else:
-        way = way.at_knee(VERY).keeping_sure if sure else way.at_knee()
+        way = way.at_knee()
     here = way.choice.fit
     begun = with_noise(space, seen.segments.noise, seen.segments.spread)
     found = begun.again(here, begun.segments.initial, begun.segments.spread)
