@@ -154,7 +154,8 @@ class Evaluator:
             information, scale = scaled(expansion.information[np.ix_(open_, open_)])
             pull = expansion.gradient[open_] + expansion.information[np.ix_(open_, ~open_)] @ step[~open_]
             try:
-                step[open_] = np.linalg.solve(information, -pull / scale) / scale
+                with np.errstate(over="ignore"):  # of a parameter of which the data say nothing
+                    step[open_] = np.linalg.solve(information, -pull / scale) / scale
             except np.linalg.LinAlgError:
                 return None
             beyond = open_ & ((step < least) | (step > largest))
