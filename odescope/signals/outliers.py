@@ -36,6 +36,7 @@ AROUND = 3  # samples on either side of where a held input jumps,
 BENT = 8.0  # and how many times as far off the filtered signal a sample may be there
 SELDOM = 0.1  # of all samples
 IN_A_ROW = 4  # spikes: of two beside each other the nearer to the others is clipped first
+SHARP = 0.4  # of what a spike is off, that it is at least off the mean of the two samples beside it
 NEIGHBOURS = (1, 2, 3, 4, 5, 7, 9)  # samples away, on either side: of four spikes in a row most say what the others are
 
 
@@ -123,12 +124,27 @@ def _without_spikes(recorded: Sequence[FloatArray]) -> list[FloatArray]:
     found, between = list(recorded), [_between_neighbours(y) for y in recorded]
     bound = FAR * robust_deviation(np.concatenate([y - m for y, (m, _) in zip(found, between, strict=True)]))
     for _ in range(IN_A_ROW if bound > 0.0 else 0):
-        spikes = [np.abs(y - m) > np.maximum(apart, bound) for y, (m, apart) in zip(found, between, strict=True)]
+        spikes = [_spikes(y, *those, bound) for y, those in zip(found, between, strict=True)]
         if not any(map(np.any, spikes)):
             break
         found = [np.where(far, _clipped(y, m, bound), y) for y, far, (m, _) in zip(found, spikes, between, strict=True)]
         between = [_between_neighbours(y) for y in found]
     return found
+
+
+def _spikes(y: FloatArray, middle: FloatArray, apart: FloatArray, bound: float) -> BoolArray:
+    """Return which samples (N,) are spikes: a peak of the signal goes up and down over several.
+
+    Args:
+        y: (N,) the samples.
+        middle: (N,) what their neighbours say.
+        apart: (N,) how far that is apart.
+        bound: from which on a sample is off.
+    """
+    beside = np.concatenate([y[1:2], 0.5 * (y[2:] + y[:-2]), y[-2:-1]])
+    off = np.abs(y - middle)
+    spikes: BoolArray = (off > np.maximum(apart, bound)) & (np.abs(y - beside) > SHARP * off)
+    return spikes
 
 
 def _between_neighbours(y: FloatArray) -> tuple[FloatArray, FloatArray]:

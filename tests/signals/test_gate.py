@@ -148,6 +148,19 @@ def test_spikes_in_one_of_two_records_do_not_pass_for_signal_at_high_frequencies
     assert gone == [rows, []]
 
 
+@pytest.mark.parametrize(("width", "swings"), [(2.5, 0.0), (3.0, 0.3), (3.0, 0.5)])
+def test_a_burst_over_several_samples_in_one_of_two_records_is_no_spike(width, swings):
+    """A peak, or an oscillation that comes and goes, far above all else: it was clipped from its top down."""
+    rng, runs, t = np.random.default_rng(5), [], 0.01 * np.arange(1000)
+    after = np.arange(1000) - 300.0
+    burst = 40.0 * np.exp(-((after / width) ** 2)) * np.cos(swings * after)
+    for start, size in ((0.0, 1.0), (1.0, 0.0)):
+        x = 4.0 * np.sin(1.3 * t + start) + size * burst + 0.05 * rng.standard_normal(1000)
+        runs.append(Record(t, x[:, None], ("x",)))
+    found = gate_outliers(Records.of(runs), X, Spectral())
+    assert [np.count_nonzero(run.counted("x") == 0.0) for run in found] == [0, 0]
+
+
 @pytest.mark.parametrize(
     "rows", [[1500], [1500, 1501], [1500, 1501, 1502, 1503], [1500, 1501, 1503, 1504], [0, 1, 2999]]
 )
