@@ -34,7 +34,7 @@ def narrowed(space: SearchSpace, found: Fit, defect_std: FloatArray, halvings: i
                 continue
             between = _between(narrower, name, space.frame.constants[name].nominal, found, defect_std)
             # What half the width costs is what the record says of it: the widths so far are its choice, too.
-            jump = found if half is None else max(found, half, key=lambda f: f.cost)
+            jump = found if half is None else half
             if between is not None and between.cost + space.price(between) < jump.cost + space.price(jump):
                 space, found = narrower, between
             break
