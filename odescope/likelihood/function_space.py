@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -43,7 +42,7 @@ class FunctionSpace:
     `space` holds the candidates of the model, then all functions that are tried, then their constants: only what is
     present is on a tape. `families` are the functions of every variable, `choices` those of every suspicion; `number`
     finds a candidate by relation and product, `own` counts those of the model; `width` is that of the defects; `exact`
-    is whether the model follows the record.
+    is whether the model follows the record; `samples` are the variables at the averages of the record.
     """
 
     space: SearchSpace
@@ -54,6 +53,7 @@ class FunctionSpace:
     own: int
     width: float
     exact: bool
+    samples: Samples
 
     @classmethod
     def of(
@@ -98,12 +98,9 @@ class FunctionSpace:
         number = {(m.parts[0].relation, m.parts[0].product): k for k, m in enumerate(wide.mechanisms) if m.parts}
         width = refinement.outcome.width if refinement.process is None else np.inf
         own = len(space.mechanisms)
-        return cls(wide, tuple(suspected), families, choices, number, own, float(width), refinement.exact)
-
-    @cached_property
-    def samples(self) -> Samples:
-        """The variables at the averages of the record, and functions of them."""
-        return Samples(values_of_variables(self.space))
+        return cls(
+            wide, tuple(suspected), families, choices, number, own, float(width), refinement.exact, Samples(values)
+        )
 
     def padded(self, theta: FloatArray) -> FloatArray:
         """Return coefficients of the model as those of all candidates."""
