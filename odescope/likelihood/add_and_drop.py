@@ -10,6 +10,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.library.mechanism import scale_groups
+from odescope.likelihood.division import divided
 from odescope.likelihood.evidence import project
 from odescope.likelihood.exchange import foreseen, refitted, rise
 from odescope.likelihood.expansion import Expansion
@@ -95,7 +96,7 @@ class Moves:
 
     def divide(self, here: Fit) -> Fit | None:
         """Divide a relation by a function, or multiply it, where that makes it simpler and is no worse."""
-        theta = self.space.divided(here)
+        theta = divided(self.space, here)
         if theta is None:
             return None
         trial = self.space.fit(theta, np.flatnonzero(theta), here.x0, self.defect_std)

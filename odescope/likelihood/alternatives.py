@@ -164,7 +164,8 @@ class _Work(Sharing):
             mechanisms=tuple(mechanisms[k] for k in chosen),
             constants=tuple(constants[n] for n, k in asked.items() if k >= self.own),
             start=Start(
-                fit.theta[[*range(plain), *chosen]], {n: constants[n].at(float(fit.theta[k])) for n, k in asked.items()}
+                (fit.theta * self.space.sizes(fit.theta))[[*range(plain), *chosen]],
+                {n: constants[n].at(float(fit.theta[k])) for n, k in asked.items()},
             ),
             outcome=outcome,
             gain=gain,

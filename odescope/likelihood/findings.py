@@ -85,13 +85,14 @@ def _correlations(refinement: Refinement, evidence: Evidence) -> tuple[Correlati
 def _limits(refinement: Refinement, evidence: Evidence) -> tuple[Limit, ...]:
     """Return the limit of every absent mechanism, the simplest first."""
     mechanisms, penalty = refinement.space.mechanisms, refinement.space.penalty
+    limits = evidence.limits * refinement.space.sizes(refinement.fit.theta)
     asked = [k for k in np.flatnonzero(evidence.limits) if mechanisms[k].parts]
     absent = sorted(asked, key=lambda k: float(penalty[k]))
     return tuple(
         Limit(
             target=mechanisms[k].place,
             term=mechanisms[k].term,
-            limit=_finite(evidence.limits[k]),
+            limit=_finite(limits[k]),
         )
         for k in absent
     )

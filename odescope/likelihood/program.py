@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from odescope.library.expression import ONE, Call, Combination, Name, Term
 from odescope.library.mechanism import Mechanism
 from odescope.library.product import Product
 from odescope.library.tape import Tape, write_tape
+from odescope.likelihood.centring import Centring
 from odescope.likelihood.layers import Layers
 from odescope.likelihood.slopes import Effects
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
@@ -28,7 +29,8 @@ class Frame:
     """What the relations are about; the same for all structures.
 
     Shapes: following (n,) is for each state the state that is its derivative, or -1 - (number of its target); measured
-    (c,) the states that are measured; `constants` are those within functions, by name.
+    (c,) the states that are measured; `constants` are those within functions, by name, and `centring` says about what
+    these act: coefficients are those of the centred terms.
     """
 
     states: tuple[str, ...]
@@ -37,10 +39,14 @@ class Frame:
     following: IntArray
     measured: IntArray
     constants: Mapping[str, Constant]
+    centring: Centring = field(default_factory=Centring)
 
     @staticmethod
     def of(
-        coordinates: Sequence[Coordinate], inputs: Sequence[str], constants: Mapping[str, Constant] | None = None
+        coordinates: Sequence[Coordinate],
+        inputs: Sequence[str],
+        constants: Mapping[str, Constant] | None = None,
+        centring: Centring | None = None,
     ) -> Frame:
         """Return the frame.
 
@@ -48,11 +54,13 @@ class Frame:
             coordinates: what was measured.
             inputs: what drove it, by name.
             constants: those within functions.
+            centring: of these; none by default.
         """
         states = state_names(coordinates)
         measured = np.array([states.index(c.name) for c in coordinates], dtype=np.int64)
         targets = tuple(c.target for c in coordinates)
-        return Frame(states, targets, tuple(inputs), following_states(coordinates), measured, constants or {})
+        following, constants = following_states(coordinates), constants or {}
+        return Frame(states, targets, tuple(inputs), following, measured, constants, centring or Centring())
 
     @property
     def variables(self) -> tuple[str, ...]:
@@ -112,7 +120,7 @@ class Program:
     def of(mechanisms: Sequence[Mechanism], frame: Frame) -> Program:
         """Return the program of these mechanisms."""
         owned = [(number, part) for number, mechanism in enumerate(mechanisms) for part in mechanism.parts]
-        terms = [p.product.term for _, p in owned]
+        terms = [frame.centring.centred(p.product.term) for _, p in owned]
         late = any(m.kind == "delay" for m in mechanisms)
         # What an input gains with its delay stands beside the inputs, under names that no input has.
         rows = [*frame.variables, *(f"{name}'" for name in frame.inputs if late), *frame.constants]

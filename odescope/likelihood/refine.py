@@ -15,6 +15,7 @@ from odescope.library.constants import Constant
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.anew import with_steps_settled
 from odescope.likelihood.budget import Budget
+from odescope.likelihood.centring import Centring
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.families import promising
@@ -142,9 +143,9 @@ def refine(
         Stopped: the run is to end.
     """
     everything, constants = with_settings(mechanisms, signals, late, declared)
-    frame = Frame.of(signals.coordinates, [i.name for i in signals.inputs], constants)
+    frame = _frame(signals, everything, constants, declared)
     cut = partial(_cut, records, signals, differentiator)
-    whole = partial(Start.among, mechanisms=everything, constants=constants)
+    whole = partial(Start.among, mechanisms=everything, frame=frame)
     begun, bare = [whole(s) for s in starts.first], None if starts.plain is None else whole(starts.plain)
     budget = Budget(options.budget, monitor, deadline)
     segments = cut([i.hold for i in signals.inputs], SEGMENT)
@@ -168,6 +169,14 @@ def refine(
         return None
     near, there = [theta for o in outcomes for theta in o.loose], partial(cut, holds_of(space))
     return _judged(there, space, begun, near, best, len(outcomes), gains, options.terms, workers)
+
+
+def _frame(
+    signals: Signals, mechanisms: Sequence[Mechanism], constants: Mapping[str, Constant], declared: Sequence[Constant]
+) -> Frame:
+    """Return what the relations are about, exponentials with declared constants about the middle of the signals."""
+    centring = Centring.of(mechanisms, [c.name for c in declared], signals.names, signals.joined())
+    return Frame.of(signals.coordinates, [i.name for i in signals.inputs], constants, centring)
 
 
 def _constants(space: SearchSpace, outcomes: Sequence[Outcome]) -> dict[str, float]:

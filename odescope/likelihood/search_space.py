@@ -281,9 +281,10 @@ class SearchSpace:
         return found
 
     def evaluated(self, terms: Sequence[Term], theta: FloatArray) -> FloatArray:
-        """Return terms over the smoothed states (terms, N), constants as coefficients (mechanisms,) have them."""
+        """Return centred terms over the smoothed states (terms, N), constants as of coefficients (mechanisms,)."""
         segments, constants = self.segments, self.whole.constants(theta)
-        tape = write_tape([*self.frame.variables, *self.frame.constants], terms)
+        centred = [self.frame.centring.centred(t) for t in terms]
+        tape = write_tape([*self.frame.variables, *self.frame.constants], centred)
         fixed = np.tile(constants, (len(segments.filtered), 1))
         columns = np.ascontiguousarray(np.hstack([segments.filtered, segments.inputs[:, 0], fixed]).T)
         return evaluate(tape, columns)
@@ -294,29 +295,9 @@ class SearchSpace:
         return size
 
     @cached_property
-    def _number(self) -> dict[tuple[Part, ...], int]:
+    def numbers(self) -> dict[tuple[Part, ...], int]:
+        """The number of every mechanism, by its parts."""
         return {m.parts: k for k, m in enumerate(self.mechanisms)}
-
-    def divided(self, found: Fit) -> FloatArray | None:
-        """Return the coefficients of a fit with a relation divided by a function, or multiplied, that makes it simpler.
-
-        A law times a function says the same of the record. None where nothing makes it simpler, or the library lacks
-        what would be left.
-        """
-        for group in scale_groups(self.mechanisms, found.present):
-            parts = [self.mechanisms[k].parts for k in group]
-            if any(len(p) != 1 or self.mechanisms[k].known is not None for p, k in zip(parts, group, strict=True)):
-                continue
-            atoms = dict.fromkeys(atom for p in parts for atom, _ in p[0].product.term.factors)
-            for by in (Term(((atom, power),)) for atom in atoms for power in (-1, 1)):
-                simpler = ((replace(p[0], product=p[0].product * by),) for p in parts)
-                places = np.array([self._number.get(s, -1) for s in simpler], dtype=np.int64)
-                if places.min() >= 0 and self.penalty[places].sum() < self.penalty[list(group)].sum():
-                    theta = found.theta.copy()
-                    theta[list(group)] = 0.0
-                    theta[places] = found.theta[list(group)]
-                    return theta
-        return None
 
     def relations_of(self, found: Fit, covariance: FloatArray) -> tuple[Relation, ...]:
         """Return the relations of a fit, with numbers for constants.
@@ -345,7 +326,9 @@ class SearchSpace:
             found: the fit.
             covariance: (p, p) of its parameters.
         """
-        return sureness(*self._with_numbers(found, covariance), self.frame.targets)
+        present, theta, whole = self._as_found(found, covariance)
+        values = values_of(present, theta, whole, self.frame.constants)
+        return sureness([mechanism_at(m, values) for m in present], theta, whole, self.frame.targets)
 
     def settings_of(self, found: Fit, covariance: FloatArray) -> FoundSettings:
         """Return the offsets, delays, constants and holds of a fit.
@@ -359,10 +342,19 @@ class SearchSpace:
         return settings_of(*self._as_found(found, covariance), self.frame.constants, holds)
 
     def _with_numbers(self, found: Fit, covariance: FloatArray) -> tuple[list[Mechanism], FloatArray, FloatArray]:
-        """Return what `_as_found` does, with numbers for constants."""
+        """Return what `_as_found` does, with numbers for constants, and coefficients that are not centred."""
         present, theta, whole = self._as_found(found, covariance)
         values = values_of(present, theta, whole, self.frame.constants)
-        return [mechanism_at(m, values) for m in present], theta, whole
+        centring, known = self.frame.centring, {name: v for name, v in values.items() if v is not None}
+        sizes = centring.sizes(present, known)
+        slopes = centring.slopes(present, self.frame.constants, known)
+        change = sizes[:, None] * (np.eye(len(present)) + theta[:, None] * slopes)
+        return [mechanism_at(m, values) for m in present], sizes * theta, change @ whole @ change.T
+
+    def sizes(self, theta: FloatArray) -> FloatArray:
+        """Return by what coefficients (mechanisms,) are multiplied to be those of terms that are not centred."""
+        values = dict(zip(self.frame.constants, self.whole.constants(theta).tolist(), strict=True))
+        return self.frame.centring.sizes(self.mechanisms, values)
 
     def _as_found(self, found: Fit, covariance: FloatArray) -> tuple[list[Mechanism], FloatArray, FloatArray]:
         """Return the present mechanisms, their coefficients, and the covariance of all of these."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
+from odescope.likelihood.division import divided_in_part
 from odescope.likelihood.search import TIED, Outcome, full, search, torn
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SHORT
@@ -36,7 +37,8 @@ def searches(
     """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails.
 
     Of few samples every start is searched from, and where a denominator of the model passes zero; of a record whose
-    noise turns out to be less than it was taken for, every one that is shorter than the clear end.
+    noise turns out to be less than it was taken for, every one that is shorter than the clear end. Where the best end
+    may be a law times something, one more search begins with the law.
 
     Every search has its own part of the budget, so that it ends alike wherever it runs.
 
@@ -72,6 +74,13 @@ def searches(
     if failed and plain is not None:
         monitor.tell(Progress("likelihood", "search from plain relations", 0, 1))
         found = _search(_shorter(space, plain, outcomes), space.within(space.budget.part(share)))
+        if found is not None:
+            outcomes.append(found)
+    best = min(outcomes, key=lambda o: o.rank, default=None)
+    if best is not None and (begin := divided_in_part(space, best.fit)) is not None:
+        monitor.tell(Progress("likelihood", "search from divided relations", 0, 1))
+        own = budget.part(min(best.spent / budget.limit, 1.0))
+        found = _search(begin, space.with_constants(best.constants).within(own))
         if found is not None:
             outcomes.append(found)
     if not outcomes:

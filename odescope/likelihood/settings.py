@@ -19,6 +19,7 @@ from odescope.library.mechanism import Kind, Mechanism
 from odescope.library.product import Product
 from odescope.library.readable import readable
 from odescope.library.tape import evaluate, write_tape
+from odescope.likelihood.program import Frame
 from odescope.model.relation import FoundParameter
 from odescope.model.scores import DelayScore, OffsetScore
 from odescope.recordings.coordinate import Coordinate, Hold, Input
@@ -36,18 +37,20 @@ class Start:
     coefficients: FloatArray
     constants: Mapping[str, float] = field(default_factory=dict)
 
-    def among(self, mechanisms: Sequence[Mechanism], constants: Mapping[str, Constant]) -> FloatArray:
-        """Return the coefficients of all mechanisms, those of settings after those of the candidates.
+    def among(self, mechanisms: Sequence[Mechanism], frame: Frame) -> FloatArray:
+        """Return the coefficients of all mechanisms, centred, those of settings after those of the candidates.
 
         Args:
             mechanisms: candidates, then settings.
-            constants: all, by name.
+            frame: with all constants.
         """
         theta = np.append(self.coefficients, np.zeros(len(mechanisms) - len(self.coefficients)))
         for k, m in enumerate(mechanisms):
             if m.kind == "constant" and m.place in self.constants:
-                theta[k] = constants[m.place].coefficient(self.constants[m.place])
-        return theta
+                theta[k] = frame.constants[m.place].coefficient(self.constants[m.place])
+        values = {name: self.constants.get(name, c.nominal) for name, c in frame.constants.items()}
+        centred: FloatArray = theta / frame.centring.sizes(mechanisms, values)
+        return centred
 
 
 @dataclass(frozen=True, eq=False)

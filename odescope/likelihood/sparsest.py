@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.imitation import DEARER, Choice, Imitated, Placed
-from odescope.likelihood.unexplained import NOTHING_LEFT
+from odescope.likelihood.unexplained import NOTHING_LEFT, unexplained
 from odescope.parallel.kernels import kernel
 
 LOOKED_AT = 400  # samples
@@ -235,16 +235,18 @@ def _couples(
     """
     none, found = Placed(Choice()), list[Sparse]()
     plain = [(k, Placed(c)) for k, among in enumerate(choices) for c in among if c.size == 1 and not c.constants]
+    pairs = [(a, b) for a, b in combinations(plain, 2) if a[0] != b[0] and a[1].choice != b[1].choice]
+    if not pairs:
+        return []
     columns = {placed.choice: imitated.samples.at(placed)[0] for _, placed in plain}
+    both = np.array([[columns[one.choice], columns[other.choice]] for (_, one), (_, other) in pairs])
     whole = max(float(imitated.said @ imitated.said), 1e-300)
-    for rows, ((j, one), (k, other)) in product(((), *bases[:-1]), combinations(plain, 2)):
-        if j == k or one.choice == other.choice:
-            continue
-        own = np.vstack([imitated.base[list(rows)], columns[one.choice], columns[other.choice]])
-        own /= np.maximum(np.linalg.norm(own, axis=1), 1e-300)[:, None]
-        left = imitated.said - np.linalg.lstsq(own.T, imitated.said)[0] @ own
-        placed = tuple(one if i == j else other if i == k else none for i in range(len(choices)))
-        found.append(Sparse(tuple(rows), placed, float(left @ left) / whole + unknown))
+    for rows in ((), *bases[:-1]):
+        there, rest = imitated.beside(imitated.base[list(rows)])
+        missed = np.sum(unexplained(rest, there, both) ** 2, axis=1) / whole + unknown
+        for ((j, one), (k, other)), left in zip(pairs, missed.tolist(), strict=True):
+            placed = tuple(one if i == j else other if i == k else none for i in range(len(choices)))
+            found.append(Sparse(tuple(rows), placed, left))
     return sorted(found, key=lambda s: s.dear)[:COUPLES]
 
 

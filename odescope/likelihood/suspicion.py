@@ -62,7 +62,7 @@ def suspicions(refinement: Refinement, names: Collection[str]) -> tuple[Suspicio
             terms[part.relation].append(part.product)
     suspected = list[Suspicion]()
     for r, products in enumerate(terms):
-        found_here = (_imitation(r, products, n) for n in space.frame.variables if n in names)
+        found_here = (_imitation(r, products, n, set(space.needed)) for n in space.frame.variables if n in names)
         suspected += [_growing(space, s) for s in found_here if s is not None]
     if refinement.process is not None or refinement.outcome.scale > WHITE:
         known = {s.relation for s in suspected}  # an imitation that is not good enough leaves a residual, too
@@ -85,11 +85,18 @@ def _declared(space: SearchSpace) -> set[str]:
     return {n for a in atoms for n in a.argument.names if a.argument.names & set(space.needed)}
 
 
-def _imitation(relation: int, products: Sequence[Product], name: str) -> Suspicion | None:
-    """Return why powers or fractions of a variable may be a function of it, None where they are not."""
+def _imitation(relation: int, products: Sequence[Product], name: str, constants: Collection[str]) -> Suspicion | None:
+    """Return why powers or fractions of a variable may be a function of it, None where they are not.
+
+    Args:
+        relation: its number.
+        products: what it holds.
+        name: of the variable.
+        constants: that the library declares: what holds some stands beside no other function.
+    """
     powers = dict[Term, set[float]]()
     for p in products:
-        if p.factor is None:
+        if p.factor is None and p.term.names.isdisjoint(constants):
             rest = Term(tuple(f for f in p.term.factors if f[0] != Name(name)))
             powers.setdefault(rest, set()).add(p.term.power_of(Name(name)))
     powers = {rest: found for rest, found in powers.items() if name not in rest.names}

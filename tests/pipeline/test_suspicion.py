@@ -149,3 +149,15 @@ def ending(exact, deviance, error):
 )
 def test_functions_replace_what_does_not_follow_the_record_only_if_they_run_freely_no_worse(before, after, replaced):
     assert replaces(after, before) is replaced
+
+
+def test_what_holds_a_constant_of_the_library_stands_beside_no_other_function():
+    """Two powers of u beside one: a function of u may stand there, but none of u and of the constant."""
+    t = np.arange(0.0, 60.0, 0.05)
+    logs = recorded(lambda x, u: (u + 0.8 * u**2) * np.exp(-x / 0.7) - x, [0.1, 1.0], t, 0, inflow)
+    library = {"basis": ("x", "u", "exp(-x/k)"), "degree": 3, "parameters": {"k": (0.2, 3.0)}}
+    model = identify(study(**library), logs).model
+    (constant,) = model.parameters
+    assert abs(constant.value - 0.7) < 4.0 * constant.std_error
+    assert set(constant.written) == {"u*exp(-x/k)", "u**2*exp(-x/k)"}
+    assert len(model.relations[0].terms) == 4
