@@ -26,6 +26,7 @@ from odescope.pipeline.modulated import with_modulated
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at
 from odescope.pipeline.suspicion import with_suspected
+from odescope.pipeline.temperatures import with_arrhenius
 from odescope.pipeline.work import Work
 from odescope.recordings.record import Records
 from odescope.signals.estimate import Signals
@@ -212,6 +213,8 @@ def _with_more(
     refinement = with_modulated(work, filtered, regressed, refinement)  # products are simpler than functions
     if refinement is not None:
         refinement, suspicions = with_suspected(work, filtered, posed, refinement)
+    refinement, warm = with_arrhenius(work, filtered, refinement, suspicions)
+    suspicions = warm or suspicions
     higher = with_higher_degree(work, filtered, regressed, refinement, any(s.found for s in suspicions))
     angular, angles = with_angles(work, filtered, regressed, higher, bool(suspicions))
     # What was suspected of a model that is gone says nothing of the one that came instead.

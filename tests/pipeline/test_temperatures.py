@@ -1,0 +1,65 @@
+"""Rates that go with a temperature, which is known by its unit, in a reactor whose reaction gives off heat."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from odescope.pipeline.identification import identify
+from odescope.study.library_options import Candidates
+from odescope.study.options import Data, Driven, Measured, Study
+
+PERIOD, END, ENERGY, FACTOR, HEAT, NOISE = 0.02, 30.0, 8750.0, 7.2e10, 209.0, 0.01
+COOLED = {"flow": (0.6, 1.6), "coolant": (280.0, 297.0), "cooling": 3.0}
+IGNITES = {"flow": (0.8, 1.2), "coolant": (290.0, 303.0), "cooling": 2.09}
+
+
+def stepped(rng, low, high, hold):
+    levels = rng.uniform(low, high, int(END / hold) + 2)
+    return lambda t: levels[(np.asarray(t) / hold).astype(int)]
+
+
+def logged(seed, flow, coolant, cooling):
+    """Return three recordings of c' = q (1 - c) - r and T' = q (350 - T) + 209 r + k (Tc - T), r = k0 exp(-E/T) c."""
+    rng, t, logs = np.random.default_rng(seed), np.arange(0.0, END, PERIOD), []
+    for _ in range(3):
+        q, jacket = stepped(rng, *flow, 3.0), stepped(rng, *coolant, 2.0)
+
+        def rate(now, x, q=q, jacket=jacket):
+            r = FACTOR * np.exp(-ENERGY / x[1]) * x[0]
+            return [q(now) * (1 - x[0]) - r, q(now) * (350 - x[1]) + HEAT * r + cooling * (jacket(now) - x[1])]
+
+        x = solve_ivp(rate, (0.0, END), [0.5, 350.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=PERIOD).y
+        c, temperature = (row + NOISE * row.std() * rng.standard_normal(len(t)) for row in x)
+        logs.append({"t": t, "c": c, "T": temperature, "q": q(t), "Tc": jacket(t)})
+    return logs
+
+
+def study(**library):
+    return Study(
+        data=Data(time="t"),
+        coordinates={"c": Measured(), "T": Measured(unit="K")},
+        inputs={"q": Driven(), "Tc": Driven(unit="K")},
+        library=Candidates(**library),
+    )
+
+
+def exact(model, name):
+    """Say whether both balances are those of the reactor, its energy within four standard errors."""
+    (energy,) = model.parameters
+    held = [{t.product.text for t in r.terms[1:]} for r in model.relations]
+    rate = [text for text in held[0] if "exp" in text]
+    within = energy.name == name and abs(energy.value - ENERGY) < 4.0 * energy.std_error
+    return within and held == [{"q", "c*q", *rate}, {"q", "T*q", "T", "Tc", *rate}] and len(rate) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "how"), [(3, COOLED), (1, IGNITES)], ids=["cooled", "ignites"])
+def test_the_rate_is_found_in_both_balances_where_no_library_names_it(seed, how):
+    assert exact(identify(study(), logged(seed, **how)).model, "activation_T")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "how"), [(0, COOLED), (1, COOLED), (2, COOLED), (1, IGNITES)])
+def test_a_rate_that_the_library_names_is_found_in_both_balances(seed, how):
+    library = {"basis": ("c", "T", "q", "Tc", "exp(-E/T)"), "degree": 2, "parameters": {"E": (1e3, 2e4)}}
+    assert exact(identify(study(**library), logged(seed, **how)).model, "E")
