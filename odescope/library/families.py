@@ -184,7 +184,7 @@ def _kelvins(variable: str, unit: str | None, low: float, high: float) -> Iterat
     if zero is None or low + zero <= 0.0:
         return
     inverse = 1.0 / (low + zero), 1.0 / (high + zero)
-    largest = min(ENERGIES[1], GROWTH / (inverse[0] - inverse[1]))
+    largest = min(ENERGIES[1], OFF / (inverse[0] - inverse[1]))
     if largest > ENERGIES[0]:
         yield f"{variable} + {zero!r}" if zero else variable, sum(inverse) / 2.0, largest
 
