@@ -6,7 +6,7 @@ import pytest
 from test_cautions import model
 
 from odescope.model.display import stated_mathml
-from odescope.model.rounding import with_last_digits
+from odescope.model.rounding import rounded, with_last_digits
 
 
 @pytest.mark.parametrize(
@@ -25,6 +25,20 @@ def test_the_bracket_holds_the_error_of_the_last_digits(value, error, shown):
     if bracket:
         decimals = len(digits.partition(".")[2])
         assert int(bracket) * 10.0**-decimals == pytest.approx(error, rel=0.06)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (-6.95599e10, 1.9e9, ("-6.96e+10", "1.9e+09")),
+        (1.43904e-8, 5.7e-10, ("1.439e-08", "5.7e-10")),
+        (-0.003990213, 6.3e-8, ("-0.00399021", "6.3e-08")),
+        (2.5e12, 3e12, ("2.5e+12", "3e+12")),  # no digit of it is sure
+        (9.96e10, 1e9, ("9.96e+10", "1e+09")),
+    ],
+)
+def test_beside_a_power_of_ten_a_number_has_the_digits_that_its_error_leaves(value, error, shown):
+    assert rounded(value, error) == shown
 
 
 def test_a_solved_relation_keeps_its_errors():
