@@ -56,8 +56,7 @@ class Centring:
 
     def centred(self, term: Term) -> Term:
         """Return a term about the middle of its exponents."""
-        shift = self.shift(term)
-        if not shift.parts:
+        if self.constants.isdisjoint(term.names) or not self.shift(term).parts:
             return term
         factors: list[tuple[Atom, Power]] = []
         for atom, power in term.factors:

@@ -12,7 +12,7 @@ from itertools import combinations_with_replacement
 import msgspec
 
 from odescope.events import Progress
-from odescope.library.families import ACTIVATION, Family, families_of
+from odescope.library.families import ABOVE_ZERO, ACTIVATION, Family, families_of
 from odescope.library.readable import readable
 from odescope.likelihood.refine import Refinement
 from odescope.model.scores import SuspicionScore
@@ -44,11 +44,13 @@ def with_arrhenius(
         suspicions: against its terms, and what was found for them.
     """
     study, signals, settled = work.study, filtered.signals, all(s.found for s in suspicions)
-    factors = _factors(work, filtered)
-    amounts = [n for n in signals.states if n in study.suspects and n not in factors]
-    if study.library.by_hand or not factors or not amounts or not filtered.sample.complete:
+    if study.library.by_hand or not filtered.sample.complete:
         return refinement, ()
     if refinement is not None and refinement.lacks_nothing and (not suspicions or (settled and _holds(refinement))):
+        return refinement, ()
+    factors = _factors(work, filtered)
+    amounts = [n for n in signals.states if n in study.suspects and n not in factors]
+    if not factors or not amounts:
         return refinement, ()
     wide = with_basis(work, basis_of(study), DEGREE)
     reactants = (*amounts, *(f"{a}*{b}" for a, b in combinations_with_replacement(amounts, 2)))
@@ -77,8 +79,8 @@ def _factors(work: Work, filtered: Filtered) -> dict[str, Family]:
     signals = filtered.signals
     units = {c.name: c.unit for c in signals.coordinates} | {i.name: i.unit for i in filtered.inputs}
     taken = {*signals.names, *signals.targets}
-    known = [n for n in work.study.suspects if units.get(n)]
-    found = (f for n in known for f in families_of(n, signals.joined()[signals.row(n)], taken, False, units[n]))
+    warm = [n for n in work.study.suspects if units.get(n) in ABOVE_ZERO]
+    found = (f for n in warm for f in families_of(n, signals.joined()[signals.row(n)], taken, False, units[n]))
     factors = {f.variable: f for f in found if any(c.name.startswith(ACTIVATION) for c in f.constants)}
     return {n: f for n, f in factors.items() if n in signals.states} or factors
 
