@@ -24,7 +24,7 @@ from odescope.pipeline.inputs import under_found_holds
 from odescope.pipeline.joint_models import adopt, determined
 from odescope.pipeline.modulated import with_modulated
 from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.stages import draw_anew, refine_form, regress_at
+from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
 from odescope.pipeline.suspicion import with_suspected
 from odescope.pipeline.temperatures import with_arrhenius
 from odescope.pipeline.work import Work
@@ -50,17 +50,12 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
         points = substitute(prepared.libraries, constants, filtered.signals.targets)
     if not prepared.libraries:
         return Regressed(points[0])
-    tried = [regress_at(work, p, filtered) for p in (points if filtered.sample.complete else points[:1])]
-    best = min(tried, key=lambda r: r.criterion)
+    best = regress_at_all(work, points if filtered.sample.complete else points[:1], filtered)
     if not best.proposals:
-        return best
+        return replace(best, elsewhere=())
     named = {product: written for product, (_, written) in best.substituted.named.items()}
     searches = draw_anew(work, best.searches, best.proposals[0][0])
-    return replace(
-        best,
-        searches=tuple(replace(s, named=named) for s in searches),
-        elsewhere=tuple(r for r in tried if r is not best),
-    )
+    return replace(best, searches=tuple(replace(s, named=named) for s in searches))
 
 
 class NoLaw(NoModelError):

@@ -119,6 +119,19 @@ def regress_at(work: Work, substituted: Substituted, filtered: Filtered) -> Regr
     return Regressed(substituted, problems, searches, proposals, whole)
 
 
+def regress_at_all(work: Work, points: Sequence[Substituted], filtered: Filtered) -> Regressed:
+    """Return what regression finds at the best numbers for constants, with what it does at the others.
+
+    Args:
+        work: whose study says how.
+        points: the libraries with numbers, at least one.
+        filtered: the signals.
+    """
+    tried = [regress_at(work, p, filtered) for p in points]
+    best = min(tried, key=lambda r: r.criterion)
+    return replace(best, elsewhere=tuple(r for r in tried if r is not best))
+
+
 def draw_anew(work: Work, searches: Sequence[Search], chosen: Chosen) -> tuple[Search, ...]:
     """Return the searches with the inclusion of every term.
 

@@ -16,12 +16,10 @@ from odescope.library.families import ABOVE_ZERO, ACTIVATION, Family, families_o
 from odescope.library.readable import readable
 from odescope.likelihood.refine import Refinement
 from odescope.model.scores import SuspicionScore
-from odescope.pipeline.constants import constants_of, substitute
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import relations_form
-from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.stages import refine_form, regress_at
-from odescope.pipeline.wider import LEAST, MANY, TIMES, basis_of, evidently_better, with_basis, within
+from odescope.pipeline.stages import refine_form
+from odescope.pipeline.wider import LEAST, TIMES, basis_of, evidently_better, regressed_with, with_basis, within
 from odescope.pipeline.work import Work
 
 DEGREE = 2  # of the products of states and inputs
@@ -58,13 +56,13 @@ def with_arrhenius(
     spans = {c.name: (c.low, c.high) for f in factors.values() for c in f.constants}
     library = msgspec.structs.replace(wide.study.library, extra=rates, parameters=spans)
     wide = replace(wide, study=msgspec.structs.replace(wide.study, library=library))
-    tried = _regressed(wide, filtered)
-    if not tried:
+    tried = regressed_with(wide, filtered)
+    if tried is None:
         return refinement, ()
     work.monitor.tell(Progress("suspicion", "search with rates that go with a temperature", 0, 1))
     if refinement is not None and refinement.lacks_nothing and settled:  # what else stands in doubt may be all wrong
         wide = within(wide, max(LEAST, TIMES * refinement.spent))
-    other = refine_form(wide, filtered, relations_form(wide.study, tried, lambda _: tried[0]))
+    other = refine_form(wide, filtered, relations_form(wide.study, (tried, *tried.elsewhere), lambda _: tried))
     if other is None or not evidently_better(other, refinement):
         return refinement, ()
     gain = refinement.outcome.deviance - other.outcome.deviance if refinement is not None and refinement.exact else None
@@ -89,16 +87,6 @@ def _holds(refinement: Refinement) -> bool:
     """Say whether a model has a factor of Arrhenius' law."""
     present = (refinement.space.mechanisms[k] for k in refinement.fit.present)
     return any(m.kind == "constant" and m.place.startswith(ACTIVATION) for m in present)
-
-
-def _regressed(work: Work, filtered: Filtered) -> list[Regressed]:
-    """Return what regression finds at every energy, the best first; nothing where the library is too large."""
-    libraries, targets = tuple(work.study.candidates(c.target) for c in work.study.measured()), filtered.signals.targets
-    if max(map(len, libraries)) > min(MANY, filtered.signals.samples):
-        return []
-    constants = constants_of(work.study, [t for library in libraries for t in library], filtered.signals)
-    tried = [regress_at(work, point, filtered) for point in substitute(libraries, constants, targets)]
-    return sorted(tried, key=lambda r: r.criterion)
 
 
 def _scores(

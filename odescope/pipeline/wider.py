@@ -14,10 +14,10 @@ import numpy as np
 from odescope.likelihood.alternatives import EVIDENT
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WIDTHS
-from odescope.pipeline.constants import substitute
+from odescope.pipeline.constants import constants_of, substitute
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.stages import regress_at
+from odescope.pipeline.stages import regress_at_all
 from odescope.pipeline.suspicion import replaces
 from odescope.pipeline.work import Work
 from odescope.study.options import Study
@@ -58,7 +58,7 @@ def within(work: Work, budget: float) -> Work:
 
 
 def regressed_with(work: Work, filtered: Filtered, many: int = MANY) -> Regressed | None:
-    """Return what regression finds in the library of a study, None where it is too large.
+    """Return what regression finds in the library of a study, at all its constants, None where it is too large.
 
     Args:
         work: whose study that is.
@@ -69,7 +69,10 @@ def regressed_with(work: Work, filtered: Filtered, many: int = MANY) -> Regresse
     libraries = tuple(study.candidates(c.target) for c in study.measured())
     if max(map(len, libraries)) > min(many, filtered.signals.samples):
         return None
-    return regress_at(work, substitute(libraries, (), filtered.signals.targets)[0], filtered)
+    terms = [t for library in libraries for t in library]
+    held = any(not t.names.isdisjoint(study.parameters) for t in terms)  # those declared may be of another form
+    constants = constants_of(study, terms, filtered.signals) if held else ()
+    return regress_at_all(work, substitute(libraries, constants, filtered.signals.targets), filtered)
 
 
 def promises(found: Regressed, before: Regressed, least: float = EVIDENT) -> bool:
