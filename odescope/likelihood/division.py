@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.library.expression import Term
 from odescope.library.mechanism import Part, scale_groups
 from odescope.likelihood.fit import Fit
@@ -27,8 +27,7 @@ def divided(space: SearchSpace, found: Fit) -> FloatArray | None:
         parts = _plain(space, group)
         atoms = dict.fromkeys(atom for p in parts for atom, _ in p.product.term.factors)
         for by in (Term(((atom, power),)) for atom in atoms for power in (-1, 1)):
-            simpler = ((replace(p, product=p.product * by),) for p in parts)
-            places = np.array([space.numbers.get(s, -1) for s in simpler], dtype=np.int64)
+            places = _places(space, parts, by)
             if places.min() >= 0 and space.penalty[places].sum() < space.penalty[list(group)].sum():
                 theta = found.theta.copy()
                 theta[list(group)] = 0.0
@@ -50,8 +49,7 @@ def divided_in_part(space: SearchSpace, found: Fit) -> FloatArray | None:
         if len(above) != 1 or not above[0].factors:
             continue
         by = Term(tuple((atom, -power) for atom, power in above[0].factors))
-        simpler = [(replace(p, product=p.product * by),) for p in parts]
-        places = np.array([space.numbers.get(s, -1) for s in simpler], dtype=np.int64)
+        places = _places(space, parts, by)
         there = places >= 0
         if np.count_nonzero(there) > 1:
             theta[list(group)] = 0.0
@@ -63,3 +61,8 @@ def _plain(space: SearchSpace, group: Sequence[int]) -> list[Part]:
     """Return the parts of a scale group that may be divided: one a mechanism, none if some are tied or given."""
     mechanisms = [space.mechanisms[k] for k in group]
     return [m.parts[0] for m in mechanisms] if all(len(m.parts) == 1 and m.known is None for m in mechanisms) else []
+
+
+def _places(space: SearchSpace, parts: Sequence[Part], by: Term) -> IntArray:
+    """Return the numbers of the mechanisms that parts times a term are, -1 for what the library lacks."""
+    return np.array([space.numbers.get((replace(p, product=p.product * by),), -1) for p in parts], dtype=np.int64)
