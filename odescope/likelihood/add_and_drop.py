@@ -102,8 +102,8 @@ class Moves:
         trial = self.space.fit(theta, np.flatnonzero(theta), here.x0, self.defect_std)
         if trial is None or self.penalised(trial) >= self.penalised(here):
             return None
-        for k in np.setdiff1d(trial.present, here.present):
-            self._note("divide", int(k), 0.0, trial)
+        for k in np.setxor1d(trial.present, here.present).tolist():
+            self._note("divide" if k in trial.present else "drop", k, 0.0, trial)
         return trial
 
     def drop(self, here: Fit) -> Fit | None:

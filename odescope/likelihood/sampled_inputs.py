@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from itertools import pairwise
+from functools import cached_property
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from odescope.recordings.coordinate import Hold, Input
 from odescope.recordings.record import Records
 
 DIFFERENCE = 0.02  # samples: of the difference quotient that says how an input changes with its delay
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,26 +137,29 @@ def sampled_inputs(records: Records, inputs: Sequence[Input], centres: Sequence[
     )
 
 
-@lru_cache(maxsize=64)
+@kernel()
 def _parabola(block: int, held: bool, fraction: float) -> FloatArray:
     """Return the weights (3, block + 2) of samples in the nodes of the nearest parabola over a step of `block`.
 
     Between samples the input is held, or else linear. The first sample is the one before the step begins, if the input
     acts a `fraction` of a sample late.
     """
-    points, weights = np.polynomial.legendre.leggauss(4)
-    moments = np.zeros((3, block + 2))
-    edges = sorted({*range(block + 1), *(k + fraction for k in range(block))})
-    for low, high in pairwise(edges):
-        at = low + 0.5 * (points + 1.0) * (high - low)  # in samples since the step began
-        below = int(np.floor(0.5 * (low + high) - fraction)) + 1
-        s = 2.0 * at / block - 1.0
-        legendre = np.array([np.ones_like(s), s, 1.5 * s**2 - 0.5])
-        share = 0.5 * (high - low) / block * weights * legendre * np.array([[1.0], [3.0], [5.0]])
-        up = at - fraction - (below - 1)
-        rise = np.zeros_like(up) if held else up
-        moments[:, below] += share @ (1.0 - rise)
-        moments[:, below + 1] += share @ rise
-    at_nodes = np.array([[1.0, -1.0, 1.0], [1.0, 0.0, -0.5], [1.0, 1.0, 1.0]])
-    result: FloatArray = at_nodes @ moments
-    return result
+    moments = np.zeros((3, block + 2))  # of Legendre's polynomials
+    for k in range(
+        2 * block
+    ):  # pieces between samples and their late copies, of which every second is empty if on time
+        sample, after = divmod(k, 2)
+        low, high = (sample + fraction, sample + 1.0) if after else (float(sample), sample + fraction)
+        below = sample + after
+        for point in range(len(POINTS)):
+            at = low + 0.5 * (POINTS[point] + 1.0) * (high - low)  # in samples since the step began
+            s, share = 2.0 * at / block - 1.0, 0.5 * (high - low) / block * WEIGHTS[point]
+            rise = 0.0 if held else at - fraction - (below - 1)
+            for row, value in enumerate((1.0, 3.0 * s, 5.0 * (1.5 * s**2 - 0.5))):
+                moments[row, below] += share * value * (1.0 - rise)
+                moments[row, below + 1] += share * value * rise
+    nodes = np.empty_like(moments)
+    nodes[0] = moments[0] - moments[1] + moments[2]
+    nodes[1] = moments[0] - 0.5 * moments[2]
+    nodes[2] = moments[0] + moments[1] + moments[2]
+    return nodes

@@ -8,6 +8,7 @@ from process_cases import cut, space
 from small_systems import SPRING, SPRING_STEP, System, drive, in_bare_gauge, shots, spring_run
 
 from odescope.events import Monitor
+from odescope.library.expression import Name, Term
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.add_and_drop import Moves
 from odescope.likelihood.division import divided, divided_in_part
@@ -192,7 +193,9 @@ def test_division_takes_the_coefficients_along_and_the_other_relations_stay():
     theta = 2.0 * start_from(system)
     np.testing.assert_allclose(divided(it, at(it, theta))[ITS_LAW], theta[LONGER])
     assert not divided(it, at(it, theta))[LONGER].any()
-    assert divided(it, at(it, system.theta)) is None  # the bare target is not divisible
+    bare = system.theta.copy()
+    bare[LONGER] = 0.0
+    assert divided(it, at(it, bare)) is None  # the bare target is not divisible
 
 
 def test_what_makes_a_relation_simpler_need_not_be_in_all_its_terms():
@@ -205,6 +208,43 @@ def test_what_makes_a_relation_simpler_need_not_be_in_all_its_terms():
     assert np.flatnonzero(shorter).tolist() == [*ITS_LAW, 10]
     np.testing.assert_allclose(shorter[[*ITS_LAW, 10]], theta[[*LONGER, 11]])
     assert divided(it, at(it, shorter)) is None
+
+
+def spring_times(power):
+    """Return the spring's law with the candidates of its product with x**power, and what that product gives each."""
+    law = {SPRING.product(f, text): c for f, text, c in SPRING_LAW}
+    gained = {replace(p, term=p.term * Term(((Name("x"), power),))): c for p, c in law.items()}
+    products = list(dict.fromkeys([*law, *gained]))
+    terms = tuple((0, 0 if p.factor else -1, p.term.text, law.get(p, 0.0)) for p in products)
+    system = System(SPRING.coordinates, SPRING.inputs, terms, (0,), None)
+    return system, np.array([gained.get(p, 0.0) for p in products])
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("by", "share"), [(1, -0.9), (1, 0.3), (2, -0.4), (2, 0.2)])
+def test_a_sum_times_the_law_ends_as_the_law(by, share, seed):
+    """Where the sum passes zero within the data, every term that is too many looks certain."""
+    system, gained = spring_times(by)
+    it = spring(system, seed)
+    found = search(it, system.theta + share * gained)
+    assert found.fit.present.tolist() == ITS_LAW.tolist()
+    bare = in_bare_gauge(it, found.fit)
+    terms = ITS_LAW[1:]
+    assert np.abs((bare.theta - system.theta)[terms] / bare.errors[terms]).max() < 4.0
+
+
+@pytest.mark.parametrize("by", [1, 2])
+def test_of_a_sum_times_the_law_the_law_is_left_and_of_what_is_none_all(by):
+    system, gained = spring_times(by)
+    it = spring(system, 0)
+    theta = system.theta + 0.3 * gained
+    found = at(it, theta)
+    np.testing.assert_allclose(divided(it, found), system.theta, atol=1e-12)
+    for k in np.flatnonzero(gained)[1:]:  # friction alone over 1 + .3 x, for one, is another law
+        for share in (0.0, 3.0):
+            other = theta.copy()
+            other[k] *= share
+            assert divided(it, replace(found, theta=other, present=np.flatnonzero(other))) is None
 
 
 def test_nothing_is_divided_where_the_library_lacks_what_is_left():
