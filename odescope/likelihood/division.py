@@ -43,25 +43,27 @@ def divided(space: SearchSpace, found: Fit) -> FloatArray | None:
     return None
 
 
-def divided_in_part(space: SearchSpace, found: Fit) -> FloatArray | None:
-    """Return the coefficients of a fit with relations divided by what their targets are multiplied by.
+def divided_in_part(space: SearchSpace, coefficients: FloatArray) -> FloatArray | None:
+    """Return the coefficients of relations divided by what their targets are multiplied by.
 
     Of a law times a state a library may hold a part, whose rest other terms imitate: what is no multiple of the
-    divisor is left out. None where nothing is divided, nor where the target would be left alone.
+    divisor is left out. Of several divisors that which leaves most is taken. None where nothing is divided, nor where
+    the target would be left alone.
     """
-    theta = found.theta.copy()
-    for group in scale_groups(space.mechanisms, found.present):
+    theta = coefficients.copy()
+    for group in scale_groups(space.mechanisms, np.flatnonzero(theta)):
         parts = _plain(space, group)
         above = [p.product.term for p in parts if p.product.factor is not None]
-        if len(above) != 1 or not above[0].factors:
+        if not all(term.factors for term in above):
             continue
-        by = Term(tuple((atom, -power) for atom, power in above[0].factors))
-        places = _places(space, parts, by)
+        divisors = (Term(tuple((atom, -power) for atom, power in term.factors)) for term in above)
+        divided_by = (_places(space, parts, by) for by in divisors)
+        places = max(divided_by, key=lambda found: np.count_nonzero(found >= 0), default=np.zeros(0))
         there = places >= 0
         if np.count_nonzero(there) > 1:
             theta[list(group)] = 0.0
-            theta[places[there]] = found.theta[list(group)][there]
-    return None if np.array_equal(theta, found.theta) else theta
+            theta[places[there]] = coefficients[list(group)][there]
+    return None if np.array_equal(theta, coefficients) else theta
 
 
 def _plain(space: SearchSpace, group: Sequence[int]) -> list[Part]:

@@ -16,6 +16,7 @@ from odescope.library.mechanism import Mechanism
 from odescope.likelihood.anew import with_steps_settled
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.centring import Centring
+from odescope.likelihood.division import divided_in_part
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.families import promising
@@ -337,6 +338,8 @@ def _with_process_noise(
     """
     # What a search has found is nearest, should the budget end the others.
     starts = near or [best.fit.theta, *begun]
+    parts = (divided_in_part(space, theta) for theta in starts)
+    starts = [*starts, *(theta for theta in parts if theta is not None)]
     # Where there is process noise no search without it comes to an end: they leave a share of the budget.
     own = space.budget.rest(1.0 - JOINED_SHARE)
     pieces = in_pieces(cut, space.within(own), starts)

@@ -77,7 +77,7 @@ def searches(
         if found is not None:
             outcomes.append(found)
     best = min(outcomes, key=lambda o: o.rank, default=None)
-    if best is not None and (begin := divided_in_part(space, best.fit)) is not None:
+    if best is not None and (begin := divided_in_part(space, best.fit.theta)) is not None:
         monitor.tell(Progress("likelihood", "search from divided relations", 0, 1))
         own = budget.part(min(best.spent / budget.limit, 1.0))
         found = _search(begin, space.with_constants(best.constants).within(own))

@@ -319,15 +319,26 @@ def test_of_a_law_times_something_that_the_library_holds_in_part_the_rest_is_lef
     theta[10] = 0.4
     found = at(it, theta)
     assert divided(it, found) is None
-    left = divided_in_part(it, found)
+    left = divided_in_part(it, theta)
     assert np.flatnonzero(left).tolist() == [k for k in ITS_LAW if k != ITS_LAW[2]]
     np.testing.assert_allclose(left[ITS_LAW], np.where(ITS_LAW[2] == ITS_LAW, 0.0, theta[LONGER]))
-    assert divided_in_part(it, at(it, system.theta)) is None
+    assert divided_in_part(it, system.theta) is None
+
+
+def test_of_several_divisors_that_which_leaves_most_is_taken():
+    system = multiplied("x", ((0, "cos(x)", 0.0), (-1, "cos(x)", 0.0)))
+    theta = start_from(system)
+    theta[[10, 11]] = 0.1, 0.3
+    left = divided_in_part(spring(system, 0), theta)
+    assert np.flatnonzero(left).tolist() == ITS_LAW.tolist()
+    np.testing.assert_allclose(left[ITS_LAW], theta[LONGER])
+    theta[ITS_LAW[0]] = 0.5
+    assert divided_in_part(spring(system, 0), theta) is None  # the bare target is there
 
 
 def test_a_target_is_not_left_alone_by_a_division():
     it = tank(0)
-    assert divided_in_part(it, at(it, TANK.theta)) is None
+    assert divided_in_part(it, TANK.theta) is None
 
 
 # T' = q (350 - T) - 0.8 (T - 290), of which the library holds T times the law but for T^2 q.
