@@ -53,6 +53,20 @@ def unheard(_: Event) -> None:
     """Hear an event and do nothing."""
 
 
+def each_note_once(tell: Callable[[Event], None]) -> Callable[[Event], None]:
+    """Return what tells all events but notes that it has told before: a run may go through its stages several times."""
+    told = set[Event]()
+
+    def tell_new(event: Event) -> None:
+        if isinstance(event, Note):
+            if event in told:
+                return
+            told.add(event)
+        tell(event)
+
+    return tell_new
+
+
 def never() -> bool:
     """Never ask to stop."""
     return False

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from odescope.errors import InputError, NoModelError
+from odescope.events import Note
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.process_noise import white
 from odescope.likelihood.refine import WELL, Refinement
@@ -30,6 +31,7 @@ from odescope.pipeline.temperatures import with_arrhenius
 from odescope.pipeline.work import Work
 from odescope.recordings.record import Records
 from odescope.signals.estimate import Signals
+from odescope.signals.first_order import second_order_hints
 from odescope.study.library_options import Form
 from odescope.study.options import LeftOut
 
@@ -155,6 +157,9 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         InputError: a tie names no candidate of the relations.
         NoModelError: no form has a model.
     """
+    if regressed.failure is not None:  # what the orders alone may have done is said before a long search
+        for text in second_order_hints(filtered.signals).values():
+            work.monitor.tell(Note(text, warns=True))
     contenders, lost, suspicions = list[Contender](), list[Refinement](), tuple[SuspicionScore, ...]()
     forms = _posed(work, prepared, filtered, regressed)
     for posed in forms:

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 import odescope
 from odescope.arrays import Table
 from odescope.errors import InputError, NoModelError, interrupts_as_such, said
-from odescope.events import Event, Monitor, Note, never, unheard
+from odescope.events import Event, Monitor, Note, each_note_once, never, unheard
 from odescope.library.product import Product
 from odescope.likelihood.refine import Refinement
 from odescope.model.coefficients import CoefficientRow, rows_with_errors
@@ -52,12 +52,12 @@ from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.run_freely import run_freely
 from odescope.pipeline.versions import best_version
 from odescope.pipeline.work import Work
-from odescope.recordings.checks import degrees_hints, order_hints
+from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Recorded, Records
 from odescope.selection.advice import advice
 from odescope.signals.estimate import Signals
-from odescope.signals.first_order import second_order_hints
+from odescope.signals.first_order import order_advice
 from odescope.signals.gated import Reasons
 from odescope.signals.shafts import shaft_note
 from odescope.study.clock import with_time
@@ -191,7 +191,7 @@ class Identification:
         if self.refinement is not None and not self.refinement.follows:  # laws hold of radians alone
             said += degrees_hints(self.records, self.study.measured())
         if any(run.valid_time < 0.5 * run.duration for run in _scores(self).free_runs):
-            said += order_hints(self.study.measured()) or second_order_hints(self.signals)
+            said += order_advice(self.signals)
         return (*said, *(u.note for u in tables(self.study)[1]))
 
     @property
@@ -265,7 +265,7 @@ def identify(
         NoModelError: the data support no model; the error names the stage.
         Stopped: `stop` said so.
     """
-    monitor = Monitor(watch or unheard, stop or never)
+    monitor = Monitor(each_note_once(watch or unheard), stop or never)
     if not isinstance(study, Study):
         raise InputError(
             f"what is identified must be odescope.Study; {said(study)} came: odescope.read_study reads a study file"

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from odescope.recordings.checks import degrees_hints, order_hints
+from odescope.recordings.checks import degrees_hints
 from odescope.recordings.record import Records
 from odescope.regression.problem import Problem
 from odescope.signals.estimate import Signals
-from odescope.signals.first_order import second_order_hints
+from odescope.signals.first_order import order_advice
 from odescope.signals.rates import explained, rates_given
 
 THE_SAME = 0.999  # of a quantity's variance: what another then says of it leaves nothing to learn from it
@@ -28,7 +28,7 @@ def advice(records: Records, signals: Signals, problems: Sequence[Problem]) -> t
     """
     said = [
         *degrees_hints(records, signals.coordinates),
-        *(order_hints(signals.coordinates) or second_order_hints(signals)),
+        *order_advice(signals),
         *_whole_numbers(records),
         *_too_short(signals, problems),
     ]

@@ -9,6 +9,7 @@ from math import comb
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.recordings.checks import order_hints
 from odescope.signals.estimate import Signals
 from odescope.signals.rates import explained
 
@@ -42,26 +43,32 @@ def rate_explained(rate: Sequence[FloatArray], values: Sequence[FloatArray]) -> 
     return found
 
 
-def second_order_hints(signals: Signals) -> tuple[str, ...]:
-    """Return a sentence for each coordinate of order 1 whose values and rate behave as those of a position."""
+def order_advice(signals: Signals) -> tuple[str, ...]:
+    """Return a sentence for each coordinate of order 1 that moves as a position does, or may be one by its unit."""
+    seen = second_order_hints(signals)
+    return (*seen.values(), *order_hints([c for c in signals.coordinates if c.name not in seen]))
+
+
+def second_order_hints(signals: Signals) -> dict[str, str]:
+    """Return a sentence, by name, for each coordinate of order 1 that moves as a position does, values and rate."""
     known = [*signals.states, *(i.name for i in signals.inputs)]
     first = [c for c in signals.coordinates if c.order == 1]
     rates = {c.name: [run[signals.row(c.target)] for run in signals.columns] for c in first}
     states = [run[[signals.row(name) for name in known]] for run in signals.columns]
     with_rates = [np.vstack([run, *(rate[k] for rate in rates.values())]) for k, run in enumerate(states)]
-    said = []
+    said = dict[str, str]()
     for c in first:
         alone = rate_explained(rates[c.name], states)
         if alone > UNEXPLAINED:
             continue
         again = rate_explained([np.gradient(rate, signals.period) for rate in rates[c.name]], with_rates)
         if again > FOLLOWS:
-            said.append(
+            said[c.name] = (
                 f"what was measured explains {100.0 * max(alone, 0.0):.0f} % of the rate of {c.name}, and together with"
                 f" that rate {100.0 * again:.0f} % of the second derivative: {c.name} moves as a position does; give"
                 f" order = 2 in [coordinates.{c.name}], or --order 2"
             )
-    return tuple(said)
+    return said
 
 
 def _polynomials(z: FloatArray, degree: int) -> FloatArray:

@@ -9,7 +9,7 @@ from odescope.recordings.headings import Heading
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral
 from odescope.signals.estimate import estimate_signals
-from odescope.signals.first_order import FOLDS, STRETCHES, rate_explained, second_order_hints
+from odescope.signals.first_order import FOLDS, STRETCHES, order_advice, rate_explained, second_order_hints
 from odescope.signals.look import look
 
 T = 0.02 * np.arange(1500)
@@ -116,4 +116,18 @@ def test_what_moves_as_a_position_does_is_told_from_amounts_and_hidden_states(na
     records = Records.of([Record(TIME, columns, (*names, *(i.name for i in inputs)))])
     signals = estimate_signals(records, tuple(Coordinate(n, 1) for n in names), inputs, Spectral())
     hints = second_order_hints(signals)
-    assert [n for n in names if any(f"[coordinates.{n}]" in hint for hint in hints)] == hinted
+    assert list(hints) == hinted
+    assert all(f"[coordinates.{n}]" in hints[n] for n in hinted)
+
+
+def test_what_moves_as_a_position_does_is_advised_before_what_its_unit_says_it_may_be():
+    x = solve_ivp(MOVING["oscillator"], (0.0, TIME[-1]), [1.0, 0.5], t_eval=TIME, rtol=1e-8, atol=1e-10).y[0]
+    rng = np.random.default_rng(0)
+    level = solve_ivp(lambda t, y: driven(t) - y, (0.0, TIME[-1]), [0.0], t_eval=TIME).y[0]
+    columns = np.column_stack([column + 0.01 * rng.standard_normal(len(TIME)) for column in (x, level)])
+    coordinates = (Coordinate("angle", 1, angle=True), Coordinate("level", 1, unit="m"))
+    signals = estimate_signals(Records.of([Record(TIME, columns, ("angle", "level"))]), coordinates, (), Spectral())
+    moves, may_be = order_advice(signals)
+    assert "moves as a position does" in moves
+    assert moves == second_order_hints(signals)["angle"]
+    assert may_be.startswith("the equation of level, in m, is of order 1")
