@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress
 from odescope.pipeline.suspicion import with_suspected
 from odescope.pipeline.temperatures import with_arrhenius
 from odescope.pipeline.work import Work
+from odescope.recordings.checks import degrees_hints
 from odescope.recordings.record import Records
 from odescope.signals.estimate import Signals
 from odescope.signals.first_order import second_order_hints
@@ -157,8 +159,10 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         InputError: a tie names no candidate of the relations.
         NoModelError: no form has a model.
     """
-    if regressed.failure is not None:  # what the orders alone may have done is said before a long search
-        for text in second_order_hints(filtered.signals).values():
+    if regressed.failure is not None:  # what the study alone may have done is said before a long search
+        signals = filtered.signals
+        doubts = degrees_hints(filtered.sample.records, signals.coordinates), second_order_hints(signals).values()
+        for text in chain.from_iterable(doubts):
             work.monitor.tell(Note(text, warns=True))
     contenders, lost, suspicions = list[Contender](), list[Refinement](), tuple[SuspicionScore, ...]()
     forms = _posed(work, prepared, filtered, regressed)

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from odescope.arrays import FloatArray
-from odescope.recordings.checks import check_radians
+from odescope.recordings.checks import TURNS, check_radians
 from odescope.recordings.gaps import GAP_PERIODS, RawRun
 
 PLAIN = 0.75 * np.pi  # steps of an angle up to which a jump by 2 pi cannot be taken for one, or one for a jump
+JUMP = 1.0  # rad: how far a jump by 2 pi may be from that
+ASIDE = 0.01  # of the samples of an angle that may be far off at either side
 RISE = 1.1  # times the least turn between windows: longer ones only see more of the motion
 AROUND = 4  # samples on either side of a gap, at least, from which the speed of an angle is told
 TOLD = 0.5  # of a gap's length: the speed over less than that, beside it, says nothing of turns within
@@ -58,8 +60,10 @@ def _unwrapped(angle: FloatArray) -> FloatArray:
 
     From sample to sample noise alone may step further than pi, and every such step taken for a jump would shift all
     that follows by a turn. The mean direction of a window hardly knows noise: it is unwrapped instead, and every sample
-    is put next to it.
+    is put next to it. What runs over several turns in steps that are no jumps is no wrapped angle, but one in degrees.
     """
+    if _runs_on(angle):
+        return angle
     plain: FloatArray = np.unwrap(angle)
     window = 1 if np.abs(np.diff(plain)).max() < PLAIN else _window(angle)
     if window == 1:
@@ -69,6 +73,14 @@ def _unwrapped(angle: FloatArray) -> FloatArray:
     smooth = np.pad(mean, (before, window - 1 - before), mode="edge")
     near: FloatArray = angle + 2.0 * np.pi * np.rint((smooth - angle) / (2.0 * np.pi))
     return near
+
+
+def _runs_on(angle: FloatArray) -> bool:
+    """Say whether an angle (N,) was recorded over several turns, and in steps longer than half a turn but no jumps."""
+    steps = np.abs(np.diff(angle))
+    long = steps[steps > np.pi]
+    low, high = np.quantile(angle, [ASIDE, 1.0 - ASIDE])
+    return bool(high - low > TURNS * 2.0 * np.pi and np.any(np.abs(long - 2.0 * np.pi) > JUMP))
 
 
 def _window(angle: FloatArray) -> int:

@@ -1,4 +1,4 @@
-"""Column headings that hold more than a name: "x (m)", "Motor angle [deg]", "time_ms"."""
+"""Column headings that hold more than a name: "x (m)", "Motor angle [deg]", "theta_deg", "time_ms"."""
 
 from __future__ import annotations
 
@@ -42,6 +42,9 @@ _OF_DATES = re.compile(  # zones, and forms such as yyyy-mm-dd HH:MM:SS
     re.IGNORECASE,
 )
 _BRACKETED = re.compile(r"^(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]\s*$", re.DOTALL)
+_LAST = re.compile(  # without brackets: words that name nothing but a unit, as cm, bar or K may
+    r"(.*[^\W_].*?)[\s_.-]+(deg|degs|degrees?|rad|radians?|rpm|deg[CF]|mm|Nm|kN|[hkM]Pa|mbar|psi|m[AV]|k?Hz|kg|k[VW])"
+)
 _EXPONENT = re.compile(r"\^?[-+−]?\d+|[⁻⁺]?[⁰¹²³⁴-⁹]+")
 _PREFIXED = re.compile(
     r"(?:[fpnuµμmcdhkMGT]|da)?(?:m|g|s|A|K|mol|cd|Hz|N|Nm|Pa|J|W|Wh|C|V|F|Ω|Ohm|ohm|S|T|H|L|l|rad|bar|eV|M|U)"
@@ -126,7 +129,7 @@ _WHOLE = frozenset(
 
 @dataclass(frozen=True)
 class Heading:
-    """A column's label taken apart: a plain name, usable in formulae, and the unit in brackets, if there is one."""
+    """A column's label taken apart: a plain name, usable in formulae, and the unit, in brackets or as the last word."""
 
     label: str
     name: str
@@ -135,7 +138,7 @@ class Heading:
     @staticmethod
     def of(label: str) -> Heading:
         """Return the parts of a label; what stands in brackets and is no unit belongs to the name."""
-        found = _BRACKETED.match(label)
+        found = _BRACKETED.match(label) or _LAST.fullmatch(label)
         if found is None or not (found[2] == "" or is_unit(found[2])):
             return Heading(label, plain_name(label), None)
         return Heading(label, plain_name(found[1]), found[2] or None)

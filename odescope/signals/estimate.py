@@ -9,6 +9,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import InputError, NoModelError
+from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 from odescope.recordings.periods import PERIODS_DIFFER
 from odescope.recordings.record import Record, Records, Stretch, within
@@ -227,8 +228,10 @@ def _check_signal(records: Records, coordinate: Coordinate, found: Derivatives, 
     bins = sum(2.0 * v.shape[1] * period * found.cutoff + 4.0 for v in found.values)
     alone = found.noise**2 * bins / len(kept)
     if kept.var() < SIGNAL_OVER_NOISE * alone:
-        advice = telling([run.column(coordinate.name) for run in records]) or (
-            "record longer, excite it more, or measure it better"
+        advice = (
+            telling([run.column(coordinate.name) for run in records])
+            or " ".join(degrees_hints(records, [coordinate]))
+            or "record longer, excite it more, or measure it better"
         )
         raise NoModelError(
             "signals",

@@ -56,6 +56,23 @@ def test_an_angle_in_degrees_is_converted_and_simulated_in_degrees(odescope):
     assert own[0, 1:] == pytest.approx(start, abs=3.0)
 
 
+def test_degrees_by_a_heading_are_converted_and_others_pointed_out_before_a_search(odescope):
+    t, theta, u = pendulum().values()
+    swing = np.rad2deg(theta - theta.mean()) * 60.0 / np.rad2deg(np.ptp(theta))
+    write("named.csv", {"t": t, "theta_deg": np.rad2deg(theta), "u": u})
+    write("bare.csv", {"t": t, "theta": swing, "u": u})
+    for name in ("named", "bare"):
+        Path(f"{name}.toml").write_text(STUDY.replace('unit = "deg"\n', "").replace("pend.csv", f"{name}.csv"))
+    named = odescope("identify", "named.toml")
+    assert named.code == 0
+    assert "theta was recorded in degrees: here it is in radians" in named.err
+    bare = odescope("identify", "bare.toml")
+    assert bare.code == 3
+    first = next(line for line in bare.err.splitlines() if line.startswith(("warning", "advice", "odescope")))
+    assert first.startswith("warning: theta goes")
+    assert 'give unit = "deg" in [coordinates.theta]' in first
+
+
 def test_noise_is_given_and_told_in_the_unit_of_the_column(odescope):
     data, noise = log(), 0.5
     data["theta"] = data["theta"] + noise * np.random.default_rng(0).standard_normal(len(data["theta"]))

@@ -47,6 +47,16 @@ def test_noise_that_steps_further_than_pi_is_not_taken_for_turns(seed):
     assert np.abs(turns - np.rint(turns[0])).max() < 1e-9
 
 
+def test_what_runs_over_turns_in_long_steps_stays_as_it_was_recorded():
+    """Degrees that nobody declared: unwrapped as radians they would be noise, of which nothing can be said."""
+    degrees = 60.0 * np.sin(np.arange(400) * 0.08)
+    assert np.pi < np.abs(np.diff(degrees)).max() < 2.0 * np.pi - 1.0
+    assert np.array_equal(unwrapped(raw(t=np.arange(400) * 0.01, phi=degrees)), degrees)
+    far = np.angle(np.exp(0.1j * np.arange(400)))
+    far[200] = 500.0  # a wrapped angle with a sample that is far off
+    assert np.abs(np.diff(np.delete(unwrapped(raw(t=np.arange(400) * 0.01, phi=far)), 200))).max() < 0.3
+
+
 def test_an_angle_that_jumps_by_360_is_taken_for_degrees():
     degrees = np.mod(np.arange(40) * 25.0, 360)
     with pytest.raises(InputError, match=r"'phi' jumps by about 360 in run1\.csv \(2 times, .*radians .* pi/180"):

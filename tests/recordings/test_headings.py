@@ -42,6 +42,16 @@ from odescope.recordings.readers import read_records, records_from
         ("x ()", "x", None),
         ("x (filtered)", "x_filtered", None),  # no unit: two columns may differ in nothing else
         ("joint 1 [rad]", "joint_1", "rad"),
+        ("theta_deg", "theta", "deg"),
+        ("motor speed rpm", "motor_speed", "rpm"),
+        ("pos_x_mm", "pos_x", "mm"),
+        ("p1.kPa", "p1", "kPa"),
+        ("x_cm", "x_cm", None),  # of its centre of mass, perhaps
+        ("T_C", "T_C", None),
+        ("x_bar", "x_bar", None),
+        ("deg", "deg", None),
+        ("_deg", "_deg", None),
+        ("x_Deg", "x_Deg", None),
     ],
 )
 def test_a_label_is_a_name_and_a_unit(label, name, unit):
