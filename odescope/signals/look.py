@@ -253,9 +253,11 @@ def _may_be_rate(rate: Heading, of: Heading, slope: float) -> bool:
         of: that of the other.
         slope: of the rate of the other on the column.
     """
+    if VELOCITIES.fullmatch(rate.name) is not None:
+        return True  # as v_mm, in mm/s
     if rate.unit is not None:
         return rate.unit != of.unit and A_TIME.fullmatch(rate.unit) is not None
-    return of.unit is not None or VELOCITIES.fullmatch(rate.name) is not None or abs(slope - 1.0) < NEAR_ONE
+    return of.unit is not None or abs(slope - 1.0) < NEAR_ONE
 
 
 def _drives(heading: Heading) -> bool:
@@ -267,6 +269,8 @@ def _is_geometric(heading: Heading) -> bool:
     """Tell whether a heading is that of a length or an angle, by its unit, or by its name where it has none."""
     if heading.unit is None:
         return ANGLES.fullmatch(heading.name) is not None
+    if VELOCITIES.fullmatch(heading.name) is not None:
+        return False  # omega_deg is in deg/s
     return heading.unit in LENGTHS or heading.unit == "rad" or is_degrees(heading.unit)
 
 
@@ -277,7 +281,7 @@ def _coordinate(name: str, heading: Heading, turn: float | None, with_rate: set[
         wraps = "it wraps by 360" if degrees else "it wraps by 2 pi"
         why = wraps if turn is not None else "by its name" if unit is None else "by its unit"
         return Seen(name, heading, "coordinate", f"an angle, {why}", 2, True, degrees)
-    if unit in LENGTHS:
+    if unit in LENGTHS and _is_geometric(heading):
         return Seen(name, heading, "coordinate", "a position, by its unit", 2)
     if name in with_rate:
         return Seen(name, heading, "coordinate", "a position: its rate was measured, too", 2)

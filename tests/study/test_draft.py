@@ -42,6 +42,14 @@ def test_angles(here, label, turn, said, degrees):
     assert f"# {said}" in text
 
 
+@pytest.mark.parametrize("label", ["omega_deg", "v_mm"])
+def test_a_velocity_whose_heading_ends_in_half_a_unit_is_neither_angle_nor_position(here, label):
+    study, text = drafted({"t": T, label: 0.4 * motion(1)})
+    (found,) = study.coordinates.values()
+    assert not found.angle
+    assert "by its unit" not in text
+
+
 def test_an_angle_that_goes_far_may_be_in_degrees(here):
     _, text = drafted({"t": T, "theta": 40.0 * np.sin(T * 2.0 * np.pi / 5.0)})
     assert 'in degrees? Then add unit = "deg"' in text
