@@ -39,9 +39,8 @@ def recorded(name: str) -> Study:
 
 
 @needs_data
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n != "actuated_pendulum" else n for n in ACCEPTED]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ACCEPTED)
 def test_dominant_coefficients(name: str) -> None:
     result = identify(recorded(name))
     for relation, accepted in zip(result.model.relations, ACCEPTED[name], strict=True):

@@ -61,8 +61,10 @@ def test_degrees_by_a_heading_are_converted_and_others_pointed_out_before_a_sear
     swing = np.rad2deg(theta - theta.mean()) * 60.0 / np.rad2deg(np.ptp(theta))
     write("named.csv", {"t": t, "theta_deg": np.rad2deg(theta), "u": u})
     write("bare.csv", {"t": t, "theta": swing, "u": u})
+    library = '[library]\nbasis = ["sin(theta)", "theta_dot", "u"]\ndegree = 1\n'
     for name in ("named", "bare"):
-        Path(f"{name}.toml").write_text(STUDY.replace('unit = "deg"\n', "").replace("pend.csv", f"{name}.csv"))
+        said = STUDY.replace('unit = "deg"\n', "").replace("pend.csv", f"{name}.csv")
+        Path(f"{name}.toml").write_text(said + library)
     named = odescope("identify", "named.toml")
     assert named.code == 0
     assert "theta was recorded in degrees: here it is in radians" in named.err

@@ -94,7 +94,9 @@ end
 
 
 @needs_octave
-@every_model
+@pytest.mark.parametrize(
+    "trip", [pytest.param(t, id=n, marks=[pytest.mark.slow] * (n != "friction")) for n, t in ROUND_TRIPS.items()]
+)
 def test_matlab(trip, tmp_path):
     (tmp_path / "plant.m").write_text(to_matlab(trip.model, "plant").files["plant.m"])
     np.savetxt(tmp_path / "plant.txt", np.column_stack([RECORD, trip.inputs]), "%.17g")

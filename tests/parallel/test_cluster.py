@@ -77,6 +77,7 @@ def test_two_workers_give_the_model_of_one_process(machines, study, alone):
     assert_same(result, alone)
 
 
+@pytest.mark.slow
 def test_a_worker_killed_half_way_costs_its_task_alone(machines, study):
     study = msgspec.structs.replace(study, data=msgspec.structs.replace(study.data, memory=LITTLE))
     machines.staff(2)
@@ -96,6 +97,7 @@ def test_a_worker_killed_half_way_costs_its_task_alone(machines, study):
     machines.staff(2)
 
 
+@pytest.mark.slow
 def test_a_log_in_chunks_is_read_by_the_workers(machines, tmp_path):
     log = oscillator(90_000, noise=0.01)
     parquet.write_table(pa.table(log), tmp_path / "log.parquet")

@@ -44,6 +44,7 @@ def test_a_product_of_sine_and_cosine_of_two_states_is_found(oscillators):
     assert any("may be an angle" in note for note in result.notes)
 
 
+@pytest.mark.slow
 def test_where_suspicion_is_off_no_state_is_an_angle_and_there_is_no_model(oscillators):
     with pytest.raises(NoModelError):
         identify(study("x", "y", suspect=False), oscillators)

@@ -27,7 +27,13 @@ def log(strength, phase, seed):
     return {"clock": t, "x": x + NOISE * x.std() * np.random.default_rng(seed).standard_normal(len(t))}
 
 
-@pytest.mark.parametrize(("phase", "seed"), [(0.4, 0), (2.5, 1)], ids=["where no law is found", "beside a rough law"])
+@pytest.mark.parametrize(
+    ("phase", "seed"),
+    [
+        pytest.param(0.4, 0, id="where no law is found", marks=pytest.mark.slow),
+        pytest.param(2.5, 1, id="beside a rough law"),
+    ],
+)
 def test_a_forcing_that_was_not_recorded_is_found(phase, seed):
     told = []
     result = identify(STUDY, log(STRENGTH, phase, seed), watch=told.append)

@@ -167,6 +167,7 @@ print(peak_bytes(), result.model.provenance["recordings"], *(t.text for t in res
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="peaks of a process alone are told by Linux")
 def test_memory_is_bounded_by_the_setting_however_long_the_log(tmp_path, lengthy):
     peaks, memory = [], LITTLE + 10.0  # a column more

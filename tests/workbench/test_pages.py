@@ -107,6 +107,7 @@ def test_several_logs_are_one_study_by_keys_and_clicks_as_of_the_command_line(ch
     assert visit.wrong == []
 
 
+@pytest.mark.slow
 def test_a_run_whose_result_was_replaced_leads_to_the_one_that_did(chromium, workbench):
     folder = place(workbench, "again")
     (folder / "a.toml").write_text('[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\n')
@@ -158,6 +159,7 @@ def test_the_study_is_the_same_as_form_and_as_text_in_two_tabs(chromium, workben
     assert visit.wrong == []
 
 
+@pytest.mark.slow
 def test_a_run_outlives_its_server_and_is_stopped_by_keys_alone(chromium, tmp_path):
     folder = tmp_path / "logs"
     folder.mkdir()
@@ -193,6 +195,7 @@ def test_a_run_outlives_its_server_and_is_stopped_by_keys_alone(chromium, tmp_pa
     assert (tmp_path / "second.txt").read_text().count("Traceback") == 0
 
 
+@pytest.mark.slow
 def test_a_page_finds_the_workbench_again_that_was_killed_once_its_address_is_opened(chromium, tmp_path):
     folder = tmp_path / "logs"
     folder.mkdir()
@@ -289,7 +292,7 @@ def test_only_who_has_the_token_is_served_and_nothing_outside(chromium, workbenc
         assert "no path within" in visit.page.get_by_role("alert").inner_text()
 
 
-@pytest.mark.parametrize("width", [1280, 400])
+@pytest.mark.parametrize("width", [pytest.param(1280, marks=pytest.mark.slow), 400])
 def test_every_view_is_whole_and_said_to_a_screen_reader(chromium, workbench, width):
     visit = Visit(chromium, workbench, width)
     for view in VIEWS:
