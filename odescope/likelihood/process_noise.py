@@ -185,10 +185,14 @@ def search_with_process_noise(
     """
     open_ = without_held_out(space.segments)
     seen = space.on(thinned(open_))
-    ends = []
-    for here in _able(seen, starts):
-        ends.append(_search(seen, here))
-        seen = ends[-1][0]  # the next start begins with the noise that this one found
+    ends, able = [], _able(seen, starts)
+    for left, here in zip(range(len(able), 0, -1), able, strict=True):
+        # One with many terms in vain may not spend what others need to add theirs.
+        own = space.budget.rest(0.0).part(1.0 / left)
+        ended, longest, cost, trail = _search(seen.within(own), here)
+        space.budget.spent += own.spent
+        seen = ended.within(space.budget)  # the next start begins with the noise that this one found
+        ends.append((seen, longest, cost, trail))
         if space.budget.over:
             break
     if not ends:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from process_cases import (
 )
 from small_systems import SPRING, System, drive, in_bare_gauge
 
+from odescope.errors import Stopped
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood import process_noise
 from odescope.likelihood.evaluator import Evaluator
@@ -257,6 +259,28 @@ def test_the_search_finds_the_pendulum_under_a_white_torque_and_its_size(when):
         assert n.penalised == pytest.approx(n.marginal + prices)
         if when == "a kick a segment":
             assert n.space.segments.noise[0] == pytest.approx(0.005, rel=0.15)
+
+
+@pytest.mark.parametrize(("spends", "limits"), [(1.0, [4.0, 4.0, 4.0]), (0.0, [4.0, 6.0, 12.0]), (2.5, [4.0, 1.0])])
+def test_no_start_spends_what_others_need_to_add_terms(monkeypatch, spends, limits):
+    it, seen = spring(1, 600), list[float]()
+    it = it.within(replace(it.budget, limit=12.0))
+    starts = [np.where(np.arange(len(LINEAR)) == k, 0.0, LINEAR) for k in (None, *TERMS[:2])]
+
+    def searched(own, start):
+        assert own.budget.spent == 0.0
+        seen.append(own.budget.limit)
+        own.budget.spent = spends * own.budget.limit
+        return own, start, start.cost, ()
+
+    monkeypatch.setattr(
+        process_noise, "_able", lambda space, thetas: [space.begin(t, space.segments.spread) for t in thetas]
+    )
+    monkeypatch.setattr(process_noise, "_search", searched)
+    monkeypatch.setattr(process_noise.ModelPath, "back", Mock(side_effect=Stopped))
+    with pytest.raises(Stopped):  # after the searches
+        search_with_process_noise(it, starts)
+    assert seen == pytest.approx(limits, rel=1e-2)
 
 
 def test_a_term_takes_the_place_of_two_that_add_up_to_it():
