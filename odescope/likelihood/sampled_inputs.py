@@ -145,9 +145,7 @@ def _parabola(block: int, held: bool, fraction: float) -> FloatArray:
     acts a `fraction` of a sample late.
     """
     moments = np.zeros((3, block + 2))  # of Legendre's polynomials
-    for k in range(
-        2 * block
-    ):  # pieces between samples and their late copies, of which every second is empty if on time
+    for k in range(2 * block):  # pieces between samples and their late copies; on time, every second is empty
         sample, after = divmod(k, 2)
         low, high = (sample + fraction, sample + 1.0) if after else (float(sample), sample + fraction)
         below = sample + after
