@@ -113,7 +113,7 @@ class Samples:
         with np.errstate(all="ignore"):
             columns = evaluate(self.tapes[choice], rows.reshape(len(rows), many * samples))
         columns[~(np.abs(columns) < LARGEST)] = 0.0
-        return columns.reshape(len(columns), many, samples).swapaxes(0, 1)
+        return np.ascontiguousarray(columns.reshape(len(columns), many, samples).swapaxes(0, 1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,7 +90,8 @@ class LinearRecord:
         channels, n, joined = len(self.cost), self.x0.shape[1], self.segments.joined
         precision, spread = np.exp(-2.0 * logs), np.exp(logs[channels:])
         gradient = np.einsum("c,cji->ji", precision[:channels], self.gradient)
-        hessian = np.einsum("c,cjik->jik", precision[:channels], self.hessian)
+        # Laid out as the kernel leaves it: another layout would compile all that takes it once more.
+        hessian = np.ascontiguousarray(np.einsum("c,cjik->jik", precision[:channels], self.hessian))
         sums = Sums(self.cost, gradient, hessian, np.zeros((0, 0)), self.last, self.jacobian)
         eliminated = eliminate(sums, self.x0, joined, spread, 0.0)
         if eliminated is None:

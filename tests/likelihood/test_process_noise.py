@@ -94,7 +94,7 @@ def test_covariances_of_a_random_chain_are_blocks_of_the_dense_inverse(segments,
     rng = np.random.default_rng(segments)
     jacobian = rng.standard_normal((segments, n, n))
     roots = rng.standard_normal((segments, n + 2, n))
-    hessian = np.einsum("jki,jkl->jil", roots, roots)
+    hessian = np.ascontiguousarray(np.einsum("jki,jkl->jil", roots, roots))
     joined = rng.random(segments) < 0.7
     joined[-1] = False
     gap = rng.uniform(0.3, 2.0, n)
@@ -111,7 +111,7 @@ def test_covariances_of_a_record_are_blocks_of_the_dense_inverse(system):
     rng = np.random.default_rng(0)
     lengths, gap = (20, 33), np.array([0.02, 0.03, 0.1, 0.2])
     x0, nodes = 0.3 * rng.standard_normal((53, 4)), drive(53)
-    it = space(system, cut(x0, x0[:, :2], nodes, [0.02, 0.05], gap, lengths)).evaluator
+    it = space(system, cut(x0, x0[:, :2].copy(), nodes, [0.02, 0.05], gap, lengths)).evaluator
     theta, joined, start = system.theta, it.segments.joined, it.segments.initial
     assert not joined.all()
     for free in (NONE, system.free):
