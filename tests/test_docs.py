@@ -36,6 +36,7 @@ def blocks(path: str, language: str) -> list[str]:
     )
 
 
+@pytest.mark.slow
 def test_extending_runs_and_recovers_the_system(capsys: pytest.CaptureFixture[str]) -> None:
     session: dict[str, object] = {}
     for block in blocks("docs/extending.md", "python"):

@@ -60,7 +60,8 @@ def factorise(sums, joined, defect_std, damping, cross, along, defect):
             for m in range(i):
                 for k in range(p + 1):
                     edge[i, k] -= block[i, m] * edge[m, k]
-            edge[i] /= block[i, i]
+            for k in range(p + 1):
+                edge[i, k] /= block[i, i]
         if j + 1 < segments and joined[j]:
             for r in range(n):
                 for i in range(n):
@@ -75,11 +76,12 @@ def _assemble(sums, joined, defect_std, cross, along, defect, factor, border, ca
     """Write the blocks of the system of the states."""
     segments, n, p = cross.shape
     for j in range(segments):
-        hessian, gradient = sums.hessian[j], sums.gradient[j]
         for i in range(n):
-            factor[j, i] = hessian[i, :n]
-            border[j, i, :p] = cross[j, i]
-            border[j, i, p] = gradient[i]
+            for k in range(n):
+                factor[j, i, k] = sums.hessian[j, i, k]
+            for c in range(p):
+                border[j, i, c] = cross[j, i, c]
+            border[j, i, p] = sums.gradient[j, i]
     for j in range(segments - 1):
         if not joined[j]:
             continue
@@ -218,7 +220,8 @@ def noise_sums(precision, cost, gradient, hessian, jacobian, defect, joined, cha
     noises = channels + n
     squares, known, through = np.zeros(noises), np.zeros(noises), np.zeros((noises, noises))
     pull, before, left = np.zeros((n, noises)), np.zeros((n, noises)), np.zeros(n)
-    squares[:channels] = precision[:channels] * cost
+    for c in range(channels):
+        squares[c] = precision[c] * cost[c]
     for j in range(segments):
         pull[:] = 0.0
         if j > 0 and joined[j - 1]:
@@ -257,9 +260,9 @@ def noise_sums(precision, cost, gradient, hessian, jacobian, defect, joined, cha
                     pull[i, c] -= factor[j, i, m] * pull[m, c]
             for c in range(noises):
                 pull[i, c] /= factor[j, i, i]
-        before[:] = pull
         for i in range(n):
             for c in range(noises):
+                before[i, c] = pull[i, c]
                 for b in range(noises):
                     through[c, b] += pull[i, c] * pull[i, b]
     return squares, known, through

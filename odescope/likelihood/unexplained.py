@@ -31,17 +31,21 @@ def unexplained(rest: FloatArray, beside: FloatArray, functions: FloatArray) -> 
     points, many, samples = functions.shape
     left, own = np.empty((points, samples)), np.empty((many, samples))
     for point in range(points):
-        left[point] = rest
+        for i in range(samples):
+            left[point, i] = rest[i]
         told = True
         for k in range(many):
-            own[k] = functions[point, k]
+            for i in range(samples):
+                own[k, i] = functions[point, k, i]
             whole = dot(own[k], own[k])
             for row in range(beside.shape[0]):
                 _take_out(beside[row], own[k])
             told = told and dot(own[k], own[k]) > NOTHING_LEFT * whole
             for other in range(k):
                 _take_out(own[other], own[k])
-            own[k] /= max(np.sqrt(dot(own[k], own[k])), SMALLEST)
+            size = max(np.sqrt(dot(own[k], own[k])), SMALLEST)
+            for i in range(samples):
+                own[k, i] /= size
         if told:
             for k in range(many):
                 _take_out(own[k], left[point])

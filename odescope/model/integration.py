@@ -130,7 +130,8 @@ def integrate(equations, drive, initial, states, rtol, atol):
     contacts = Contacts(equations.edges, held, values, response, np.empty((edges, edges)), np.empty(edges))
     touch(contacts, x, scale, atol)
     show(contacts, work[n + inputs :, 0])
-    states[0] = x
+    for i in range(x.shape[0]):
+        states[0, i] = x[i]
     reached = 1
     h, total_steps = 0.0, 0
     budget = STEPS_AT_LEAST + STEPS_ON_AVERAGE * drive.t.shape[0]
@@ -202,6 +203,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
             if steps > share or total_steps > budget:
                 return reached, STIFF
         if drive.sample[node + 1] >= 0:
-            states[drive.sample[node + 1]] = x
+            for i in range(x.shape[0]):
+                states[drive.sample[node + 1], i] = x[i]
             reached += 1
     return reached, REACHED

@@ -155,9 +155,8 @@ def forward(model, drive, measured, q, begin, scale, rtol, course):
                 last += 1
             set_widths(model, x, p, drive.t[last + 1] - drive.t[node], room)
             room.z[:] = 0.0
-            room.z[:n] = x
             for i in range(n):
-                room.z[n + i * n + i] = 1.0
+                room.z[i], room.z[n + i * n + i] = x[i], 1.0
             while node <= last:
                 h = across(model, drive, node, q, scale, rtol, h, room)
                 if h == 0.0:
@@ -166,11 +165,14 @@ def forward(model, drive, measured, q, begin, scale, rtol, course):
             phi = room.z[n : n + n * n].reshape(n, n)
             added = room.z[n + n * n :].reshape(n, n)
             _carry(phi, added, p, scratch)
-            x[:] = room.z[:n]
-            if keep:
-                course.transition[j] = phi
-        if keep:
-            course.before[j], course.spread[j] = x, p
+            for i in range(n):
+                x[i] = room.z[i]
+                for k in range(n if keep else 0):
+                    course.transition[j, i, k] = phi[i, k]
+        for i in range(n if keep else 0):
+            course.before[j, i] = x[i]
+            for k in range(n):
+                course.spread[j, i, k] = p[i, k]
         cost += _take(measured, j, x, p, gain, scratch, course)
         for i in range(n):
             if not (np.isfinite(x[i]) and p[i, i] >= 0.0):

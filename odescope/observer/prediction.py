@@ -245,7 +245,8 @@ def across(model, drive, node, q, scale, rtol, h, room):
         step = span - done if span - done < h * (1.0 + 1e-9) else h
         for s in range(7):
             if s == 0 and not fresh:
-                k[0] = k[6]
+                for i in range(z.shape[0]):
+                    k[0, i] = k[6, i]
                 continue
             set_inputs(drive, node, (done + PLACES[s] * step) / span, n, room)
             for i in range(z.shape[0]):
@@ -259,7 +260,8 @@ def across(model, drive, node, q, scale, rtol, h, room):
         if error <= 1.0:
             done = span if step == span - done else done + step
             fresh = False
-            z[:] = trial
+            for i in range(z.shape[0]):
+                z[i] = trial[i]
             grown = 5.0 if error < 1e-4 else min(5.0, 0.9 * error**-0.2)
             h = max(h, step * grown) if step < h else step * grown
         else:

@@ -37,6 +37,8 @@ def kernel(*fastmath: str, inline: bool = False) -> Callable[[Kernel], Kernel]:
     "reassoc" takes sums in any order, and so in vector registers. Division by zero gives inf or nan, as in numpy.
     With `inline` its text takes the place of every call: arrays that are handed over a hundred thousand times in a
     second are then not counted each time.
+
+    Kernels copy arrays by loops: to assign one to a slice compiles the text of numba's error too, for seconds.
     """
     options: dict[str, Any] = {"fastmath": set(fastmath)} if fastmath else {}
     options |= {"inline": "always"} if inline else {}

@@ -35,9 +35,11 @@ def lost_before(late: FloatArray, jitter: float) -> IntArray:
     cost, phase, paths, cheapest = np.zeros(PATHS), np.full(PATHS, late[0]), 1, 0
     next_cost, next_phase = np.zeros(PATHS), np.zeros(PATHS)
     for i in range(1, n):
-        levels[:paths] = lost[i - 1, :paths]
+        for k in range(paths):
+            levels[k] = lost[i - 1, k]
         nearest = int(np.rint(late[i] - phase[cheapest]))
-        levels[paths : paths + 3] = (nearest - 1, nearest, nearest + 1)
+        for k in range(3):
+            levels[paths + k] = nearest - 1 + k
         count, last, least = 0, -1, np.inf
         for level in np.sort(levels[: paths + 3]):
             if level == last:
@@ -60,7 +62,8 @@ def lost_before(late: FloatArray, jitter: float) -> IntArray:
                 lost[i, count], before[i, count] = level, path
                 count += 1
         paths = count
-        cost[:paths], phase[:paths] = next_cost[:paths], next_phase[:paths]
+        for k in range(paths):
+            cost[k], phase[k] = next_cost[k], next_phase[k]
     found, path = np.zeros(n, np.int64), cheapest
     for i in range(n - 1, -1, -1):
         found[i] = lost[i, path]

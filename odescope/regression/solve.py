@@ -80,7 +80,9 @@ def least_squares(r: FloatArray, support: IntArray, left: int) -> tuple[FloatArr
 @kernel()
 def _grown(array: NDArray[Any]) -> NDArray[Any]:
     larger = np.empty((2 * array.shape[0], array.shape[1]), dtype=array.dtype)
-    larger[: array.shape[0]] = array
+    for i in range(array.shape[0]):
+        for j in range(array.shape[1]):
+            larger[i, j] = array[i, j]
     return larger
 
 
@@ -248,7 +250,8 @@ def _walk_thresholds(
             elif same:
                 if count == final.shape[0]:
                     final = _grown(final)
-                final[count] = here
+                for j in range(m):
+                    final[count, j] = here[j]
                 count += 1
             elif kept > 0:
                 if depth == active.shape[0]:
@@ -261,6 +264,8 @@ def _walk_thresholds(
             bottom = top
         if lower < base:
             for k in range(base, depth):
-                active[k - base], bounds[k - base] = active[k], bounds[k]
+                bounds[k - base, 0], bounds[k - base, 1] = bounds[k, 0], bounds[k, 1]
+                for j in range(m):
+                    active[k - base, j] = active[k, j]
             depth -= base
     return final[:count]

@@ -42,7 +42,7 @@ def test_it_runs_as_the_free_run_does(name):
     assert len(expected) == len(TIMES)
 
 
-@pytest.mark.parametrize("name", ROUND_TRIPS)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n != "network")) for n in ROUND_TRIPS])
 def test_its_input_is_late(name):
     # Rumoca reads a delayed signal off lines between its own steps, and does not come nearer than that.
     model, start = CASES[name]

@@ -93,7 +93,10 @@ def test_the_hold_is_found_and_the_coefficients_are_right(hold, seeds):
     assert right >= 0.9 * seeds
 
 
-@pytest.mark.parametrize(("hold", "late"), [("zero", 0.0375), ("band-limited", 0.0375), ("linear", 0.0375)])
+@pytest.mark.parametrize(
+    ("hold", "late"),
+    [("zero", 0.0375), *(pytest.param(hold, 0.0375, marks=pytest.mark.slow) for hold in ("band-limited", "linear"))],
+)
 def test_the_hold_is_found_together_with_a_delay(hold, late):
     for seed in range(2):
         model = identify(study(), oscillator(hold, seed, late)).model
@@ -103,7 +106,7 @@ def test_the_hold_is_found_together_with_a_delay(hold, late):
         assert max(np.abs(list(off(model).values()))) < 4.0
 
 
-@pytest.mark.parametrize("steps", [1, 4])
+@pytest.mark.parametrize("steps", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_few_steps_of_a_command_are_held_and_not_late(steps):
     """Half a sample later they would do as well in lines; a record in which nothing is commanded says nothing."""
     for seed in range(3):

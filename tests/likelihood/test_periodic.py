@@ -40,7 +40,7 @@ def forward(columns, target, fixed, terms):
     return left([])
 
 
-@pytest.mark.parametrize("rate", [1.3, 2.9])
+@pytest.mark.parametrize("rate", [1.3, pytest.param(2.9, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("runs", [None, lambda n: [(0, n // 3), (n // 3, n)]], ids=["one recording", "two recordings"])
 def test_the_rate_of_a_forcing_and_the_share_that_goes_with_it(rate, runs):
     it = unrecorded(rate, runs)

@@ -83,7 +83,11 @@ def test_what_is_followed_without_a_forcing_is_left_alone():
 
 
 @pytest.mark.parametrize(
-    ("data", "columns"), [(Data(sample_period=PERIOD), ["x"]), (Data(time="clock", time_unit="ms"), ["clock", "x"])]
+    ("data", "columns"),
+    [
+        (Data(sample_period=PERIOD), ["x"]),
+        pytest.param(Data(time="clock", time_unit="ms"), ["clock", "x"], marks=pytest.mark.slow),
+    ],
 )
 def test_where_the_time_has_no_column_in_seconds_it_is_said_what_to_name(data, columns):
     recorded = log(STRENGTH, 2.5, 1)
@@ -100,6 +104,7 @@ def test_nothing_is_tried_where_functions_are_not_to_be_suspected():
     assert not result.refinement.exact
 
 
+@pytest.mark.slow
 def test_stamps_that_count_from_1970_do_as_well():
     """So far from its origin a sine's rate and its phase are one to a fit: it counts from the middle of the record."""
     recorded = log(STRENGTH, 2.5, 1)

@@ -249,11 +249,17 @@ def enzyme():
 @pytest.mark.parametrize(
     "library",
     [
-        {"composition": COMPOSITION},
-        {"form": "reactions", "reactions": ("S + E <-> C", "C <-> E + P", "S <-> P")},
-        {"reactions": ("S + E <-> C", "C -> E + P", "S -> P"), "composition": COMPOSITION},
+        pytest.param({"composition": COMPOSITION}, id="composition", marks=pytest.mark.slow),
+        pytest.param(
+            {"form": "reactions", "reactions": ("S + E <-> C", "C <-> E + P", "S <-> P")},
+            id="named",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            {"reactions": ("S + E <-> C", "C -> E + P", "S -> P"), "composition": COMPOSITION},
+            id="both",
+        ),
     ],
-    ids=["composition", "named", "both"],
 )
 def test_the_reactions_of_an_enzyme_are_found_with_their_rates(enzyme, library):
     result = identify(Study(data=TIME, coordinates=SPECIES, library=Candidates(**library)), enzyme)

@@ -100,7 +100,7 @@ STUDY = {
 }
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_delay_is_estimated_and_goes_with_the_model(seed):
     data = late_tank(seed, 0.0234)
     result = identify(Study(**STUDY, inputs={"u": Driven(delay="estimate")}), data)

@@ -45,6 +45,7 @@ def test_arms_that_swing_side_by_side_or_go_round_apart_do_not():
     assert turning_together(records(3.0 * T, np.full_like(T, 0.3)), NAMES) == ()
 
 
+@pytest.mark.slow
 def test_a_shaft_between_two_angles_is_a_spring_between_their_inertias():
     rng = np.random.default_rng(3)
     phase, hertz = rng.uniform(0.0, 2.0 * np.pi, 8), rng.uniform(0.05, 1.5, 8)

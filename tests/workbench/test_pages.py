@@ -132,6 +132,7 @@ def test_a_run_whose_result_was_replaced_leads_to_the_one_that_did(chromium, wor
     assert visit.wrong == []
 
 
+@pytest.mark.slow
 def test_the_study_is_the_same_as_form_and_as_text_in_two_tabs(chromium, workbench):
     folder = place(workbench, "tabs")
     (folder / "a.toml").write_text('# mine\n[data]\nfiles = ["a.csv"]\ntime = "t"\n[coordinates.c]\n')
@@ -292,7 +293,8 @@ def test_only_who_has_the_token_is_served_and_nothing_outside(chromium, workbenc
         assert "no path within" in visit.page.get_by_role("alert").inner_text()
 
 
-@pytest.mark.parametrize("width", [pytest.param(1280, marks=pytest.mark.slow), 400])
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1280, 400])
 def test_every_view_is_whole_and_said_to_a_screen_reader(chromium, workbench, width):
     visit = Visit(chromium, workbench, width)
     for view in VIEWS:
@@ -314,6 +316,7 @@ def test_every_view_is_whole_and_said_to_a_screen_reader(chromium, workbench, wi
     assert visit.wrong == []
 
 
+@pytest.mark.slow
 def test_a_result_of_the_command_line_is_looked_at_tried_and_validated(chromium, workbench):
     visit = Visit(chromium, workbench)
     page = visit.page
@@ -350,6 +353,7 @@ def test_a_result_of_the_command_line_is_looked_at_tried_and_validated(chromium,
     report.value.get_by_role("heading", name="How to reproduce").wait_for(timeout=PATIENCE)
 
 
+@pytest.mark.slow
 def test_a_path_of_two_models_is_said_in_words(chromium, workbench):
     for name, left in (("whole", 3), ("few", 2)):
         result = place(workbench, name) / "ab"
