@@ -144,6 +144,7 @@ def test_a_hold_that_was_chosen_before_a_delay_was_found_stays_only_where_the_lo
     assert choice.fit.theta[late] == pytest.approx(0.45 - 0.5 * PERIOD * (seen == "zero"), abs=0.01)
 
 
+@pytest.mark.slow
 def test_segments_that_were_lost_under_the_wrong_delay_are_found_again():
     model = identify(study(), oscillator("band-limited", 4, 0.1)).model
     assert model.inputs[0].hold == "band-limited"

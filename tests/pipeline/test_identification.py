@@ -337,6 +337,7 @@ def test_what_was_not_measured_in_one_file_is_told_with_what_to_do(tmp_path, mon
         identify(msgspec.structs.replace(nowhere, data=Data(time="t", files=("run0.csv", "run1.csv"))))
 
 
+@pytest.mark.slow
 def test_the_order_of_coordinates_does_not_change_the_equations(systems):
     case = systems.CASES["lorenz"]
     (data,) = systems.noisy(case, 0.001, np.random.default_rng(1))

@@ -69,6 +69,7 @@ def test_clipping_and_delays_reach_every_chunk(tmp_path, lengthy):
     assert [found[k] for k in ("x", "x_dot", "u")] == pytest.approx([4.0, 0.3, -1.0], rel=0.02)
 
 
+@pytest.mark.slow
 def test_numbers_where_nothing_was_read_count_in_no_chunk(tmp_path, lengthy):
     lost = np.random.default_rng(4).random(ROWS) < 0.02
     parquet.write_table(pa.table({**lengthy, "x": np.where(lost, -999.0, lengthy["x"])}), tmp_path / "log.parquet")

@@ -87,6 +87,7 @@ def test_the_measuring_does_see_what_is_cut_off(tmp_path):
     assert len(complaints(ended)) == 1
 
 
+@pytest.mark.slow
 def test_it_prints_to_several_pages(demo, tmp_path):
     ended = chromium(tmp_path, f"--print-to-pdf={tmp_path / 'r.pdf'}", (demo / "report.html").as_uri())
     assert complaints(ended) == []
@@ -111,6 +112,7 @@ def test_the_demos_files(demo):
             assert path.read_text(encoding="utf-8").startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_drawing_it_again_gives_the_same_bytes(demo, tmp_path, monkeypatch, capsys):
     odescope = Command(monkeypatch, capsys, drawing=True)
     assert odescope("report", demo, "--out", tmp_path / "again").code == 0

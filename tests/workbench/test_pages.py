@@ -83,6 +83,7 @@ def test_from_a_log_to_an_exported_model_by_clicks_alone(chromium, workbench):
     assert visit.wrong == []
 
 
+@pytest.mark.slow
 def test_several_logs_are_one_study_by_keys_and_clicks_as_of_the_command_line(chromium, workbench):
     folder, visit = place(workbench, "several"), Visit(chromium, workbench, 400)
     for name in ("b.csv", "c.csv"):
@@ -371,6 +372,7 @@ def test_a_path_of_two_models_is_said_in_words(chromium, workbench):
         assert visit.wrong == []
 
 
+@pytest.mark.slow
 def test_a_model_is_tried_from_one_level_to_another_within_its_data(chromium, workbench):
     folder = place(workbench, "try")
     (folder / "heater").mkdir()
