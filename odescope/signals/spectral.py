@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import scipy.fft
@@ -72,14 +73,10 @@ class Spectrum:
         Cutoffs ascend. The products of trend and values are summed once, from the last bin down.
         """
         joined = np.column_stack([self.trend, self.values])
-        edges = [min(c + 1, len(self.values)) for c in cutoffs] + [len(self.values)]
-        moments = np.zeros((TREND_DEGREE + 1, TREND_DEGREE + 1))
-        found = np.zeros((len(cutoffs), TREND_DEGREE))
-        for k in range(len(cutoffs) - 1, -1, -1):
-            band = joined[edges[k] : edges[k + 1]]
-            moments = moments + band.T @ band
-            if len(self.values) - edges[k] > TREND_DEGREE:  # fewer bins than that do not determine a cubic
-                found[k] = _solve_cubic(moments)
+        edges = np.array([*(min(c + 1, len(self.values)) for c in cutoffs), len(self.values)])
+        bands = np.array([joined[low:high].T @ joined[low:high] for low, high in pairwise(edges)])
+        found = _solve_cubics(np.cumsum(bands[::-1], axis=0)[::-1])
+        found[len(self.values) - edges[:-1] <= TREND_DEGREE] = 0.0  # so few bins do not determine a cubic
         return found
 
     def cubic(self, cutoff: int) -> FloatArray:
@@ -94,15 +91,18 @@ class Spectrum:
         return power
 
 
-def _solve_cubic(moments: FloatArray) -> FloatArray:
-    gram, right = moments[:TREND_DEGREE, :TREND_DEGREE], moments[:TREND_DEGREE, TREND_DEGREE]
-    scale = np.sqrt(np.diag(gram))
-    if not np.all(scale > 0.0):
-        return np.zeros(TREND_DEGREE)
-    eigenvalues, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+def _solve_cubics(moments: FloatArray) -> FloatArray:
+    """Return the cubics (K, 3) of sums of products (K, 4, 4) of trend and values."""
+    gram, right = moments[:, :TREND_DEGREE, :TREND_DEGREE], moments[:, :TREND_DEGREE, TREND_DEGREE]
+    sizes = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+    known = np.all(sizes > 0.0, axis=1)
+    scale = np.where(known[:, None], sizes, 1.0)
+    eigenvalues, vectors = np.linalg.eigh(gram / (scale[:, :, None] * scale[:, None, :]))
     # Far above the kinks' own bandwidth the three tails look alike: what rounding decides is left at zero.
-    good = eigenvalues > 1e-9 * eigenvalues[-1]
-    solution: FloatArray = vectors[:, good] @ ((vectors[:, good].T @ (right / scale)) / eigenvalues[good]) / scale
+    good = known[:, None] & (eigenvalues > 1e-9 * eigenvalues[:, -1:])
+    along = np.einsum("kji,kj->ki", vectors, right / scale)
+    shares = np.divide(along, eigenvalues, out=np.zeros_like(along), where=good)
+    solution: FloatArray = np.einsum("kij,kj->ki", vectors, shares) / scale
     return solution
 
 
