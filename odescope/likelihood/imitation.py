@@ -113,6 +113,7 @@ class Samples:
         with np.errstate(all="ignore"):
             columns = evaluate(self.tapes[choice], rows.reshape(len(rows), many * samples))
         columns[~(np.abs(columns) < LARGEST)] = 0.0
+        # In rows, as where functions stand together: another layout would compile the kernel once more.
         return np.ascontiguousarray(columns.reshape(len(columns), many, samples).swapaxes(0, 1))
 
 
