@@ -29,7 +29,7 @@ from odescope.library.mechanism import Mechanism
 from odescope.likelihood import process_noise
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.held_out import SEARCHED, free_run_error, held_out, thinned, without_held_out
+from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.noise_levels import estimate_noise
 from odescope.likelihood.process_noise import (
     cost_without_process_noise,
@@ -129,24 +129,6 @@ def test_only_a_record_with_kicks_is_better_described_with_process_noise():
     assert np.all(costs[::2, 0] > costs[::2, 1] + 100.0)
     # Widths that are there to be fitted gain a little, never much, where there is nothing to fit.
     assert np.all(np.abs(costs[1::2, 0] - costs[1::2, 1]) < 6.0)
-
-
-@pytest.mark.parametrize("lengths", [(100, 27), (30, 20, 25, 40, 35, 10), (12,) * 11])
-def test_what_searches_see_and_what_is_held_out_have_nothing_in_common(lengths):
-    total = sum(lengths)
-    segments = cut(np.zeros((total, 2)), np.zeros((total, 1)), drive(total), SIGMA, Q, lengths)
-    seen = without_held_out(segments)
-    covered = np.concatenate([np.arange(s, s + c) for s, c in zip(seen.start, seen.count, strict=True)])
-    out = np.concatenate([np.arange(low, high) for low, high in held_out(segments)])
-    assert not set(covered) & set(out)
-    assert 0.1 < len(out) / total < 0.25
-    # Between them no more than the segment that holds the edge is lost.
-    assert total - len(covered) - len(out) < LENGTH * len(held_out(segments))
-    follows = np.append(seen.start[1:] == (seen.start + seen.count)[:-1], False)
-    borders = {high for _, high in segments.runs}
-    np.testing.assert_array_equal(
-        seen.joined, follows & ~np.array([e in borders for e in (seen.start + seen.count).tolist()])
-    )
 
 
 def test_the_free_run_error_is_that_of_runs_by_hand_and_least_at_the_truth():
@@ -365,26 +347,6 @@ def test_measurement_noise_does_not_fall_below_its_floor():
     bound, _, cost = estimate_noise(bounded, fitted(bounded))
     assert bound.segments.noise[0] == pytest.approx(0.006)
     assert cost > least + 10.0
-
-
-@pytest.mark.parametrize("lengths", [(70_000,), (30_000, 9_000, 21_000)])
-def test_a_search_sees_stretches_of_a_long_record_from_all_over_it(lengths):
-    total = sum(lengths)
-    nothing = np.zeros((total, 2))
-    segments = cut(nothing, nothing[:, :1], np.zeros((total, 3, 1)), 1.0, [1.0, 1.0], lengths)
-    part = thinned(segments)
-    assert 0.99 * SEARCHED < part.count.sum() < 1.01 * SEARCHED
-    assert np.diff(np.append(part.start, total), prepend=0).max() < total / 10
-    ends = part.start + part.count
-    assert np.array_equal(
-        part.joined[:-1],
-        np.isin(ends[:-1], segments.start[1:])
-        & (ends[:-1] == part.start[1:])
-        & ~np.isin(ends[:-1], np.cumsum(lengths)),
-    )
-    assert not part.joined[-1]
-    short = cut(nothing[:20_000], nothing[:20_000, :1], np.zeros((20_000, 3, 1)), 1.0, [1.0, 1.0], (20_000,))
-    assert thinned(short) is short
 
 
 def test_a_long_record_is_searched_in_stretches_and_fitted_whole():
