@@ -234,14 +234,14 @@ def _cut(
     """Return start and count of segments of about so many averages, and whether each ends where the next begins.
 
     A segment of which a coordinate has too few averages that were measured goes on to the end of the next: by itself
-    it would not determine a state.
+    it would not determine a state. Shorter ones do not anyway: their neighbours help.
     """
     start, count, joined = list[int](), list[int](), list[bool]()
     for begin, end in runs:
         pieces = max(1, round((end - begin) / length))
         edges = np.linspace(0, end - begin, pieces + 1).astype(np.int64)
         if weight is not None:
-            edges = _determined(edges, weight[begin:end] > 0.0)
+            edges = _determined(edges, weight[begin:end] > 0.0, min(length, LEAST_SEGMENT))
             pieces = len(edges) - 1
         start += (begin + edges[:-1]).tolist()
         count += np.diff(edges).tolist()
@@ -249,12 +249,12 @@ def _cut(
     return np.array(start, dtype=np.int64), np.array(count, dtype=np.int64), np.array(joined, dtype=np.bool_)
 
 
-def _determined(edges: IntArray, measured: BoolArray) -> IntArray:
-    """Return the edges between which every coordinate has averages enough, of those that were `measured` (b, c)."""
+def _determined(edges: IntArray, measured: BoolArray, least: int) -> IntArray:
+    """Return the edges between which every coordinate has at least so many averages that were `measured` (b, c)."""
     there = np.concatenate([np.zeros((1, measured.shape[1]), dtype=np.int64), np.cumsum(measured, axis=0)])
     kept = [0]
     for edge in edges[1:-1].tolist():
-        if min((there[edge] - there[kept[-1]]).min(), (there[-1] - there[edge]).min()) >= LEAST_SEGMENT:
+        if min((there[edge] - there[kept[-1]]).min(), (there[-1] - there[edge]).min()) >= least:
             kept.append(edge)
     return np.array([*kept, edges[-1]], dtype=np.int64)
 

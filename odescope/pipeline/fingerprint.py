@@ -6,6 +6,7 @@ import copyreg
 import hashlib
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
 
@@ -150,7 +151,12 @@ def _files(module: ModuleType, seen: set[Path]) -> set[Path]:
 
 def _file(module: ModuleType) -> Path | None:
     path = getattr(module, "__file__", None)
-    return Path(path).resolve() if path and Path(path).is_file() else None
+    return _resolved(path) if path else None
+
+
+@cache  # a module is met once for every global that comes from it, thousands of times
+def _resolved(path: str) -> Path | None:
+    return Path(path).resolve() if Path(path).is_file() else None
 
 
 def _ours(module: ModuleType) -> bool:

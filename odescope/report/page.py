@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import isfinite
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,7 @@ LISTED_LIMITS = 12  # absent terms shown without asking for more
 MOST_LISTED = 60  # limits and correlations
 
 
+@cache  # to compile one takes as long as to fill it
 def template(name: str) -> Template:
     """Return the template of a page, in which all that is put is escaped."""
     from jinja2 import Environment, PackageLoader, StrictUndefined

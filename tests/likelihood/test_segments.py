@@ -229,14 +229,15 @@ def test_a_mean_of_two_counts_twice():
     assert data.weight.max() ** 2 == pytest.approx(2.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("length", [6, 25])
-def test_every_segment_holds_measured_averages_enough(length):
+@pytest.mark.parametrize(("length", "least"), [(1, 1), (2, 2), (6, 4), (25, 4)])
+def test_every_segment_holds_measured_averages_enough(length, least):
     run = record(PERIOD * np.arange(9001))
     missing = np.concatenate([np.arange(700, 3000), np.arange(3011, 3300), np.arange(8700, 9001)])
     data = cut([thinned(run, missing), run]).cut_anew(length)
     there = data.weight[:, 0] > 0.0
     held = [there[s : s + n].sum() for s, n in zip(data.start, data.count, strict=True)]
-    assert min(held) >= 4
+    assert min(held) >= least
+    assert np.median(held) == length
     assert data.samples == there.sum()
     assert np.array_equal(data.start[1:], (data.start + data.count)[:-1])
     assert data.count.sum() == len(data.measured)
