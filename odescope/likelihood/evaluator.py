@@ -13,7 +13,7 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.likelihood.block_cholesky import substitute
 from odescope.likelihood.budget import Budget
-from odescope.likelihood.expansion import Expansion, costs, eliminate, scaled
+from odescope.likelihood.expansion import Expansion, correlated, costs, decorrelated, eliminate, scaled
 from odescope.likelihood.kernel import LANES, Averages, Settings, Sums, integrate
 from odescope.likelihood.program import Program, effects_of
 from odescope.likelihood.segments import Segments
@@ -108,6 +108,7 @@ class Evaluator:
             x0: (J, n) initial states.
             defect_std: (n,) standard deviations of the defects between segments.
         """
+        sums, x0 = decorrelated(sums, x0, self.segments.decorrelation)
         return costs(sums, x0, self._joined(defect_std), defect_std)
 
     def expand(
@@ -136,6 +137,7 @@ class Evaluator:
             total = sums.cost.sum()
         if not np.isfinite(total) or not np.all(np.isfinite(sums.last)):
             return None
+        sums, x0 = decorrelated(sums, x0, self.segments.decorrelation)
         return eliminate(sums, x0, self._joined(defect_std), defect_std, damping)
 
     def change(
@@ -163,7 +165,8 @@ class Evaluator:
                 break
             step[beyond] = np.clip(step, least, largest)[beyond]
             open_ &= ~beyond
-        return step, substitute(expansion.factor, expansion.border, expansion.carry, self._joined(defect_std), step)
+        moved = substitute(expansion.factor, expansion.border, expansion.carry, self._joined(defect_std), step)
+        return step, correlated(moved, self.segments.decorrelation)
 
     def _joined(self, defect_std: FloatArray) -> BoolArray:
         """Return (J,) whether the end of a segment is tied to the begin of the next."""

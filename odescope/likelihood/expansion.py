@@ -52,6 +52,34 @@ def scaled(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     return correlations, scale
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of segments that ran away
+def decorrelated(sums: Sums, x0: FloatArray, decorrelation: FloatArray | None) -> tuple[Sums, FloatArray]:
+    """Return sums and initial states (J, n) of the states R x instead of x, whose defects are independent.
+
+    Args:
+        sums: of the kernel.
+        x0: (J, n) initial states.
+        decorrelation: R (n, n), None where the defects of the states are independent.
+    """
+    if decorrelation is None:
+        return sums, x0
+    n, back = x0.shape[1], np.linalg.inv(decorrelation)
+    gradient, hessian, jacobian = sums.gradient.copy(), back.T @ sums.hessian, decorrelation @ sums.jacobian
+    gradient[:, :n] = gradient[:, :n] @ back
+    hessian[:, :, :n] = hessian[:, :, :n] @ back
+    jacobian[:, :, :n] = jacobian[:, :, :n] @ back
+    moved = sums._replace(gradient=gradient, hessian=hessian, last=sums.last @ decorrelation.T, jacobian=jacobian)
+    return moved, x0 @ decorrelation.T
+
+
+def correlated(change: FloatArray, decorrelation: FloatArray | None) -> FloatArray:
+    """Return the change (J, n) of the states x for one of R x."""
+    if decorrelation is None:
+        return change
+    own: FloatArray = change @ np.linalg.inv(decorrelation).T
+    return own
+
+
 def _defects(sums: Sums, x0: FloatArray, joined: BoolArray, defect_std: FloatArray) -> FloatArray:
     """Return the defects between segments (J, n), in standard deviations, none behind one that is not joined."""
     found = np.zeros_like(x0)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from odescope.arrays import FloatArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.block_cholesky import noise_sums, state_covariances, substitute
-from odescope.likelihood.expansion import eliminate
+from odescope.likelihood.expansion import correlated, eliminate
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.kernel import Sums
 from odescope.likelihood.search_space import SearchSpace
@@ -23,10 +23,12 @@ from odescope.likelihood.segments import Segments
 LEAST_NOISE = 1e-4  # of the first guess: standard deviations do not shrink below
 CONVERGED = 0.02  # fall of the marginal cost, in units of chi-squared, that is not worth another step
 ROUNDS = 10  # of noise and coefficients
+TURNS = 10  # of noise and its correlations
 FITS = 4  # Levenberg-Marquardt steps between two estimates of the noise
 LONGEST = 10.0  # change of a variance in one step, at most, as a factor
 LEAST_BEND = 1e-6  # of the gradient: second derivatives do not vanish
 LARGEST_DAMPING = 1e6
+ROUNDING = 1e-12  # of correlations, which are 1 where one force alone moves two states
 
 NONE = np.zeros(0, dtype=np.int64)
 
@@ -45,17 +47,19 @@ class NoisePoint:
     gradient: FloatArray
     information: FloatArray
     change: FloatArray
+    products: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class LinearRecord:
-    """Segments around a fit: every channel by itself, for averages of unit noise.
+    """Segments around a fit, of states whose defects are independent: every channel by itself, for unit noise.
 
     Shapes: x0 (J, n); cost (c,); gradient (c, J, n); hessian (c, J, n, n); last (J, n) and jacobian (J, n, n) as in
-    `Sums`.
+    `Sums`; decorrelation (n, n) leads to these states from those of the fit.
     """
 
     segments: Segments
+    decorrelation: FloatArray
     x0: FloatArray
     cost: FloatArray
     gradient: FloatArray
@@ -72,17 +76,32 @@ class LinearRecord:
             alone = np.where(np.arange(channels) == c, 1.0, np.inf)
             only = space.on(replace(segments, noise=alone))
             parts.append(only.evaluator.integrate(program, theta, NONE, found.x0))
-        end = parts[0]
+        end, own = parts[0], segments.decorrelation
         if not np.isfinite(end.last).all() or not all(np.isfinite(p.cost.sum()) for p in parts):
             return None
-        return LinearRecord(
+        here = LinearRecord(
             segments,
+            np.eye(found.x0.shape[1]),
             found.x0,
             np.array([p.cost.sum() for p in parts]),
             np.array([p.gradient for p in parts]),
             np.array([p.hessian for p in parts]),
             end.last,
             end.jacobian,
+        )
+        return here if own is None else here.decorrelated(own)
+
+    def decorrelated(self, parts: FloatArray) -> LinearRecord:
+        """Return the record of the states R x instead of x, R (n, n) being `parts`."""
+        back = np.linalg.inv(parts)
+        return replace(
+            self,
+            decorrelation=parts @ self.decorrelation,
+            x0=self.x0 @ parts.T,
+            gradient=self.gradient @ back,
+            hessian=back.T @ self.hessian @ back,
+            last=self.last @ parts.T,
+            jacobian=parts @ self.jacobian @ back,
         )
 
     def at(self, logs: FloatArray) -> NoisePoint | None:
@@ -121,7 +140,18 @@ class LinearRecord:
             2.0 * (counted - squares - known),
             4.0 * (np.diag(squares) - through),
             change,
+            self._products(change, own, following),
         )
+
+    def _products(self, change: FloatArray, own: FloatArray, following: FloatArray) -> FloatArray:
+        """Return the mean products (n, n) of defects: those of the most likely states, and their covariance."""
+        joints = np.flatnonzero(self.segments.joined)
+        ends, after = self.jacobian[joints], following[joints] @ self.jacobian[joints].transpose(0, 2, 1)
+        left = self.last[joints] + np.einsum("jik,jk->ji", ends, change[joints])
+        left -= self.x0[joints + 1] + change[joints + 1]
+        spread = own[joints + 1] + ends @ own[joints] @ ends.transpose(0, 2, 1) - after - after.transpose(0, 2, 1)
+        products: FloatArray = (left.T @ left + spread.sum(axis=0)) / max(len(joints), 1)
+        return products
 
     def most_likely(self, begun: NoisePoint, least: FloatArray) -> NoisePoint:
         """Return the least marginal cost around this fit.
@@ -167,15 +197,18 @@ def _step(here: NoisePoint, least: FloatArray, damping: float) -> tuple[FloatArr
     return 0.5 * np.log1p(change), float(gain)
 
 
-def with_noise(space: SearchSpace, measurement: FloatArray, process: FloatArray) -> SearchSpace:
+def with_noise(
+    space: SearchSpace, measurement: FloatArray, process: FloatArray, decorrelation: FloatArray | None = None
+) -> SearchSpace:
     """Return the space that weighs by these standard deviations; its `spread` is then that of a defect.
 
     Args:
         space: data and candidates.
         measurement: (c,) of an average.
-        process: (n,) of a defect.
+        process: (n,) of a defect's independent parts.
+        decorrelation: (n, n) that these parts are made by, None where a defect has the states' own.
     """
-    return space.on(replace(space.segments, noise=measurement, spread=process))
+    return space.on(replace(space.segments, noise=measurement, spread=process, decorrelation=decorrelation))
 
 
 def marginal_cost(space: SearchSpace, found: Fit) -> float:
@@ -203,15 +236,58 @@ def estimate_noise(space: SearchSpace, found: Fit) -> tuple[SearchSpace, Fit, fl
         if record is None or here is None or not here.marginal < best[2]:
             break
         fall, best = best[2] - here.marginal, (space, found, here.marginal)
-        there = record.most_likely(here, least)
+        record, there = _most_likely(record, here, least, np.flatnonzero(space.frame.following < 0))
         if min(fall, here.marginal - there.marginal) < CONVERGED:
             break
-        space = with_noise(space, np.exp(there.logs[:channels]), np.exp(there.logs[channels:]))
-        again = space.again(found, found.x0 + there.change, space.segments.spread, FITS)
+        change = correlated(there.change, record.decorrelation)
+        parts = None if np.array_equal(record.decorrelation, np.eye(len(change.T))) else record.decorrelation
+        space = with_noise(space, np.exp(there.logs[:channels]), np.exp(there.logs[channels:]), parts)
+        again = space.again(found, found.x0 + change, space.segments.spread, FITS)
         if again is None:
             break
         found = again
     return best
+
+
+def _most_likely(
+    record: LinearRecord, here: NoisePoint, least: FloatArray, driven: IntArray
+) -> tuple[LinearRecord, NoisePoint]:
+    """Return the least marginal cost around a fit, and the record of the states whose defects are then independent.
+
+    One force moves all that it is coupled to. Expectation and maximisation say where to go with the correlations, and
+    how far at least; the less a record shows of a single defect, the further it is.
+
+    Args:
+        record: around the fit.
+        here: its noise.
+        least: (c + n,) logarithms of the standard deviations that are the smallest possible.
+        driven: states whose derivatives are targets. Others are left as they are: what their defects hold is what a
+            kick within a segment makes of them.
+    """
+    here = record.most_likely(here, least)
+    for _ in range(TURNS if len(driven) > 1 else 0):
+        step, further, begun = _correlations(here, driven), 1.0, here.marginal
+        while True:
+            moved = record.decorrelated(np.eye(len(step)) + further * step)
+            trial = moved.at(here.logs)
+            if trial is None or not trial.marginal < here.marginal:
+                break
+            best, here, further = moved, trial, 2.0 * further
+        if further == 1.0:
+            break
+        record, here = best, best.most_likely(here, least)
+        if begun - here.marginal < CONVERGED:
+            break
+    return record, here
+
+
+def _correlations(here: NoisePoint, driven: IntArray) -> FloatArray:
+    """Return what makes independent parts of defects (n, n), less the unit matrix, by the products of some states'."""
+    products, parts = here.products[np.ix_(driven, driven)], np.zeros_like(here.products)
+    size = np.sqrt(np.diag(products))
+    root = np.linalg.cholesky(products / size / size[:, None] + ROUNDING * np.eye(len(driven)))
+    parts[np.ix_(driven, driven)] = np.linalg.inv(root / np.diag(root)) / size * size[:, None] - np.eye(len(driven))
+    return parts
 
 
 def _logs(space: SearchSpace) -> FloatArray:

@@ -17,6 +17,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.add_and_drop import GAIN, HOPELESS, Moves
 from odescope.likelihood.block_cholesky import responses
 from odescope.likelihood.evidence import Evidence, in_blocks, project, weigh
+from odescope.likelihood.expansion import correlated, decorrelated
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
 from odescope.likelihood.negligible import one_less
@@ -55,10 +56,10 @@ class Noisy:
 
     @property
     def penalised(self) -> float:
-        """Marginal cost plus the penalty of every term and, as Bayes' criterion has it, of every defect's width."""
-        segments = self.space.segments
-        widths = len(segments.spread) * float(np.log(segments.samples))
-        return self.marginal + self.space.price(self.fit) + widths
+        """Marginal cost plus the penalty of every term and, as Bayes' criterion has it, of the defects' covariance."""
+        segments, own = self.space.segments, self.space.segments.decorrelation
+        numbers = len(segments.spread) + (0 if own is None else np.count_nonzero(np.tril(own, -1)))
+        return self.marginal + self.space.price(self.fit) + numbers * float(np.log(segments.samples))
 
     @property
     def window(self) -> float:
@@ -70,7 +71,8 @@ class Noisy:
         """Root mean square of what the model does not explain of each target, averaged over a segment, (targets,)."""
         following = self.space.frame.following
         states = [int(np.flatnonzero(following == -1 - t)[0]) for t in range(int((following < 0).sum()))]
-        rms: FloatArray = self.space.segments.spread[states] / self.window
+        parts = correlated(np.diag(self.space.segments.spread), self.space.segments.decorrelation)
+        rms: FloatArray = np.sqrt(np.sum(parts**2, axis=0))[states] / self.window
         return rms
 
 
@@ -116,6 +118,7 @@ def _expanded(
     expansion = space.evaluator.expand(program, theta, free, x0, segments.spread, 0.0, integrated)
     if expansion is None or not expansion.finite:
         return None
+    integrated, x0 = decorrelated(integrated, x0, segments.decorrelation)
     follow = responses(expansion.factor, expansion.border, expansion.carry, segments.joined)
     gradient = integrated.gradient[:, n:] + np.einsum("ji,jip->jp", integrated.gradient[:, :n], follow)
     joints = np.flatnonzero(segments.joined)
@@ -210,7 +213,7 @@ def search_with_process_noise(
     else:
         way = way.at_knee()
     here = way.choice.fit
-    begun = with_noise(space, seen.segments.noise, seen.segments.spread)
+    begun = with_noise(space, seen.segments.noise, seen.segments.spread, seen.segments.decorrelation)
     found = begun.again(here, begun.segments.initial, begun.segments.spread)
     if found is None:
         return None
@@ -267,7 +270,7 @@ def _searched_on(
     whole: SearchSpace, seen: SearchSpace, longest: Fit, trail: tuple[Move, ...]
 ) -> tuple[SearchSpace, Fit, tuple[Move, ...]]:
     """Return where a search on part of the record ends on the whole, as fitted to that part: space, fit, trail."""
-    more = with_noise(whole, seen.segments.noise, seen.segments.spread)
+    more = with_noise(whole, seen.segments.noise, seen.segments.spread, seen.segments.decorrelation)
     begun = None if whole.budget.over else more.again(longest, more.segments.initial, more.segments.spread)
     if begun is None:
         return seen, longest, trail

@@ -44,7 +44,8 @@ class Segments:
     average is multiplied, 0 where nothing was measured, None for 1 throughout; driven the samples that inputs follow
     from, None where none can be late; share (N, c) that of `weight` which follows from the number of samples alone, the
     rest from noise that grows with the readings; steady the channels whose noise cannot; floor (c,) what it is at
-    least, None for nothing.
+    least, None for nothing; decorrelation (n, n), unit lower triangular, makes independent parts of the defects between
+    segments, None where they are independent.
     """
 
     measured: FloatArray
@@ -63,6 +64,7 @@ class Segments:
     share: FloatArray | None = None
     steady: tuple[int, ...] = ()
     floor: FloatArray | None = None
+    decorrelation: FloatArray | None = None
 
     @cached_property
     def counted(self) -> IntArray:

@@ -46,10 +46,10 @@ MASSES = System(
 )
 
 
-def masses(seed, sigma, q, lengths):
+def masses(seed, sigma, q, lengths, kicks=None):
     rng = np.random.default_rng(seed)
     nodes = drive(sum(lengths))
-    kicks = white_kicks(rng, np.array(q), lengths)
+    kicks = white_kicks(rng, np.array(q), lengths) if kicks is None else kicks
     states = np.concatenate(
         [
             kicked(MASSES, MASSES.theta, nodes[low : low + n], kicks[low : low + n], [0.5, 0.0, -0.3, 0.4])
@@ -149,7 +149,7 @@ def dense_cost(maps, sigma, q):
     n, total = len(q), 0.0
     for effect, rest in maps:
         first, kicks = effect[:, :n], effect[:, n:]
-        v = (kicks * np.tile(np.array(q) ** 2, kicks.shape[1] // n)) @ kicks.T
+        v = kicks @ np.kron(np.eye(kicks.shape[1] // n), np.diag(np.square(q)) if np.ndim(q) == 1 else q) @ kicks.T
         v += np.diag(np.tile(np.array(sigma) ** 2, len(rest) // len(sigma)))
         factor = cho_factor(v, lower=True)
         precision = first.T @ cho_solve(factor, first)
@@ -158,9 +158,9 @@ def dense_cost(maps, sigma, q):
     return total
 
 
-def linear_record(it, system, theta, sigma, q):
+def linear_record(it, system, theta, sigma, q, decorrelation=None):
     """Return the record around a model that is given, its states fitted, and the logarithms of the noise."""
-    moved = with_noise(it, np.array(sigma, dtype=float), np.array(q, dtype=float))
+    moved = with_noise(it, np.array(sigma, dtype=float), np.array(q, dtype=float), decorrelation)
     everything = np.arange(len(theta))
     settled = fit(moved.evaluator, system.program, theta, everything, moved.segments.initial, moved.segments.spread)
     assert settled is not None
@@ -186,6 +186,50 @@ def test_marginal_costs_differ_as_those_of_a_dense_gaussian_do():
     assert np.ptp(dense) > 500.0
     # RK4 at half a step against the exponential is what is left: parts in a million of costs of up to thousands.
     np.testing.assert_allclose(ours - ours[0], dense - dense[0], rtol=1e-5, atol=2e-3)
+
+
+# A force that moves the second mass one and a half times as much as the first, and one on the second alone.
+PARTS, APART = np.array([0.02, 0.03, 0.3, 0.1]), np.eye(4)
+APART[3, 2] = -1.5
+
+
+def covariance(parts, decorrelation):
+    mixed = np.linalg.solve(decorrelation, np.diag(parts))
+    return mixed @ mixed.T
+
+
+def test_costs_of_defects_that_go_together_are_those_of_a_dense_gaussian():
+    it = masses(0, np.array([0.02, 0.03]), PARTS, (60, 43))
+    maps, sigma, ours, dense = linear_maps(it, MASSES, MASSES.theta), [0.02, 0.03], [], []
+    for share in (0.0, 0.5, 1.0, -1.0):
+        decorrelation = np.eye(4) + share * (APART - np.eye(4))
+        record, logs = linear_record(it, MASSES, MASSES.theta, sigma, PARTS, decorrelation)
+        ours.append(record.at(logs).marginal)
+        dense.append(dense_cost(maps, sigma, covariance(PARTS, decorrelation)))
+    assert np.ptp(dense) > 50.0
+    np.testing.assert_allclose(np.array(ours) - ours[0], np.array(dense) - dense[0], rtol=1e-5, atol=2e-3)
+
+
+def test_what_one_force_does_to_two_masses_is_found_without_bias():
+    sigma, ratios, spreads, fell = 0.01, [], [], []
+    for seed in range(12):
+        rng = np.random.default_rng(500 + seed)
+        kicks = np.linalg.solve(APART, white_kicks(rng, PARTS, (600,)).T).T
+        it = masses(seed, np.array([sigma, sigma]), PARTS, (600,), kicks)
+        here = it.fit(MASSES.theta, np.arange(9), it.segments.initial, it.segments.spread)
+        ended, found, marginal = estimate_noise(it, here)
+        alone = with_noise(ended, ended.segments.noise, ended.segments.spread * [1.0, 1.0, 1.0, 4.6])
+        fell.append(marginal_cost(alone, found) - marginal)
+        ratios.append(ended.segments.decorrelation[3, 2])
+        spreads.append(ended.segments.spread[2:] / PARTS[2:])
+        np.testing.assert_allclose(ended.segments.decorrelation[:3], np.eye(4)[:3], atol=1e-9)
+    assert np.mean(ratios) == pytest.approx(APART[3, 2], abs=3.5 * np.std(ratios, ddof=1) / np.sqrt(12))
+    assert np.std(ratios) < 0.08
+    # Nine coefficients and a correlation take 10 of the 240 kicks: half of that from a standard deviation.
+    lost, scatter = 10 / 480, np.std(spreads, axis=0, ddof=1)
+    assert np.all(scatter < [0.08, 0.17])
+    assert np.all(np.abs(np.mean(spreads, axis=0) - 1.0 + lost) < 3.5 * scatter / np.sqrt(12) + lost)
+    assert min(fell) > 50.0
 
 
 def test_gradient_and_information_of_the_noise_are_those_of_the_dense_likelihood():
