@@ -161,7 +161,7 @@ def holds(
     owner = np.repeat(np.arange(len(row)), [g.shape[1] for g in groups])
     kept = independent(np.hstack(loose))
     owner, matrix = owner[kept], np.hstack(groups)[:, kept]
-    matrix = matrix / np.linalg.norm(matrix, axis=0)
+    matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)  # a target that does not accelerate
     return dependent(matrix) and not any(dependent(matrix[:, owner != k]) for k in set(owner))
 
 

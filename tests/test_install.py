@@ -45,6 +45,7 @@ def test_every_kernel_is_compiled_by_the_decorator_of_the_package() -> None:
     assert [text for text in SOURCES if re.search(r"\bnumba\.(n?jit|vectorize)|from numba", text)] == []
 
 
+@pytest.mark.slow
 def test_an_uninstall_leaves_nothing_behind(wheel: Path, tmp_path: Path) -> None:
     """Installed without its dependencies, which are those of this environment, behind the new one's own packages."""
     new = tmp_path / "new"

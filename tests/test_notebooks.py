@@ -22,9 +22,8 @@ for m in result.model.mechanisms:
 """
 
 
-@pytest.mark.parametrize(
-    ("name", "check"), [pytest.param("mechanism", MECHANISM, marks=pytest.mark.slow), ("reactor", REACTOR)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "check"), [("mechanism", MECHANISM), ("reactor", REACTOR)])
 @pytest.mark.filterwarnings("default")  # of the kernel's packages, which are not odescope's to mend
 def test_the_notebook_runs_and_finds_the_truth(name: str, check: str, tmp_path: Path) -> None:
     nbclient = pytest.importorskip("nbclient", reason="no nbclient, which the dependency group docs has")

@@ -214,7 +214,7 @@ def search_with_process_noise(
         way = way.at_knee()
     here = way.choice.fit
     begun = with_noise(space, seen.segments.noise, seen.segments.spread, seen.segments.decorrelation)
-    found = begun.again(here, begun.segments.initial, begun.segments.spread)
+    found = _near(begun, space.segments.spread, here)
     if found is None:
         return None
     if sure and way.chosen == 0:  # nothing had to be held out: all of the record says what is in the model
@@ -225,6 +225,20 @@ def search_with_process_noise(
         return None
     fitted, found, marginal, evidence, dropped = end
     return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail + dropped, way)
+
+
+def _near(space: SearchSpace, spread: FloatArray, here: Fit) -> Fit | None:
+    """Return a fit begun at the smoothed states of other segments, None where it cannot be followed.
+
+    Where next to no noise acts, ties are far tighter than smoothed states are right: looser ones come first.
+
+    Args:
+        space: with the segments and their noise.
+        spread: (n,) smoothing errors of the states.
+        here: the fit.
+    """
+    near = space.again(here, space.segments.initial, np.maximum(spread, space.segments.spread))
+    return None if near is None else space.again(near, near.x0, space.segments.spread)
 
 
 def _without_worthless(
@@ -271,13 +285,13 @@ def _searched_on(
 ) -> tuple[SearchSpace, Fit, tuple[Move, ...]]:
     """Return where a search on part of the record ends on the whole, as fitted to that part: space, fit, trail."""
     more = with_noise(whole, seen.segments.noise, seen.segments.spread, seen.segments.decorrelation)
-    begun = None if whole.budget.over else more.again(longest, more.segments.initial, more.segments.spread)
+    begun = None if whole.budget.over else _near(more, whole.segments.spread, longest)
     if begun is None:
         return seen, longest, trail
     _, found, _, moves = _search(more, begun)
     if np.array_equal(found.present, longest.present):
         return seen, longest, trail
-    again = seen.again(found, seen.segments.initial, seen.segments.spread)
+    again = _near(seen, whole.segments.spread, found)
     return (seen, longest, trail) if again is None else (seen, again, trail + moves)
 
 

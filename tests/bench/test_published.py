@@ -73,6 +73,7 @@ def test_half_of_the_samples_are_kept_with_noise_in_proportion():
     assert np.array_equal(recorded(replace(job, noise=0.0))[0]["t"], t)
 
 
+@pytest.mark.slow
 def test_a_solution_to_the_tolerance_of_its_solver_gives_the_law():
     """Logistic growth with harvesting: the constant is a hundredth of the rest, what the solver errs by a millionth."""
     result = attempt(Job("odebench", odebench()["17"], 0.0, (), 3, 60.0, 0))

@@ -81,6 +81,7 @@ def test_units_in_headings_are_found_by_either_spelling_and_told(odescope):
     assert "free run" in ended.out
 
 
+@pytest.mark.slow
 def test_an_angle_headed_in_degrees_is_taken_for_one(odescope):
     import numpy as np
 

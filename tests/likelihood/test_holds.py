@@ -80,7 +80,9 @@ def off(model):
 
 
 @pytest.mark.parametrize("seeds", [3, pytest.param(10, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("hold", ["linear", "zero", "band-limited"])
+@pytest.mark.parametrize(
+    "hold", ["zero", *(pytest.param(hold, marks=pytest.mark.slow) for hold in ("linear", "band-limited"))]
+)
 def test_the_hold_is_found_and_the_coefficients_are_right(hold, seeds):
     found, right = 0, 0
     for seed in range(seeds):
@@ -93,11 +95,10 @@ def test_the_hold_is_found_and_the_coefficients_are_right(hold, seeds):
     assert right >= 0.9 * seeds
 
 
-@pytest.mark.parametrize(
-    ("hold", "late"),
-    [("zero", 0.0375), *(pytest.param(hold, 0.0375, marks=pytest.mark.slow) for hold in ("band-limited", "linear"))],
-)
-def test_the_hold_is_found_together_with_a_delay(hold, late):
+@pytest.mark.slow
+@pytest.mark.parametrize("hold", ["zero", "band-limited", "linear"])
+def test_the_hold_is_found_together_with_a_delay(hold):
+    late = 0.0375
     for seed in range(2):
         model = identify(study(), oscillator(hold, seed, late)).model
         assert model.inputs[0].hold == hold
@@ -152,6 +153,7 @@ def test_segments_that_were_lost_under_the_wrong_delay_are_found_again():
     assert max(np.abs(list(off(model).values()))) < 4.0
 
 
+@pytest.mark.slow
 def test_delays_are_estimated_before_regression_where_that_finds_no_law_at_once():
     model = identify(study(), oscillator("linear", 1, 0.7)).model
     assert model.inputs[0].delay == pytest.approx(0.7, abs=0.001)

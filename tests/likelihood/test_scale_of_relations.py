@@ -153,7 +153,9 @@ def start_from(system, drop=None):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("lacks", [None, [7]], ids=["whole", "without friction"])
+@pytest.mark.parametrize(
+    "lacks", [pytest.param(None, id="whole"), pytest.param([7], id="without friction", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("by", FACTORS)
 def test_a_function_times_the_law_ends_as_the_law(by, lacks, seed):
     system = multiplied(by, ((-1, "x**2", 0.0), (-1, "1", 0.0)))
@@ -165,7 +167,7 @@ def test_a_function_times_the_law_ends_as_the_law(by, lacks, seed):
     assert np.abs((bare.theta - system.theta)[terms] / bare.errors[terms]).max() < 4.0
 
 
-@pytest.mark.parametrize("by", ["x", "cos(x)", "exp(x)"])
+@pytest.mark.parametrize("by", ["x", *(pytest.param(by, marks=pytest.mark.slow) for by in ("cos(x)", "exp(x)"))])
 def test_the_law_is_as_good_as_a_function_times_it_and_cheaper(by):
     system = multiplied(by)
     it = spring(system, 0)
@@ -288,6 +290,7 @@ def test_the_price_leaves_out_one_mechanism_a_group_and_what_is_known():
     assert 1 not in given.free(fixed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("by", "ends"), [("x_dot", 3), ("x", 3), ("exp(x)", 2)])
 def test_a_law_times_what_passes_zero_is_not_the_last_that_is_searched_from(by, ends):
     """The library lacks one of the terms that a division would leave; the last search begins with the others."""
@@ -362,7 +365,7 @@ HEATED = System(
 )
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_searches_end_as_the_law_where_one_ends_as_a_part_of_the_law_times_its_state(seed):
     """Of kelvins that hardly move beside their size T times the law is nearly in the library."""
     nodes, sigma = 0.6 + drive(COUNT, STEP) / 15.0, 0.1

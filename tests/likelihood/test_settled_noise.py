@@ -81,7 +81,8 @@ def test_averages_of_a_short_log_whose_noise_grows_weigh_by_their_readings():
     assert alike.weight is None
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 3])
 def test_the_law_of_an_epidemic_is_found_from_few_counts_that_are_off_by_a_share(seed):
     t, rng = np.linspace(0.0, 10.0, 75), np.random.default_rng(seed)
     rates = {"x": {"x_dot", "x*y"}, "y": {"y_dot", "x*y", "y"}}

@@ -70,6 +70,7 @@ def assert_same(result, alone):
         assert result.model.domain[name] == pytest.approx(ends, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_model_of_one_process(machines, study, alone):
     result = identify(study, cluster=machines.address)
     assert result.model.provenance["recordings"] == RECORDINGS - 1

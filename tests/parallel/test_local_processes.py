@@ -83,6 +83,7 @@ print(od.to_text(od.identify(study, {"t": t, "x": x}, cluster="local").model, di
 """
 
 
+@pytest.mark.slow
 def test_a_script_without_a_guard_runs_once(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(UNGUARDED)

@@ -260,6 +260,7 @@ def test_a_worker_that_dies_costs_its_task_and_not_the_run(cluster, machines, tm
     assert sum(worker.poll() is None for worker in machines.workers) == 1
 
 
+@pytest.mark.slow
 def test_all_workers_die_and_another_comes(cluster, machines, tmp_path):
     """Nobody is left who holds what is shared: it is made anew."""
     array = np.arange(300_000.0)

@@ -27,12 +27,10 @@ def log(strength, phase, seed):
     return {"clock": t, "x": x + NOISE * x.std() * np.random.default_rng(seed).standard_normal(len(t))}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("phase", "seed"),
-    [
-        pytest.param(0.4, 0, id="where no law is found", marks=pytest.mark.slow),
-        pytest.param(2.5, 1, id="beside a rough law"),
-    ],
+    [pytest.param(0.4, 0, id="where no law is found"), pytest.param(2.5, 1, id="beside a rough law")],
 )
 def test_a_forcing_that_was_not_recorded_is_found(phase, seed):
     told = []
@@ -65,6 +63,7 @@ def test_where_no_law_is_found_and_no_forcing_is_to_be_suspected_that_is_told_on
     assert [type(event) for event in told].count(NothingFound) == 1
 
 
+@pytest.mark.slow
 def test_where_no_law_is_found_the_lack_of_a_time_is_told_all_the_same():
     told = []
     with pytest.raises(NoModelError):

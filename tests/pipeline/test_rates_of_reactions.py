@@ -24,7 +24,8 @@ def identified(logs, unit=None):
     return identify(Study(data=Data(time="t"), coordinates={"M": Measured(unit="mol/L")}, inputs=inputs), logs).model
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_root_of_the_initiator_is_found_where_a_fraction_of_it_imitates_it(seed):
     """The monomer of a radical polymerisation: the root stands before the monomer, as the fraction did."""
     model = identified(decays(lambda u: 0.4 * np.sqrt(u), [0.02, 0.1, 0.3, 0.05], seed))

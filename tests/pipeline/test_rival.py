@@ -89,6 +89,7 @@ def test_there_is_none_where_regression_found_better():
     assert rival(problem, [worse, better]) is None
 
 
+@pytest.mark.slow
 def test_the_law_is_found_where_a_search_from_the_proposal_ends_clear_elsewhere():
     found = identify(study(), crank(9))
     (relation,) = found.model.relations

@@ -57,6 +57,7 @@ def found(logs):
     return identify(study(), logs)
 
 
+@pytest.mark.slow
 def test_a_logarithm_that_no_library_names_is_found_with_errors_that_hold(found):
     terms = {t.text: t for t in found.model.relations[0].terms}
     assert set(terms) == {"x_dot", "u", "log(x)"}

@@ -43,6 +43,7 @@ def found():
     return identify(study(), [forced(0.0, 1), forced(7.3, 2)])
 
 
+@pytest.mark.slow
 def test_frequency_and_phase_of_a_forcing_are_found_in_recordings_that_begin_at_different_times(found):
     model = found.model
     (rate,) = model.parameters

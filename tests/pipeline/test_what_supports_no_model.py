@@ -57,6 +57,7 @@ def test_noise_alone_is_no_signal(order, seed):
     assert (e.value.stage, e.value.exit_code) == ("signals", 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_random_walk_has_no_law(order, seed):

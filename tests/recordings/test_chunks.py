@@ -36,7 +36,7 @@ from odescope.recordings.readers import read_chunk, read_records, survey
 pytestmark = pytest.mark.usefixtures("_small_steps")
 
 
-PROPERTY = settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+PROPERTY = settings(deadline=None, max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.mark.parametrize("name", TEXTS)

@@ -23,7 +23,7 @@ def by_pixel(t, y, begin, end, pixels):
     return np.array(found)
 
 
-@pytest.mark.parametrize("count", [700, 40_000, MOST_POINTS + 50_000, 1_500_000])
+@pytest.mark.parametrize("count", [700, 40_000, MOST_POINTS + 50_000, pytest.param(1_500_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("part", [(0.0, 1.0), (0.31, 0.62)])
 def test_every_pixel_shows_its_extremes(count, part):
     rng = np.random.default_rng(count)
