@@ -350,7 +350,7 @@ def _settle(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
         if space.budget.over:
             break
         late = space.budget.spent > ADDING * space.budget.limit
-        moved = moves.drop(here) or (None if late else moves.add(here))
+        moved = moves.drop(here) or moves.divide(here) or (None if late else moves.add(here))
         if moved is None and not late:
             moved = moves.exchange(here, plain.expansion(here))
         if moved is None:

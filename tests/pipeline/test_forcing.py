@@ -117,6 +117,7 @@ def test_stamps_that_count_from_1970_do_as_well():
     assert np.sqrt(np.mean((run.run.column("x") - recorded["x"]) ** 2)) < 2.0 * NOISE * recorded["x"].std()
 
 
+@pytest.mark.slow
 def test_dates_are_no_seconds_and_a_model_comes_of_them_all_the_same(tmp_path):
     recorded = log(STRENGTH, 2.5, 1)
     stamps = np.datetime64("2024-05-01T00:00:00") + (1e3 * recorded["clock"]).round().astype("timedelta64[ms]")

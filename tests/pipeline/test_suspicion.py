@@ -75,6 +75,7 @@ def test_what_was_tried_and_what_it_was_worth_is_said(found):
     assert from_json(to_json(found.model)).scores.suspicions == found.model.scores.suspicions
 
 
+@pytest.mark.slow
 def test_the_rate_of_hill_is_found_with_its_order():
     """A gene that activates itself, and its product that decays."""
     logs = recorded(

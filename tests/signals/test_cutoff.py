@@ -63,6 +63,7 @@ def noisy(records, share, seed):
     return [r + sigma * rng.standard_normal(len(r)) for r in records], sigma
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "share"), CASES)
 def test_least_risk_comes_close_to_the_best_cutoff_there_is(name, share):
     period, records, truth, order = simulated(name)

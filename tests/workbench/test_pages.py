@@ -54,6 +54,7 @@ def place(workbench, name):
     return made
 
 
+@pytest.mark.slow
 def test_from_a_log_to_an_exported_model_by_clicks_alone(chromium, workbench):
     folder, visit = place(workbench, "clicks"), Visit(chromium, workbench)
     page = visit.page
