@@ -70,7 +70,8 @@ class Evaluator:
         number = np.full(len(program.mechanisms), -1, dtype=np.int64)
         number[free] = np.arange(p)
         places = program.places
-        weight = places.share * theta[places.mechanism]
+        with np.errstate(over="ignore"):  # of a step that ran away
+            weight = places.share * theta[places.mechanism]
         data, offsets = self._data(program.delays(theta)), program.offsets
         settings = Settings(
             program.constants(theta),

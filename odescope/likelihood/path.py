@@ -28,7 +28,7 @@ QUICK = 2  # steps of a fit without a mechanism, which are enough
 FORETOLD = 1.1  # if they raise the cost by no more than so many times its Wald statistic, as in a linear model
 FAR = 10  # steps of other fits where they are rough, and
 NEAR = 0.01  # of what the cost is above that of the longest: how near they come
-THIN = 4.0  # times its price: where the misfit is white, a mechanism that earns more stays unless runs are near anyway
+SURE = 2.5  # times its price: where the misfit is white, a mechanism that earns more stays unless runs are near anyway
 HALVES = 1.0  # times the samples: without what has such a Wald statistic, what is unexplained has twice the variance
 LOST = 0.5  # standard deviations of what was measured: further away a free run follows nothing,
 KEPT = 0.25  # and where a longer model was nearer than this, no shorter one than a lost one is worth its fit
@@ -107,12 +107,12 @@ class ModelPath:
 
     @property
     def keeping_sure(self) -> ModelPath:
-        """The path with no model chosen that lacks what earned more than four times its price in a longer one.
+        """The path with no model chosen that lacks what earned more than SURE times its price in a longer one.
 
         Unless its runs are near enough: a misfit of thousandths may look white, and holds ever more that is sure.
         """
         price = self.space.penalty
-        sure = self._last_with(lambda dropped: THIN * float(price[self.space.mechanisms.index(dropped)]))
+        sure = self._last_with(lambda dropped: SURE * float(price[self.space.mechanisms.index(dropped)]))
         near = max((k for k in range(len(self.steps)) if near_enough(self.steps, k, VERY)), default=0)
         return replace(self, chosen=min(self.chosen, max(sure, near)))
 

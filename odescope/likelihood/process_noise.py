@@ -28,7 +28,7 @@ from odescope.likelihood.search import Outcome, WhiteResiduals
 from odescope.likelihood.search_space import Move, SearchSpace
 from odescope.likelihood.segments import Segments
 
-PIECES = (5, 2, 1)  # averages a segment: what a model lacks may change within a fraction of the shortest period
+PIECES = (5, 4, 2, 1)  # averages a segment: what a model lacks may change within a fraction of the shortest period
 WORTH_FINER = 0.01  # fall of the marginal cost a sample that shorter segments must bring: they take longer
 LARGEST_TABLE = 4e8  # bytes of the segments' Gauss-Newton matrices
 ALTERNATIONS = 5  # of search and noise
@@ -162,9 +162,8 @@ def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequen
         if found is not None:
             _, found, cost = estimate_noise(pieces, found)
             starts = [found.theta, *starts]
-        if best is not None and not cost < least - WORTH_FINER * pieces.segments.samples:
-            break
-        best, least = space.on(whole), cost
+        if best is None or cost < least - WORTH_FINER * pieces.segments.samples:
+            best, least = space.on(whole), cost
         if space.budget.over:
             break
     assert best is not None

@@ -9,7 +9,7 @@ from process_cases import LINEAR, Q, fitted, kicked, spring
 from small_systems import SPRING, drive
 
 from odescope.likelihood.held_out import free_run_errors, held_out, stretches
-from odescope.likelihood.path import FAITHFUL, VERY, ModelPath, PathStep, knee
+from odescope.likelihood.path import FAITHFUL, SURE, VERY, ModelPath, PathStep, knee
 
 COMMON = np.array([0.02, 0.08, 0.04, 0.06])  # what is hard in each stretch, whatever the model
 CHANCE = np.array([-0.009, 0.012, -0.008, 0.010])
@@ -113,14 +113,14 @@ def test_pieces_are_runs_by_hand_one_after_the_other():
 
 @pytest.mark.parametrize(
     ("statistics", "left"),
-    [((3.0, 3.9, 5.0, 1.0), 2), ((4.1, 1.0, 1.0, 1.0), 0), ((1.0, 1.0, 1.0, 1.0), 3), ((1.0, 1.0, 1.0, 9.0), 3)],
+    [((0.7, 0.95, 1.2, 0.3), 2), ((1.1, 0.3, 0.3, 0.3), 0), ((0.3, 0.3, 0.3, 0.3), 3), ((0.3, 0.3, 0.3, 2.0), 3)],
 )
-def test_beside_white_noise_what_earned_four_times_its_price_stays(statistics, left):
+def test_beside_white_noise_what_earned_several_times_its_price_stays(statistics, left):
     it = spring(1)
     dropped = [it.mechanisms[k] for k in (3, 5, 6, 2)]
     prices = [it.penalty[it.mechanisms.index(m)] for m in dropped]
     earned = zip(dropped, statistics, prices, strict=True)
-    models = [PathStep(None, COMMON, None, 0.0, 8), *(PathStep(None, COMMON, m, s * p, 7) for m, s, p in earned)]
+    models = [PathStep(None, COMMON, None, 0.0, 8), *(PathStep(None, COMMON, m, SURE * s * p, 7) for m, s, p in earned)]
     assert ModelPath(it, tuple(models), 3).keeping_sure.chosen == left
 
 
