@@ -60,8 +60,9 @@ def test_default_settings_tell_a_machine_in_few_terms(name: str, most: int, near
     assert chosen.error <= near
 
 
+@pytest.mark.slow
 @needs_data
-@pytest.mark.parametrize("begin", [6_210, pytest.param(18_630, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("begin", [6_210, 18_630])
 def test_three_seconds_of_a_stage_tell_viscous_from_dry_friction(begin: int) -> None:
     study = recorded("emps")
     run = read_records([Path(f) for f in study.data.files], study.layout()).runs[0]

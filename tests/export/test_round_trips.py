@@ -93,10 +93,9 @@ end
 """
 
 
+@pytest.mark.slow
 @needs_octave
-@pytest.mark.parametrize(
-    "trip", [pytest.param(t, id=n, marks=[pytest.mark.slow] * (n != "friction")) for n, t in ROUND_TRIPS.items()]
-)
+@pytest.mark.parametrize("trip", ROUND_TRIPS.values(), ids=ROUND_TRIPS)
 def test_matlab(trip, tmp_path):
     (tmp_path / "plant.m").write_text(to_matlab(trip.model, "plant").files["plant.m"])
     np.savetxt(tmp_path / "plant.txt", np.column_stack([RECORD, trip.inputs]), "%.17g")

@@ -77,6 +77,7 @@ def worst(outcome):
     return float(np.abs((fit.theta[free] - truth[free]) / np.sqrt(variances)).max())
 
 
+@pytest.mark.slow
 def test_coefficients_of_a_joint_that_sticks_are_right_once_its_friction_is_narrow(found):
     it, searched = found
     assert worst(searched) < 3.0

@@ -110,6 +110,7 @@ def test_a_log_in_chunks_is_read_by_the_workers(machines, tmp_path):
     assert_same(there, here)
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_a_cluster(machines, tmp_path, monkeypatch, capsys):
     from logs import OSCILLATOR_OPTIONS, Command
 

@@ -48,6 +48,7 @@ def test_outliers_and_what_was_not_measured_are_no_data(batches):
     assert domain["x"] == (usual.min(), usual.max())
 
 
+@pytest.mark.slow
 def test_a_log_in_chunks_tells_inputs_as_recorded_and_no_outlier(tmp_path, lengthy):
     struck, step = lengthy["x"].copy(), lengthy["u"].copy()
     top = int(struck.argmax())

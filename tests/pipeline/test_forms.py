@@ -246,14 +246,14 @@ def enzyme():
     return runs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "library",
     [
-        pytest.param({"composition": COMPOSITION}, id="composition", marks=pytest.mark.slow),
+        pytest.param({"composition": COMPOSITION}, id="composition"),
         pytest.param(
             {"form": "reactions", "reactions": ("S + E <-> C", "C <-> E + P", "S <-> P")},
             id="named",
-            marks=pytest.mark.slow,
         ),
         pytest.param(
             {"reactions": ("S + E <-> C", "C -> E + P", "S -> P"), "composition": COMPOSITION},

@@ -76,6 +76,7 @@ def test_the_law_is_found_with_its_constant_and_errors_that_hold(found):
     assert width.std_error < 0.02 * WIDTH
 
 
+@pytest.mark.slow
 def test_from_a_range_that_the_data_give_it_is_the_same(found, log):
     scaled = identify(study({"v0": "scale"}), log).model.parameters[0]
     own = found.model.parameters[0]

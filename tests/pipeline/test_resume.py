@@ -122,6 +122,7 @@ class Gaussian:
         return Derivatives(values, noise, cutoff=1.0 / (2 * np.pi * self.width))
 
 
+@pytest.mark.slow
 def test_a_differentiator_of_ones_own_is_kept_and_told_from_another(tmp_path, folder, counted):
     study, store = study_of(folder / "log.parquet"), tmp_path / "factors"
     narrow, wide = (msgspec.structs.replace(study, signals=Filtering(differentiator=Gaussian(w))) for w in (0.2, 0.25))

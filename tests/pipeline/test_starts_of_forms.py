@@ -26,7 +26,7 @@ def log():
     ("clear", "well", "asked"),
     [
         pytest.param(True, 0.0, ["lagrangian"], id="clear", marks=pytest.mark.slow),
-        pytest.param(False, 1.0, ["lagrangian"], id="not clear, but runs well"),
+        pytest.param(False, 1.0, ["lagrangian"], id="not clear, but runs well", marks=pytest.mark.slow),
         pytest.param(False, 0.0, ["lagrangian", "relations"], id="neither"),
     ],
 )

@@ -153,6 +153,7 @@ def test_functions_replace_what_does_not_follow_the_record_only_if_they_run_free
     assert replaces(after, before) is replaced
 
 
+@pytest.mark.slow
 def test_what_holds_a_constant_of_the_library_stands_beside_no_other_function():
     """Two powers of u beside one: a function of u may stand there, but none of u and of the constant."""
     t = np.arange(0.0, 60.0, 0.05)

@@ -55,6 +55,7 @@ def test_frequency_and_phase_of_a_forcing_are_found_in_recordings_that_begin_at_
         assert abs(terms[name].coefficient + value) < 4.0 * terms[name].std_error
 
 
+@pytest.mark.slow
 def test_the_time_is_an_input_of_the_model_that_runs_take_from_the_column_of_time(found, tmp_path):
     model = from_json(to_json(found.model))
     assert [(i.name, i.delay, i.hold) for i in model.inputs] == [("t", 0.0, "linear")]

@@ -73,7 +73,7 @@ def test_a_network_that_lacks_the_feed_of_its_record_is_uncertain_and_says_what_
 
 def test_a_network_whose_reactions_explain_nothing_is_no_model():
     with pytest.raises(NoModelError, match=r'no candidate earns its place.*"-> S"') as e:
-        identify(*reactor(0.2, ("A -> B", "B -> C")))
+        identify(*reactor(0.5, ("A -> B", "B -> C")))
     assert e.value.exit_code == 3
 
 

@@ -102,6 +102,7 @@ def test_a_driver_that_was_not_recorded_leaves_no_model(driven):
     assert "order" not in str(e.value)
 
 
+@pytest.mark.slow
 def test_a_position_taken_for_a_state_of_first_order_is_told_from_a_driver_that_was_not_recorded():
     rng, t = np.random.default_rng(5), 0.02 * np.arange(3000)
     u = band(rng, len(t), 0.02, 0.5)

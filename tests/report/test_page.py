@@ -150,6 +150,7 @@ def test_what_to_trust_is_said_in_words(page, result):
     assert "Run freely from its start, it stays with the recording for 0.5 of 8 s. The free run ended early:" in text
 
 
+@pytest.mark.slow
 def test_what_is_known_before_the_likelihood_stage_can_be_shown_like_a_result():
     data, _ = samples(count=1000)
     study = Study(data=Data(time="t"), coordinates={"x": Measured(), "y": Measured()}, inputs={"u": Driven()})

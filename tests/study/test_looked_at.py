@@ -40,7 +40,7 @@ def without_rows(found):
     return [line for line in found.text.splitlines() if "samples" not in line]
 
 
-@pytest.mark.parametrize("name", ["a.csv", "a.parquet"])
+@pytest.mark.parametrize("name", [pytest.param("a.csv", marks=pytest.mark.slow), "a.parquet"])
 def test_the_draft_of_parts_is_that_of_the_whole(tmp_path, monkeypatch, name):
     rng = np.random.default_rng(0)
     x = np.sin(T) + 0.3 * np.sin(2.9 * T) + 1e-4 * rng.standard_normal(ROWS)

@@ -69,6 +69,7 @@ def test_a_run_writes_what_the_command_line_writes(place):
     assert (place / "a" / "model.json").exists()
 
 
+@pytest.mark.slow
 def test_a_script_beside_the_logs_is_not_run(place):
     (place / "select.py").write_text("open('ran', 'w').close()\nraise ImportError('my own script')\n")
     jobs = Jobs(Folder.of(place))
