@@ -35,7 +35,7 @@ ALTERNATIONS = 5  # of search and noise
 STEPS = 40
 ADDING = 0.8  # of the budget, after which mechanisms are only dropped
 COLOURED = 1.7  # variance of coefficients between blocks of a record over that of a model whose defects are white
-PATH_SHARE = 0.3  # of the budget, for the way back
+PATH_SHARE = 0.6  # of the budget, for the way back: a path that it ends lacks the short models
 
 
 @dataclass(frozen=True, eq=False)
