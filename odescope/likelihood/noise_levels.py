@@ -39,7 +39,8 @@ class NoisePoint:
 
     `marginal` is -2 log of the likelihood, integrated over the initial states, less a constant. Shapes, for c channels
     and n states: logs (c + n,) of the noise of averages, then of defects; gradient (c + n,); information (c + n, c + n)
-    the average of the observed and the expected one; change (J, n) of the initial states to the most likely ones.
+    the average of the observed and the expected one; change (J, n) of the initial states to the most likely ones;
+    own and following (J, n, n) as `state_covariances` returns them.
     """
 
     logs: FloatArray
@@ -47,7 +48,8 @@ class NoisePoint:
     gradient: FloatArray
     information: FloatArray
     change: FloatArray
-    products: FloatArray
+    own: FloatArray
+    following: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,16 +142,18 @@ class LinearRecord:
             2.0 * (counted - squares - known),
             4.0 * (np.diag(squares) - through),
             change,
-            self._products(change, own, following),
+            own,
+            following,
         )
 
-    def _products(self, change: FloatArray, own: FloatArray, following: FloatArray) -> FloatArray:
-        """Return the mean products (n, n) of defects: those of the most likely states, and their covariance."""
+    def products(self, here: NoisePoint) -> FloatArray:
+        """Return the mean products (n, n) of the defects: the most likely states' own, and their covariance."""
         joints = np.flatnonzero(self.segments.joined)
-        ends, after = self.jacobian[joints], following[joints] @ self.jacobian[joints].transpose(0, 2, 1)
-        left = self.last[joints] + np.einsum("jik,jk->ji", ends, change[joints])
-        left -= self.x0[joints + 1] + change[joints + 1]
-        spread = own[joints + 1] + ends @ own[joints] @ ends.transpose(0, 2, 1) - after - after.transpose(0, 2, 1)
+        ends = self.jacobian[joints]
+        across, after = ends.transpose(0, 2, 1), here.following[joints] @ ends.transpose(0, 2, 1)
+        left = self.last[joints] + np.einsum("jik,jk->ji", ends, here.change[joints])
+        left -= self.x0[joints + 1] + here.change[joints + 1]
+        spread = here.own[joints + 1] + ends @ here.own[joints] @ across - after - after.transpose(0, 2, 1)
         products: FloatArray = (left.T @ left + spread.sum(axis=0)) / max(len(joints), 1)
         return products
 
@@ -266,7 +270,7 @@ def _most_likely(
     """
     here = record.most_likely(here, least)
     for _ in range(TURNS if len(driven) > 1 else 0):
-        step, further, begun = _correlations(here, driven), 1.0, here.marginal
+        step, further, begun = _correlations(record.products(here), driven), 1.0, here.marginal
         while True:
             moved = record.decorrelated(np.eye(len(step)) + further * step)
             trial = moved.at(here.logs)
@@ -281,11 +285,11 @@ def _most_likely(
     return record, here
 
 
-def _correlations(here: NoisePoint, driven: IntArray) -> FloatArray:
+def _correlations(products: FloatArray, driven: IntArray) -> FloatArray:
     """Return what makes independent parts of defects (n, n), less the unit matrix, by the products of some states'."""
-    products, parts = here.products[np.ix_(driven, driven)], np.zeros_like(here.products)
-    size = np.sqrt(np.diag(products))
-    root = np.linalg.cholesky(products / size / size[:, None] + ROUNDING * np.eye(len(driven)))
+    among, parts = products[np.ix_(driven, driven)], np.zeros_like(products)
+    size = np.sqrt(np.diag(among))
+    root = np.linalg.cholesky(among / size / size[:, None] + ROUNDING * np.eye(len(driven)))
     parts[np.ix_(driven, driven)] = np.linalg.inv(root / np.diag(root)) / size * size[:, None] - np.eye(len(driven))
     return parts
 
