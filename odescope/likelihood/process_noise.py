@@ -30,7 +30,7 @@ from odescope.likelihood.segments import Segments
 
 PIECES = (5, 4, 2, 1)  # averages a segment: what a model lacks may change within a fraction of the shortest period
 WORTH_FINER = 0.01  # fall of the marginal cost a sample that shorter segments must bring: they take longer
-LARGEST_TABLE = 4e8  # bytes of the segments' Gauss-Newton matrices
+LARGEST_TABLE = 4e8  # 8 (n + p)^2 over all segments: in more of them a search is ended by its budget
 ALTERNATIONS = 5  # of search and noise
 STEPS = 40
 ADDING = 0.8  # of the budget, after which mechanisms are only dropped
