@@ -63,13 +63,24 @@ def decorrelated(sums: Sums, x0: FloatArray, decorrelation: FloatArray | None) -
     """
     if decorrelation is None:
         return sums, x0
-    n, back = x0.shape[1], np.linalg.inv(decorrelation)
-    gradient, hessian, jacobian = sums.gradient.copy(), back.T @ sums.hessian, decorrelation @ sums.jacobian
-    gradient[:, :n] = gradient[:, :n] @ back
-    hessian[:, :, :n] = hessian[:, :, :n] @ back
-    jacobian[:, :, :n] = jacobian[:, :, :n] @ back
-    moved = sums._replace(gradient=gradient, hessian=hessian, last=sums.last @ decorrelation.T, jacobian=jacobian)
-    return moved, x0 @ decorrelation.T
+    back = np.linalg.inv(decorrelation)
+    return sums._replace(
+        gradient=_mixed(back.T, sums.gradient),
+        hessian=_mixed(back.T, _mixed(back.T, sums.hessian).swapaxes(1, 2)).swapaxes(1, 2),
+        last=_mixed(decorrelation, sums.last),
+        jacobian=_mixed(decorrelation, _mixed(back.T, sums.jacobian.swapaxes(1, 2)).swapaxes(1, 2)),
+    ), x0 @ decorrelation.T
+
+
+def _mixed(parts: FloatArray, stack: FloatArray) -> FloatArray:
+    """Return parts (n, n) times the first n rows of each array in a stack (J, n or more, ...), laid out alike.
+
+    Parts have ones on the diagonal and little beside it: to add rows takes half the time of J products.
+    """
+    mixed, more = stack.copy(order="K"), parts - np.eye(len(parts))
+    for row, other in np.argwhere(more).tolist():
+        mixed[:, row] += more[row, other] * stack[:, other]
+    return mixed
 
 
 def correlated(change: FloatArray, decorrelation: FloatArray | None) -> FloatArray:

@@ -21,14 +21,14 @@ from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 
 LEAST_NOISE = 1e-4  # of the first guess: standard deviations do not shrink below
-CONVERGED = 0.02  # fall of the marginal cost, in units of chi-squared, that is not worth another step
+CONVERGED = 0.1  # fall of the marginal cost, in units of chi-squared, that is not worth another step
 ROUNDS = 10  # of noise and coefficients
 TURNS = 10  # of noise and its correlations
 FITS = 4  # Levenberg-Marquardt steps between two estimates of the noise
 LONGEST = 10.0  # change of a variance in one step, at most, as a factor
 LEAST_BEND = 1e-6  # of the gradient: second derivatives do not vanish
 LARGEST_DAMPING = 1e6
-ROUNDING = 1e-12  # of correlations, which are 1 where one force alone moves two states
+ROUNDING = 1e-12  # of sums of squares, and of correlations, which are 1 where one force alone moves two states
 
 NONE = np.zeros(0, dtype=np.int64)
 
@@ -107,7 +107,7 @@ class LinearRecord:
         )
 
     def at(self, logs: FloatArray) -> NoisePoint | None:
-        """Return the marginal cost at this noise (c + n,), None where the states' block is singular."""
+        """Return the marginal cost at this noise (c + n,), None where the states' block is singular or all rounding."""
         channels, n, joined = len(self.cost), self.x0.shape[1], self.segments.joined
         precision, spread = np.exp(-2.0 * logs), np.exp(logs[channels:])
         gradient = np.einsum("c,cji->ji", precision[:channels], self.gradient)
@@ -135,6 +135,8 @@ class LinearRecord:
             own,
             following,
         )
+        if not (squares[:channels] >= ROUNDING * precision[:channels] * self.cost).all():
+            return None  # of a fit that ran away: what is left of its squares is their rounding
         counted = np.concatenate([self.segments.counted, np.full(n, joined.sum())])
         return NoisePoint(
             logs,
@@ -259,7 +261,8 @@ def _most_likely(
     """Return the least marginal cost around a fit, and the record of the states whose defects are then independent.
 
     One force moves all that it is coupled to. Expectation and maximisation say where to go with the correlations, and
-    how far at least; the less a record shows of a single defect, the further it is.
+    how far at least; the less a record shows of a single defect, the further it is. Where there were none they stay
+    only if they are worth the price of as many numbers.
 
     Args:
         record: around the fit.
@@ -269,6 +272,10 @@ def _most_likely(
             kick within a segment makes of them.
     """
     here = record.most_likely(here, least)
+    bar = here.marginal
+    if np.array_equal(record.decorrelation, np.eye(here.change.shape[1])):
+        bar -= 0.5 * len(driven) * (len(driven) - 1) * float(np.log(record.segments.samples))
+    alone = record, here
     for _ in range(TURNS if len(driven) > 1 else 0):
         step, further, begun = _correlations(record.products(here), driven), 1.0, here.marginal
         while True:
@@ -282,7 +289,7 @@ def _most_likely(
         record, here = best, best.most_likely(here, least)
         if begun - here.marginal < CONVERGED:
             break
-    return record, here
+    return (record, here) if here.marginal < bar else alone
 
 
 def _correlations(products: FloatArray, driven: IntArray) -> FloatArray:

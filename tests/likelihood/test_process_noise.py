@@ -20,7 +20,7 @@ from scipy.optimize import minimize
 from small_systems import CART, System, drive
 
 from odescope.likelihood.block_cholesky import state_covariances
-from odescope.likelihood.expansion import eliminate
+from odescope.likelihood.expansion import decorrelated, eliminate
 from odescope.likelihood.fit import fit
 from odescope.likelihood.kernel import Sums
 from odescope.likelihood.noise_levels import LinearRecord, estimate_noise, marginal_cost, with_noise
@@ -208,6 +208,29 @@ def test_costs_of_defects_that_go_together_are_those_of_a_dense_gaussian():
         dense.append(dense_cost(maps, sigma, covariance(PARTS, decorrelation)))
     assert np.ptp(dense) > 50.0
     np.testing.assert_allclose(np.array(ours) - ours[0], np.array(dense) - dense[0], rtol=1e-5, atol=2e-3)
+
+
+def test_states_are_mixed_as_matrices_say():
+    rng = np.random.default_rng(0)
+    gradient, hessian, jacobian = rng.random((5, 7)), rng.random((5, 4, 7)), rng.random((5, 4, 7))
+    sums = Sums(rng.random(5), gradient, hessian, rng.random((3, 3)), rng.random((5, 4)), jacobian)
+    # Rounding leaves ones that are not quite ones.
+    for parts in (APART, APART + np.diag([0.0, -1e-16, 2e-16, 0.5])):
+        mixed, x0 = decorrelated(sums, sums.last, parts)
+        back = np.linalg.inv(parts)
+        states = np.block([[back, np.zeros((4, 3))], [np.zeros((3, 4)), np.eye(3)]])
+        np.testing.assert_allclose(mixed.gradient, gradient @ states, rtol=1e-13)
+        np.testing.assert_allclose(mixed.hessian, back.T @ hessian @ states, rtol=1e-13)
+        np.testing.assert_allclose(mixed.jacobian, parts @ jacobian @ states, rtol=1e-13)
+        np.testing.assert_allclose(mixed.last, sums.last @ parts.T, rtol=1e-13)
+        np.testing.assert_allclose(x0, sums.last @ parts.T, rtol=1e-13)
+
+
+def test_where_nothing_but_rounding_is_left_of_the_squares_there_is_no_marginal_cost():
+    it = masses(0, np.array([0.02, 0.03]), PARTS, (60, 43))
+    record, logs = linear_record(it, MASSES, MASSES.theta, [0.02, 0.03], PARTS)
+    assert record.at(logs) is not None
+    assert replace(record, cost=np.zeros(2)).at(logs) is None
 
 
 def test_what_one_force_does_to_two_masses_is_found_without_bias():
