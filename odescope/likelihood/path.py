@@ -124,28 +124,17 @@ class ModelPath:
         Args:
             faithful: error of a free run that is near enough, in standard deviations of what was measured.
         """
+        pieces, unseen = telling(self.space, [s.fit.theta for s in self.steps])
         over = stretches(self.space.segments)
-        pieces, unseen = self._telling(min(high - low for low, high in over))
         steps = self.steps[: 1 + self._last_with(lambda _: HALVES * self.space.segments.samples)]
         return replace(
-            self, chosen=knee(steps, unseen, lambda step: _errors(self.space, step.fit, over, pieces), faithful)
+            self, chosen=knee(steps, unseen, lambda step: _errors(self.space, step.fit.theta, over, pieces), faithful)
         )
 
     def _last_with(self, enough: Callable[[Mechanism], float]) -> int:
         """Return the number of the last model that has all whose Wald statistic is more than enough."""
         lost = (s.dropped is not None and s.statistic > enough(s.dropped) for s in self.steps)
         return next((k - 1 for k, lacks in enumerate(lost) if lacks), len(self.steps) - 1)
-
-    def _telling(self, length: int) -> tuple[int, list[FloatArray]]:
-        """Return the errors of every model over what is held out, in free runs so short that the best one follows.
-
-        Before them stands in how many pieces a stretch is run, 0 if to its end; `length` is that of the shortest.
-        """
-        errors, pieces = [s.errors for s in self.steps], 0
-        while min(map(_rms, errors)) > TELLING and (shorter := 2 * pieces or WINDOWS) < length // SHORT:
-            pieces = shorter
-            errors = [_errors(self.space, s.fit, None, pieces) for s in self.steps]
-        return pieces, errors
 
     def chosen_at(self, terms: int) -> ModelPath:
         """Return the path with the model of so many mechanisms chosen.
@@ -161,6 +150,23 @@ class ModelPath:
             f"[likelihood] terms = {terms}: the path of models goes from {longest} terms down to {shortest}; choose"
             " one of these"
         )
+
+
+def telling(space: SearchSpace, models: Sequence[FloatArray]) -> tuple[int, list[FloatArray]]:
+    """Return the errors of models over what is held out, in free runs so short that the best one follows.
+
+    Before them stands in how many pieces a stretch is run, 0 if to its end.
+
+    Args:
+        space: the data and candidates.
+        models: (mechanisms,) coefficients of each.
+    """
+    length, pieces = min(high - low for low, high in stretches(space.segments)), 0
+    errors = [_errors(space, theta) for theta in models]
+    while min(map(_rms, errors)) > TELLING and (shorter := 2 * pieces or WINDOWS) < length // SHORT:
+        pieces = shorter
+        errors = [_errors(space, theta, None, pieces) for theta in models]
+    return pieces, errors
 
 
 def _lost(steps: Sequence[PathStep]) -> bool:
@@ -223,13 +229,13 @@ def _rms(errors: FloatArray) -> float:
 
 
 def _errors(
-    space: SearchSpace, found: Fit, over: Sequence[tuple[int, int]] | None = None, pieces: int = 0
+    space: SearchSpace, theta: FloatArray, over: Sequence[tuple[int, int]] | None = None, pieces: int = 0
 ) -> FloatArray:
     """Return root mean square errors of free runs, see `free_run_errors`."""
-    errors: FloatArray = np.sqrt(free_run_errors(space, found.theta, over, pieces))
+    errors: FloatArray = np.sqrt(free_run_errors(space, theta, over, pieces))
     return errors
 
 
 def _step(seen: SearchSpace, found: Fit, dropped: Mechanism | None = None, statistic: float = 0.0) -> PathStep:
     terms = sum(bool(seen.mechanisms[k].parts) for k in found.present)
-    return PathStep(found, _errors(seen, found), dropped, statistic, terms)
+    return PathStep(found, _errors(seen, found.theta), dropped, statistic, terms)

@@ -195,7 +195,9 @@ def search_with_process_noise(
         space.budget.spent += own.spent
         seen = ended.within(space.budget)  # the next start begins with the noise that this one found
         ends.append((seen, longest, cost, trail))
-        if space.budget.over:
+        known = robust_evidence(seen, longest)
+        complete = not own.over and known is not None and white(longest, known)
+        if complete or space.budget.over:  # where nothing lacks, others could end in the same alone
             break
     if not ends:
         return None

@@ -21,10 +21,10 @@ from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.families import promising
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
+from odescope.likelihood.held_out import thinned, without_held_out
 from odescope.likelihood.holds import TRIAL_STEPS, choose_holds, holds_of
 from odescope.likelihood.negligible import without_negligible
-from odescope.likelihood.path import ModelPath
+from odescope.likelihood.path import ModelPath, telling
 from odescope.likelihood.process_noise import (
     PATH_SHARE,
     Noisy,
@@ -350,7 +350,7 @@ def _with_process_noise(
     if joined(best) and cost_without_process_noise(pieces, best) < process.penalised:
         return process, False
     # Compared as fitted to all: the proposal has seen what was held out too.
-    proposed, found = (free_run_error(pieces, theta) for theta in (begun[0], process.fit.theta))
+    proposed, found = (float(np.mean(e**2)) for e in telling(pieces, (begun[0], process.fit.theta))[1])
     return process, found < max(NO_WORSE_THAN_PROPOSED * proposed, WELL**2)
 
 

@@ -125,6 +125,8 @@ def _search(start: FloatArray, space: SearchSpace) -> Outcome | None:
     found = search(space, start)
     if found is not None and joined(found):
         return found
+    if found is not None and space.budget.over:
+        return replace(found, spent=space.budget.spent)
     short = space.on(space.segments.cut_anew(SHORT))
     near = search(short, start, TIED)
     ends = [o for o in (found, _from_short(space, near)) if o is not None]
