@@ -15,9 +15,10 @@ from timing import Process, Row, Timing, alternate, command, duration, slope
 
 from odescope import identify
 from odescope.commands.demo import START, cart_pendulum, simulate_log
+from odescope.library.mechanism import candidate
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import Fit, fit
-from odescope.likelihood.program import Frame, Part, Program
+from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.search import WIDTHS
 from odescope.likelihood.segments import Segments, cut_segments
 from odescope.model.simulation import simulate
@@ -50,22 +51,23 @@ def structure() -> tuple[Program, np.ndarray, np.ndarray]:
     model = cart_pendulum()
     frame = Frame.of(model.coordinates, [i.name for i in model.inputs])
     terms = [(r, t) for r, relation in enumerate(model.relations) for t in relation.terms]
-    parts = [Part(r, t.product) for r, t in terms]
-    free = np.flatnonzero([not frame.held(part) for part in parts])
-    return Program.of(parts, frame), np.array([t.coefficient for _, t in terms]), free
+    mechanisms = tuple(candidate(r, t.product, frame.targets[r]) for r, t in terms)
+    free = np.flatnonzero([not frame.own(m) for m in mechanisms])
+    return Program.of(mechanisms, frame), np.array([t.coefficient for _, t in terms]), free
 
 
 def trajectory(repeats: int) -> tuple[list[Row], str]:
     """Return the rows of the fit and of the whole search, and a line on how the fit ended."""
     program, truth, free = structure()
     start = truth.copy()
+    held = np.setdiff1d(np.arange(len(truth)), free)
     start[free] *= 1.0 + STARTS * np.random.default_rng(1).standard_normal(len(free))
     segments = averages(65_001)
     evaluator = Evaluator(segments)
     ends: list[Fit | None] = []
 
     def work() -> None:
-        ends.append(fit(evaluator, program, start, free, segments.initial, segments.spread * WIDTHS[-1]))
+        ends.append(fit(evaluator, program, start, held, segments.initial, segments.spread * WIDTHS[-1]))
 
     seconds = alternate({"fit": work}, repeats)["fit"]
     records, _ = recorded(65_001)
@@ -156,7 +158,7 @@ def growth(repeats: int) -> tuple[str, str, str, float]:
     for samples in (8_126, 16_251, 32_501, 65_001):
         segments = averages(samples)
         evaluator, gap = Evaluator(segments), segments.spread * WIDTHS[-1]
-        work = {"it": lambda e=evaluator, g=gap: e.expand(program, truth, free, e.segments.initial, g)}
+        work = {"it": lambda e=evaluator, g=gap: e.expand(program, truth, free, e.segments.initial, g, 0.0)}
         sizes.append(len(segments.measured))
         seconds.append(alternate(work, 3 * repeats)["it"].best)
     texts = ", ".join(map(str, sizes)), ", ".join(f"{1e3 * s:.3g}" for s in seconds)

@@ -63,13 +63,14 @@ def decorrelated(sums: Sums, x0: FloatArray, decorrelation: FloatArray | None) -
     """
     if decorrelation is None:
         return sums, x0
-    back = np.linalg.inv(decorrelation)
-    return sums._replace(
-        gradient=_mixed(back.T, sums.gradient),
-        hessian=_mixed(back.T, _mixed(back.T, sums.hessian).swapaxes(1, 2)).swapaxes(1, 2),
+    back = np.asarray(np.linalg.inv(decorrelation.T), dtype=np.float64)
+    moved = sums._replace(
+        gradient=_mixed(back, sums.gradient),
+        hessian=_mixed(back, _mixed(back, sums.hessian).swapaxes(1, 2)).swapaxes(1, 2),
         last=_mixed(decorrelation, sums.last),
-        jacobian=_mixed(decorrelation, _mixed(back.T, sums.jacobian.swapaxes(1, 2)).swapaxes(1, 2)),
-    ), x0 @ decorrelation.T
+        jacobian=_mixed(decorrelation, _mixed(back, sums.jacobian.swapaxes(1, 2)).swapaxes(1, 2)),
+    )
+    return moved, _mixed(decorrelation, x0)
 
 
 def _mixed(parts: FloatArray, stack: FloatArray) -> FloatArray:

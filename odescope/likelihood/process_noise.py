@@ -187,18 +187,20 @@ def search_with_process_noise(
     """
     open_ = without_held_out(space.segments)
     seen = space.on(thinned(open_))
-    ends, able = [], _able(seen, starts)
+    ends, able, most = [], _able(seen, starts), np.inf
     for left, here in zip(range(len(able), 0, -1), able, strict=True):
         # One with many terms in vain may not spend what others need to add theirs.
         own = space.budget.rest(0.0).part(1.0 / left)
+        own.limit = min(own.limit, most)
         ended, longest, cost, trail = _search(seen.within(own), here)
         space.budget.spent += own.spent
         seen = ended.within(space.budget)  # the next start begins with the noise that this one found
         ends.append((seen, longest, cost, trail))
-        known = robust_evidence(seen, longest)
-        complete = not own.over and known is not None and white(longest, known)
-        if complete or space.budget.over:  # where nothing lacks, others could end in the same alone
+        if space.budget.over:
             break
+        known = robust_evidence(seen, longest)
+        if left > 1 and not own.over and known is not None and white(longest, known):
+            most = min(most, own.spent / (left - 1))  # where nothing lacks all others may cost as much as this did
     if not ends:
         return None
     seen, longest, _, trail = min(ends, key=lambda end: end[2])

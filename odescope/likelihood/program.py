@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -117,7 +117,8 @@ class Program:
     targets: int
 
     @staticmethod
-    def of(mechanisms: Sequence[Mechanism], frame: Frame) -> Program:
+    @lru_cache(maxsize=256)  # a search fits, judges and weighs the same model one after the other
+    def of(mechanisms: tuple[Mechanism, ...], frame: Frame) -> Program:
         """Return the program of these mechanisms."""
         owned = [(number, part) for number, mechanism in enumerate(mechanisms) for part in mechanism.parts]
         terms = [frame.centring.centred(p.product.term) for _, p in owned]
@@ -160,7 +161,7 @@ class Program:
                 -1, 2
             ),
         )
-        return Program(tuple(mechanisms), frame, tape, places, layers, len(frame.targets))
+        return Program(mechanisms, frame, tape, places, layers, len(frame.targets))
 
     @property
     def following(self) -> IntArray:

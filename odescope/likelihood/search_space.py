@@ -144,7 +144,7 @@ class SearchSpace:
 
     def program(self, present: IntArray) -> Program:
         """Return the program of these mechanisms alone."""
-        return Program.of([self.mechanisms[k] for k in present], self.frame)
+        return Program.of(tuple(self.mechanisms[k] for k in present), self.frame)
 
     def too_narrow(self, found: Fit) -> bool:
         """Return whether dry friction stops what slides faster than the steps of RK4 can be made short."""

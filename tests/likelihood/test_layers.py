@@ -72,7 +72,7 @@ def system(name):
     scope = Scope.of([*state_names(coordinates), "u", "w"])
     mechanisms = [candidate(r, Product(f, parse_term(t, scope)), targets[r]) for r, f, t, _ in rows]
     frame = Frame.of(coordinates, ["u"], {"w": Constant("w", WIDTH, 300 * WIDTH, WIDTH, optional=True)})
-    return Program.of(mechanisms, frame), np.array([c for *_, c in rows]), np.array(starts)
+    return Program.of(tuple(mechanisms), frame), np.array([c for *_, c in rows]), np.array(starts)
 
 
 def data(name, starts, averages):

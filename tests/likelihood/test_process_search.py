@@ -243,8 +243,16 @@ def test_the_search_finds_the_pendulum_under_a_white_torque_and_its_size(when):
             assert n.space.segments.noise[0] == pytest.approx(0.005, rel=0.15)
 
 
-@pytest.mark.parametrize(("spends", "limits"), [(1.0, [4.0, 4.0, 4.0]), (0.0, [4.0, 6.0, 12.0]), (2.5, [4.0, 1.0])])
-def test_no_start_spends_what_others_need_to_add_terms(monkeypatch, spends, limits):
+@pytest.mark.parametrize(
+    ("lacks", "spends", "limits"),
+    [
+        (True, 1.0, [4.0, 4.0, 4.0]),
+        (True, 0.0, [4.0, 6.0, 12.0]),
+        (True, 2.5, [4.0, 1.0]),
+        (False, 1.0, [4.0, 2.0, 2.0]),
+    ],
+)
+def test_no_start_spends_what_others_need_to_add_terms(monkeypatch, lacks, spends, limits):
     it, seen = spring(1, 600), list[float]()
     it = it.within(replace(it.budget, limit=12.0))
     starts = [np.where(np.arange(len(LINEAR)) == k, 0.0, LINEAR) for k in (None, *TERMS[:2])]
@@ -259,6 +267,7 @@ def test_no_start_spends_what_others_need_to_add_terms(monkeypatch, spends, limi
         process_noise, "_able", lambda space, thetas: [space.begin(t, space.segments.spread) for t in thetas]
     )
     monkeypatch.setattr(process_noise, "_search", searched)
+    monkeypatch.setattr(process_noise, "white", lambda found, evidence: not lacks)
     monkeypatch.setattr(process_noise.ModelPath, "back", Mock(side_effect=Stopped))
     with pytest.raises(Stopped):  # after the searches
         search_with_process_noise(it, starts)
