@@ -12,7 +12,7 @@ from odescope.model.initial_state import first_state_of
 from odescope.model.model import Model
 from odescope.model.scores import CoordinateRun, FreeRun
 from odescope.model.simulation import Trajectory, follow
-from odescope.parallel.workers import nothing
+from odescope.parallel.workers import Threads, nothing
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records
 from odescope.validation.agreement import Pair, agreement, turned, valid_time
@@ -45,19 +45,26 @@ def free_runs(model: Model, records: Records, check: Callable[[], None] = nothin
     Args:
         model: its coordinates and inputs are columns of the records.
         records: as they were recorded, whatever the offsets of coordinates and the delays of inputs.
-        check: called before each run; what it raises ends them.
+        check: called several times a second; what it raises ends them.
     """
     count = min(len(records), MOST_RECORDINGS)
     numbers = np.rint(np.linspace(0, len(records) - 1, count)).astype(np.int64).tolist()
-    longest = MOST_SAMPLES // count
-    found = []
-    for number in numbers:
-        check()
-        record = records.runs[number]
-        whole = DrivenRecord.of(model, record)
-        piece = whole if len(record) <= longest else whole.part(0, longest)
-        found.append(FreeRunOf("model", number + 1, piece.compared(model), run_freely(model, piece)))
-    return tuple(found)
+    return tuple(Threads().map(_free_run, numbers, model, records, MOST_SAMPLES // max(count, 1), check=check))
+
+
+def _free_run(number: int, model: Model, records: Records, longest: int) -> FreeRunOf:
+    """Return the free run over a recording.
+
+    Args:
+        number: of the recording, from 0.
+        model: that runs.
+        records: all recordings.
+        longest: number of samples that are run at most.
+    """
+    record = records.runs[number]
+    whole = DrivenRecord.of(model, record)
+    piece = whole if len(record) <= longest else whole.part(0, longest)
+    return FreeRunOf("model", number + 1, piece.compared(model), run_freely(model, piece))
 
 
 def beside(c: Coordinate, of: FreeRunOf, noise: float) -> tuple[Pair, float]:
