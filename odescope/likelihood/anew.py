@@ -34,7 +34,7 @@ def with_steps_settled(
         workers: where it is searched.
     """
     fine, end = with_finer_steps(space, best)
-    if end.penalised <= best.penalised + OWED or space.budget.over:
+    if (joined(end) and end.penalised <= best.penalised + OWED) or space.budget.over:
         return fine, end
     short = fine.finer(min(fine.evaluator.substeps, ENOUGH))
     seen = short.on(thinned(short.segments))

@@ -175,7 +175,7 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
             scale = _scale(space, here, width)
         if np.isinf(width):
             space, here, scale = _with_narrow_friction(space, here, scale, trail)
-        if width != widths[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or torn(space, here)):
+        if width != widths[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or torn(space, here) or unbounded(here)):
             break
         best, constants = (here, float(width), scale), space.frame.constants
         if scale > NEAR_NOISE:
@@ -310,6 +310,11 @@ def torn(space: SearchSpace, found: Fit) -> bool:
     """Say whether the defects are larger than their width, and by chance: the record does not support a tighter one."""
     defects = int(space.segments.joined.sum()) * found.x0.shape[1]
     return bool(defects > 0 and found.cost - found.data_cost > defects + CHANCE * np.sqrt(2.0 * defects))
+
+
+def unbounded(found: Fit) -> bool:
+    """Say whether not one coefficient of a fit is known: somewhere runs beside it part from it without bound."""
+    return bool(found.wald.max(initial=0.0) < 1.0 and len(found.wald))
 
 
 def full(space: SearchSpace, found: Fit) -> bool:

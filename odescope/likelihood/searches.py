@@ -13,7 +13,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
 from odescope.likelihood.division import divided_in_part
-from odescope.likelihood.search import TIED, Outcome, full, search, torn
+from odescope.likelihood.search import TIED, Outcome, full, search, torn, unbounded
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SHORT
 from odescope.likelihood.smoothed_targets import singular
@@ -28,7 +28,7 @@ FOLLOWED = 1.5  # residual variance over noise variance up to which a model is s
 
 def joined(outcome: Outcome) -> bool:
     """Say whether the model of a search follows the record to within its noise, segments joined."""
-    return bool(np.isfinite(outcome.width)) and outcome.scale < FOLLOWED
+    return bool(np.isfinite(outcome.width)) and outcome.scale < FOLLOWED and not unbounded(outcome.fit)
 
 
 def searches(

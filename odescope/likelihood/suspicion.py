@@ -60,9 +60,11 @@ def suspicions(refinement: Refinement, names: Collection[str]) -> tuple[Suspicio
     for k in found.present:
         for part in space.mechanisms[k].parts:
             terms[part.relation].append(part.product)
-    suspected = list[Suspicion]()
+    suspected, rate = list[Suspicion](), _rates(space, terms)
     for r, products in enumerate(terms):
-        found_here = (_imitation(r, products, n, set(space.needed)) for n in space.frame.variables if n in names)
+        found_here = (
+            _imitation(r, products, n, set(space.needed), rate.get(n)) for n in space.frame.variables if n in names
+        )
         suspected += [_growing(space, s) for s in found_here if s is not None]
     if refinement.process is not None or refinement.outcome.scale > WHITE:
         known = {s.relation for s in suspected}  # an imitation that is not good enough leaves a residual, too
@@ -85,14 +87,37 @@ def _declared(space: SearchSpace) -> set[str]:
     return {n for a in atoms for n in a.argument.names if a.argument.names & set(space.needed)}
 
 
-def _imitation(relation: int, products: Sequence[Product], name: str, constants: Collection[str]) -> Suspicion | None:
+def _rates(space: SearchSpace, terms: Sequence[Sequence[Product]]) -> dict[str, str]:
+    """Return the names of the states that are the rates of others, by the names of these.
+
+    Args:
+        space: whose states they are.
+        terms: of every relation; a state is the rate of another whose relation holds nothing else.
+    """
+    states, found = space.frame.states, dict[str, str]()
+    for state, following in zip(states, space.frame.following.tolist(), strict=True):
+        if following >= 0:
+            found[state] = states[following]
+            continue
+        rest = [p for p in terms[-1 - following] if p != Product(space.frame.targets[-1 - following])]
+        if len(rest) == 1 and rest[0].factor is None and rest[0].text in states:
+            found[state] = rest[0].text
+    return found
+
+
+def _imitation(
+    relation: int, products: Sequence[Product], name: str, constants: Collection[str], rate: str | None
+) -> Suspicion | None:
     """Return why powers or fractions of a variable may be a function of it, None where they are not.
+
+    Where the energy stays, even powers of a rate are functions of the position: beside them its power is one more.
 
     Args:
         relation: its number.
         products: what it holds.
         name: of the variable.
         constants: that the library declares: what holds some stands beside no other function.
+        rate: name of the variable that is its rate, if one is.
     """
     powers = dict[Term, set[float]]()
     for p in products:
@@ -107,9 +132,18 @@ def _imitation(relation: int, products: Sequence[Product], name: str, constants:
         terms = sum(p.term.power_of(Name(name)) != 0 for p in products)
         return Suspicion(relation, name, "fractions", tuple(dict.fromkeys((ONE, *above))), terms)
     powers = {rest: found - {0} for rest, found in powers.items()}
-    beside = [rest for rest, found in powers.items() if len(found) >= SEVERAL]
+    energy = [rest for rest, found in powers.items() if found and rate is not None and _even(rest, rate)]
+    together = energy if len(energy) >= SEVERAL else []
+    beside = [rest for rest, found in powers.items() if len(found) >= SEVERAL or rest in together]
     most = max((len(powers[rest]) for rest in beside), default=0)
+    most = max(most, sum(len(powers[rest]) for rest in together))
     return Suspicion(relation, name, "powers", tuple(dict.fromkeys((ONE, *beside))), most) if beside else None
+
+
+def _even(term: Term, name: str) -> bool:
+    """Say whether a term is an even power of a variable, 1 among them."""
+    power = term.power_of(Name(name))
+    return power % 2 == 0 and term == (Term(((Name(name), power),)) if power else ONE)
 
 
 def _growing(space: SearchSpace, suspected: Suspicion) -> Suspicion:

@@ -8,6 +8,9 @@ from scipy.integrate import solve_ivp
 
 from odescope import simulate
 from odescope.export.model_file import from_json, to_json
+from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
+from odescope.likelihood.suspicion import _imitation, imitates
 from odescope.pipeline.identification import identify
 from odescope.pipeline.suspicion import replaces
 from odescope.study.library_options import Candidates
@@ -123,6 +126,38 @@ def test_powers_that_are_the_law_stay_and_are_what_they_were(rate, terms):
     warned = any("no further than the record went, x =" in note for note in suspecting.notes)
     assert warned == (len(terms) > 2)
     assert any("no further than" in note for note in suspecting.warnings) == warned
+
+
+@pytest.mark.slow
+def test_a_pendulum_whose_position_nobody_called_an_angle_has_its_sine():
+    """While its energy stays the square of its rate is a function of the position: x and x x_dot^2 imitate the sine."""
+    t = np.arange(0.0, 20.0, 0.02)
+    x = solve_ivp(lambda _, s: [s[1], -4.0 * np.sin(s[0])], (0.0, 20.0), [1.9, 0.0], t_eval=t, rtol=1e-9).y[0]
+    swinging = Study(data=Data(time="t"), coordinates={"x": Measured(order=2)})
+    for seed in range(3):
+        log = {"t": t, "x": x + 0.02 * x.std() * np.random.default_rng(seed).standard_normal(len(t))}
+        terms = {t.text: t for t in identify(swinging, [log]).model.relations[0].terms}
+        assert set(terms) == {"x_ddot", "sin(x)"}
+        assert abs(terms["sin(x)"].coefficient - 4.0) < 4.0 * terms["sin(x)"].std_error
+
+
+@pytest.mark.parametrize(
+    ("texts", "rate", "suspected"),
+    [
+        (("x", "x*v**2"), "v", True),
+        (("x*v**2", "x*v**4"), "v", True),
+        (("x", "x*v"), "v", False),
+        (("x", "x*v**2"), None, False),
+        (("x", "v*x**2"), "x", False),
+        (("v", "v**2"), "v", False),
+    ],
+)
+def test_beside_even_powers_of_its_rate_a_position_may_be_a_function(texts, rate, suspected):
+    products = [Product(None, parse_term(text, Scope.of(["x", "v"]))) for text in texts]
+    found = _imitation(0, products, "x", (), rate)
+    assert (found is not None) == suspected
+    for product in products if suspected else ():
+        assert imitates(product, 0, [found])
 
 
 def test_what_is_fixed_by_name_is_not_suspected():
