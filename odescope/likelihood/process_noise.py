@@ -178,7 +178,7 @@ def search_with_process_noise(
     Some of the data are held out from the searches; along the way back from the best of their ends, term by term, free
     runs of that say where to stop; where what is left is white, of thin mechanisms only. What is chosen is then fitted
     to all. Of a long record searches see stretches; where the best of them ends is searched from once more in the
-    whole of what is not held out.
+    whole of what is not held out. After one that ends where nothing lacks, all that are left may cost as much as that.
 
     Args:
         space: data cut into short segments (`in_pieces`), and candidates.
@@ -198,17 +198,15 @@ def search_with_process_noise(
         ends.append((seen, longest, cost, trail))
         if space.budget.over:
             break
-        known = robust_evidence(seen, longest)
-        if left > 1 and not own.over and known is not None and white(longest, known):
-            most = min(most, own.spent / (left - 1))  # where nothing lacks all others may cost as much as this did
+        if left > 1 and not own.over and _lacks_nothing(seen, longest):
+            most = min(most, own.spent / (left - 1))  # all others together may cost as much as this did
     if not ends:
         return None
     seen, longest, _, trail = min(ends, key=lambda end: end[2])
     if len(open_.start) > len(seen.segments.start):
         seen, longest, trail = _searched_on(space.on(open_), seen, longest, trail)
     way = ModelPath.back(seen.within(seen.budget.part(PATH_SHARE)), longest, seen.segments.spread)
-    known = robust_evidence(seen, longest) if terms is None else None
-    sure = known is not None and white(longest, known)
+    sure = terms is None and _lacks_nothing(seen, longest)
     if terms is not None:
         way = way.chosen_at(terms)
     elif sure:
@@ -228,6 +226,12 @@ def search_with_process_noise(
         return None
     fitted, found, marginal, evidence, dropped = end
     return Noisy(found, fitted, marginal, evidence, free_run_error(seen, here.theta), trail + dropped, way)
+
+
+def _lacks_nothing(space: SearchSpace, found: Fit) -> bool:
+    """Say whether what a model leaves is white."""
+    known = robust_evidence(space, found)
+    return known is not None and white(found, known)
 
 
 def _near(space: SearchSpace, spread: FloatArray, here: Fit) -> Fit | None:
