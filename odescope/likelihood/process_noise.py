@@ -22,7 +22,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
 from odescope.likelihood.negligible import one_less
 from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
-from odescope.likelihood.path import VERY, ModelPath
+from odescope.likelihood.path import SURE, VERY, ModelPath
 from odescope.likelihood.program import Program
 from odescope.likelihood.search import Outcome, WhiteResiduals
 from odescope.likelihood.search_space import Move, SearchSpace
@@ -218,9 +218,9 @@ def search_with_process_noise(
     found = _near(begun, space.segments.spread, here)
     if found is None:
         return None
-    if sure and way.chosen == 0:  # nothing had to be held out: all of the record says what is in the model
+    if sure and way.chosen == 0:  # nothing had to be held out: all of the record says what else is sure
         begun, found, _, more = _search(begun, found)
-        trail += more
+        found, trail = _without_unsure(begun, found, here.present), trail + more
     end = _without_worthless(begun, found)
     if end is None:
         return None
@@ -246,6 +246,30 @@ def _near(space: SearchSpace, spread: FloatArray, here: Fit) -> Fit | None:
     """
     near = space.again(here, space.segments.initial, np.maximum(spread, space.segments.spread))
     return None if near is None else space.again(near, near.x0, space.segments.spread)
+
+
+def _without_unsure(space: SearchSpace, found: Fit, before: IntArray) -> Fit:
+    """Return the fit without mechanisms that have earned no more than SURE times their price, but for some.
+
+    Args:
+        space: data and candidates.
+        found: the fit.
+        before: numbers of those that stay.
+    """
+    while (wald := robust_wald(space, found)) is not None:
+        earned = dict(zip(found.free.tolist(), (wald / space.penalty[found.free]).tolist(), strict=True))
+        unsure = [k for k, e in earned.items() if e <= SURE and k not in before and space.mechanisms[k].parts]
+        if not unsure:
+            break
+        k = min(unsure, key=lambda k: earned[k])
+        theta = found.theta.copy()
+        theta[k] = 0.0
+        rest = found.present[found.present != k]
+        shorter = space.fit(theta, rest, found.x0, space.segments.spread, found.strength)
+        if shorter is None:
+            break
+        found = shorter
+    return found
 
 
 def _without_worthless(
