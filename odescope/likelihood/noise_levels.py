@@ -21,7 +21,7 @@ from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 
 LEAST_NOISE = 1e-4  # of the first guess: standard deviations do not shrink below
-CONVERGED = 0.1  # fall of the marginal cost, in units of chi-squared, that is not worth another step
+CONVERGED = 0.02  # fall of the marginal cost, in units of chi-squared, that is not worth another step
 ROUNDS = 10  # of noise and coefficients
 TURNS = 10  # of noise and its correlations
 FITS = 4  # Levenberg-Marquardt steps between two estimates of the noise
