@@ -220,7 +220,8 @@ def search_with_process_noise(
         return None
     if sure and way.chosen == 0:  # nothing had to be held out: all of the record says what else is sure
         begun, found, _, more = _search(begun, found)
-        found, trail = _without_unsure(begun, found, here.present), trail + more
+        found, unsure = _without_unsure(begun, found, here.present)
+        trail += more + unsure
     end = _without_worthless(begun, found)
     if end is None:
         return None
@@ -248,28 +249,25 @@ def _near(space: SearchSpace, spread: FloatArray, here: Fit) -> Fit | None:
     return None if near is None else space.again(near, near.x0, space.segments.spread)
 
 
-def _without_unsure(space: SearchSpace, found: Fit, before: IntArray) -> Fit:
-    """Return the fit without mechanisms that have earned no more than SURE times their price, but for some.
+def _without_unsure(space: SearchSpace, found: Fit, before: IntArray) -> tuple[Fit, tuple[Move, ...]]:
+    """Return the fit without mechanisms that have earned no more than SURE times their price, but for some, and how.
 
     Args:
         space: data and candidates.
         found: the fit.
         before: numbers of those that stay.
     """
+    moves = Moves(space, _BlockSpread(space), 1.0, 1.0, [])
     while (wald := robust_wald(space, found)) is not None:
-        earned = dict(zip(found.free.tolist(), (wald / space.penalty[found.free]).tolist(), strict=True))
-        unsure = [k for k, e in earned.items() if e <= SURE and k not in before and space.mechanisms[k].parts]
-        if not unsure:
-            break
-        k = min(unsure, key=lambda k: earned[k])
-        theta = found.theta.copy()
-        theta[k] = 0.0
-        rest = found.present[found.present != k]
-        shorter = space.fit(theta, rest, found.x0, space.segments.spread, found.strength)
-        if shorter is None:
+        earned = dict(zip(found.free.tolist(), wald.tolist(), strict=True))
+        added = [k for k in earned if k not in before and space.mechanisms[k].parts]
+        k = min(added, key=lambda k: earned[k] / space.penalty[k], default=None)
+        shorter = None if k is None or earned[k] > SURE * space.penalty[k] else moves.without(found, k)
+        if k is None or shorter is None:
             break
         found = shorter
-    return found
+        moves.trail.append(space.move(1.0, "drop", k, earned[k], found))
+    return found, tuple(moves.trail)
 
 
 def _without_worthless(
