@@ -124,7 +124,7 @@ class ModelPath:
         Args:
             faithful: error of a free run that is near enough, in standard deviations of what was measured.
         """
-        pieces, unseen = telling(self.space, [s.fit.theta for s in self.steps])
+        pieces, unseen = telling(self.space, [s.fit.theta for s in self.steps], [s.errors for s in self.steps])
         over = stretches(self.space.segments)
         steps = self.steps[: 1 + self._last_with(lambda _: HALVES * self.space.segments.samples)]
         return replace(
@@ -152,7 +152,9 @@ class ModelPath:
         )
 
 
-def telling(space: SearchSpace, models: Sequence[FloatArray]) -> tuple[int, list[FloatArray]]:
+def telling(
+    space: SearchSpace, models: Sequence[FloatArray], whole: Sequence[FloatArray] | None = None
+) -> tuple[int, list[FloatArray]]:
     """Return the errors of models over what is held out, in free runs so short that the best one follows.
 
     Before them stands in how many pieces a stretch is run, 0 if to its end.
@@ -160,9 +162,10 @@ def telling(space: SearchSpace, models: Sequence[FloatArray]) -> tuple[int, list
     Args:
         space: the data and candidates.
         models: (mechanisms,) coefficients of each.
+        whole: their errors in runs to the end of each stretch, where these are known.
     """
     length, pieces = min(high - low for low, high in stretches(space.segments)), 0
-    errors = [_errors(space, theta) for theta in models]
+    errors = [_errors(space, theta) for theta in models] if whole is None else list(whole)
     while min(map(_rms, errors)) > TELLING and (shorter := 2 * pieces or WINDOWS) < length // SHORT:
         pieces = shorter
         errors = [_errors(space, theta, None, pieces) for theta in models]
