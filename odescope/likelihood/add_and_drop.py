@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -17,6 +17,7 @@ from odescope.likelihood.expansion import Expansion
 from odescope.likelihood.families import best_on_grid
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.search_space import Move, SearchSpace
+from odescope.likelihood.subsets import subsets
 
 LOOK_ALIKE = 40.0  # times its penalty: a mechanism that earns more is in its place
 DETOUR = 6  # additions and drops until a search without a mechanism has to be better than that with it
@@ -174,9 +175,7 @@ class Moves:
         trial = space.fit(theta, np.union1d(free[kept], here.held), here.x0, self.defect_std, here.strength)
         if trial is None or self.penalised(trial) >= self.penalised(here) - GAIN:
             return None
-        for k in moved.tolist():
-            gone = k in here.present
-            self._note("drop" if gone else "add", k, float((here if gone else trial).strength[k]) / self.scale, trial)
+        self._note_all(here, trial)
         return trial
 
     def look_back(self, here: Fit) -> Fit | None:
@@ -241,11 +240,49 @@ class Moves:
             if trial is None or (self.judge.binding and self._weak(trial)):
                 continue
             if self.penalised(trial) < self.penalised(here) - GAIN:
-                for lost in gone.tolist():
-                    self._note("drop", lost, float(here.strength[lost]) / self.scale, trial)
-                self._note("add", int(new[k]), float(rest.scores(rest.left)[k]) / self.scale, trial)
+                self._note_all(here, trial)
                 return trial
         return None
+
+    def substitute(self, here: Fit, expand: Callable[[Fit], Expansion | None]) -> Fit | None:
+        """Put a few mechanisms in the place of all that a relation has beside its target, where that is better.
+
+        Several may add up to one or two others so nearly that beside them these have no score.
+
+        Args:
+            here: the fit with those that are present.
+            expand: returns the expansion of the cost about a fit, with all candidates.
+        """
+        space, found = self.space, self.space.held_by_targets(here)
+        free, expansion = space.free(found), expand(found)
+        if expansion is None or not expansion.finite:
+            return None
+        present = np.isin(free, found.free)
+        for relation in range(space.relations):
+            own = np.array([self._stands_alone(k, relation, here) for k in free.tolist()])
+            sets = subsets(expansion, found.theta[free], present, own, space.penalty[free], self.scale)
+            for among in (members for earned, members in sets[: self.judge.trials] if earned > GAIN):
+                kept = np.union1d(np.flatnonzero(present & ~own), among)
+                again = refitted(expansion, found.theta[free], kept)
+                if again is None:
+                    continue
+                theta = found.theta.copy()
+                theta[free] = again
+                trial = space.fit(theta, np.union1d(free[kept], found.held), here.x0, self.defect_std)
+                if trial is not None and self.penalised(trial) < self.penalised(here) - GAIN:
+                    self._note_all(here, trial)
+                    return trial
+        return None
+
+    def _stands_alone(self, k: int, relation: int, here: Fit) -> bool:
+        """Say whether a mechanism may be put in the place of a relation's, or go for others.
+
+        Where a combination of states stays constant, the target times that is nothing: no such term comes.
+        """
+        mechanism = self.space.mechanisms[k]
+        plain = all(p.product.factor is None for p in mechanism.parts) or k in here.present
+        own = mechanism.relations == {relation} and mechanism.names.isdisjoint(self.space.needed)
+        return own and plain and k not in self.barred
 
     def _wald(self, here: Fit) -> FloatArray | None:
         """Return the Wald statistics (p,) in units of the residual variance, infinite for what has to stay."""
@@ -261,6 +298,12 @@ class Moves:
         """Return the Wald statistic of a held coefficient: that of the best known of its group, which could be held."""
         group = next(g for g in scale_groups(self.space.mechanisms, here.present) if held in g)
         return float(wald[np.isin(here.free, group)].max(initial=0.0)) / self.scale
+
+    def _note_all(self, before: Fit, after: Fit) -> None:
+        """Note all that came and went, with what was or is known of it."""
+        for action, one, other in (("drop", before, after), ("add", after, before)):
+            for k in np.setdiff1d(one.present, other.present).tolist():
+                self._note(action, k, float(one.strength[k]) / self.scale, after)
 
     def _note(self, action: str, k: int, statistic: float, after: Fit) -> None:
         self.trail.append(self.space.move(self.width, action, k, statistic, after))

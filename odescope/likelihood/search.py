@@ -358,12 +358,15 @@ def _settle(
             here = leaner
             continue
         first, second = (moves.add, moves.drop) if scale > HOPELESS else (moves.drop, moves.add)
-        moved = moves.leap(here, judge.expansion(here)) if round_ >= due and scale <= NEAR_NOISE else None
+        moved = None
+        if round_ >= due and scale <= NEAR_NOISE:
+            moved = moves.leap(here, judge.expansion(here)) or moves.substitute(here, judge.expansion)
         if moved is None and round_ >= due:
             due, wait = round_ + wait, 2 * wait
         moved = moved or first(here) or moves.divide(here) or second(here)
         if moved is None and width <= LOOK_BACK:
-            moved = moves.look_back(here) or moves.exchange(here, judge.expansion(here))
+            moved = moves.substitute(here, judge.expansion) or moves.look_back(here)
+            moved = moved or moves.exchange(here, judge.expansion(here))
         if moved is None:
             return here
         telling, here = moved.cost < HALF * here.cost, moved

@@ -248,6 +248,18 @@ class SearchSpace:
                     again[list(group)] = theta[list(group)] / theta[k]
         return again
 
+    def held_by_targets(self, found: Fit) -> Fit:
+        """Return a fit with the bare targets held where they are present; what it says of others' errors is no more."""
+        held, known = set(found.held.tolist()), set(self.known.tolist())
+        for group in scale_groups(self.mechanisms, found.present):
+            target = next((k for k in group if self.frame.own(self.mechanisms[k])), None)
+            if target is not None and known.isdisjoint(group):
+                held = (held - set(group)) | {target}
+        ordered = np.array(sorted(held), dtype=np.int64)
+        if np.array_equal(ordered, found.held):
+            return found
+        return replace(found, theta=self._rescaled(found.theta, ordered), held=ordered)
+
     def begin(self, theta: FloatArray, defect_std: FloatArray) -> Fit | None:
         """Return the fit of what has a coefficient, from the smoothed states.
 
