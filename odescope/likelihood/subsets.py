@@ -19,6 +19,7 @@ MANY = 150  # candidates: of more, sets of three are too many
 LOST = 1e-12  # of what the present mechanisms explain: rounding, where others say the same
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of coefficients of which the data say nothing
 def subsets(
     expansion: Expansion, theta: FloatArray, present: BoolArray, own: BoolArray, prices: FloatArray, scale: float
 ) -> list[tuple[float, IntArray]]:
@@ -43,11 +44,13 @@ def subsets(
     left, pull = _unit(
         information[np.ix_(own, own)] - cross @ covariance @ cross.T, pull[own] - cross @ covariance @ pull[others]
     )
+    if not (np.isfinite(left).all() and np.isfinite(pull).all()):
+        return []
     numbers, here = np.flatnonzero(own), present[own]
     explained = float(pull[here] @ inverse(left[np.ix_(here, here)]) @ pull[here])
     paid, found = prices[own], list[tuple[float, IntArray]]()
     for members, worth in _of_every_size(left, pull, min(int(here.sum()), LARGEST if len(here) <= MANY else 2)):
-        lost = np.maximum(explained * (1.0 - LOST) - worth, 0.0) / scale
+        lost = (explained * (1.0 - LOST) - worth) / scale
         earned = paid[here].sum() - paid[members].sum(axis=1) - lost
         best = int(np.argmax(earned))
         found.append((float(earned[best]), numbers[members[best]]))

@@ -30,6 +30,7 @@ SUSPECTED = {
 }
 RESIDUAL = ("residual", "periodic", "recurring")  # reasons that no terms of the model give
 JOINT = ("pair", "sine")  # reasons that are of no variable, and of too many functions to name
+ALIKE = 0.01  # of a sum: by less recordings do not differ in it
 MANY = 3  # powers of one variable that are rarely a law
 FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
 
@@ -150,7 +151,8 @@ def _evidence(step: PathScore) -> str:
 
 
 def _of_constants(sums: Sequence[Conserved]) -> Iterator[str]:
-    """Yield a sentence a sum that stays constant in the data."""
+    """Yield a sentence a sum that stays constant in the data, and what that leaves open."""
+    alike = list[str]()
     for found in sums:
         if not found.values:
             continue
@@ -159,6 +161,15 @@ def _of_constants(sums: Sequence[Conserved]) -> Iterator[str]:
         many = f"recordings 1 to {len(found.values)}" if len(found.values) > 1 else "recording 1"
         reason = ", as these reactions have it" if found.by_model else ""
         yield f"{found.sum} stays constant at {', '.join(told)}{more} in {many}{reason}"
+        known = [value for value in found.values if value is not None]
+        if not found.by_model and max(known) - min(known) <= ALIKE * max(map(abs, known)):
+            alike.append(found.sum)
+    if alike:
+        has = "has" if len(alike) == 1 else "have"
+        yield (
+            f"while {listed(alike)} {has} one value, several laws say the same, of which the shortest is given: a"
+            " recording with another value tells them apart"
+        )
 
 
 def _some(items: Sequence[str]) -> list[str]:

@@ -134,8 +134,7 @@ def warnings_of(scores: ModelScores | None, doubts: Doubts | None) -> tuple[str,
 def _left_out(dependent: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
     said = list(
         dict.fromkeys(
-            f"left out of the library: {term}, on these data a combination of {', '.join(others)}"
-            for term, others in dependent
+            f"these data cannot tell {term} from a combination of {', '.join(others)}" for term, others in dependent
         )
     )
     yield from said[:TOLD]

@@ -78,7 +78,7 @@ def relations_form(
     """
     best = tried[0]
     products = [
-        tuple(dict.fromkeys(p.substituted.product(t) for p in tried for t in p.problems[r].terms))
+        tuple(dict.fromkeys(p.substituted.product(t) for p in tried for t in p.problems[r].with_dependent))
         for r in range(len(best.problems))
     ]
     candidates = candidates_of(products, [p.target for p in best.problems])

@@ -91,6 +91,11 @@ class Problem:
         return self.library.terms
 
     @property
+    def with_dependent(self) -> tuple[Product, ...]:
+        """The candidates, and combinations of others without the target: with these fewer terms may say the same."""
+        return (*self.terms, *(product for product, _ in self.dependent if product.factor is None))
+
+    @property
     def row_map(self) -> RowMap:
         """The map from samples to rows."""
         return self.library.row_map
