@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
-import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
@@ -22,7 +21,8 @@ from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.families import promising
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import thinned, without_held_out
-from odescope.likelihood.holds import TRIAL_STEPS, choose_holds, holds_of
+from odescope.likelihood.holds import holds_of
+from odescope.likelihood.input_searches import Between
 from odescope.likelihood.negligible import without_negligible
 from odescope.likelihood.path import ModelPath, telling
 from odescope.likelihood.process_noise import (
@@ -36,20 +36,18 @@ from odescope.likelihood.program import Frame
 from odescope.likelihood.search import CHANCE, WHITE, LikelihoodSearch, Outcome, fitted_again, in_whole
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.searches import FOLLOWED, JOINED_SHARE, joined, searches
-from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
+from odescope.likelihood.segments import SEGMENT, Segments
 from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
 from odescope.likelihood.settled_noise import with_noise_settled
-from odescope.likelihood.steps import with_fine_steps, with_narrow_friction
+from odescope.likelihood.steps import with_narrow_friction
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
-from odescope.recordings.coordinate import Hold
 from odescope.recordings.record import Records
 from odescope.signals.differentiators import Differentiator
 from odescope.signals.estimate import Signals
 
 THREADS = Threads()
 
-HOLDINGS = 2  # searches anew, at most, under other holds of inputs
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
 WELL = 0.1  # error of free runs, in standard deviations, of a model that leaves another little to find
 
@@ -62,8 +60,9 @@ class Refinement:
     the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and `space`
     are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence` what the record says of
     every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget ended a search, `late`
-    if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`. `scale` is the residual
-    variance over the noise variance: more than that of the search where fewer terms were asked for than it found.
+    if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`, `steps`
+    the number of steps that come between samples, by input. `scale` is the residual variance over the noise variance:
+    more than that of the search where fewer terms were asked for than it found.
     """
 
     relations: tuple[Relation, ...]
@@ -83,6 +82,7 @@ class Refinement:
     late: bool
     spent: float
     hold_gains: Mapping[str, float]
+    steps: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def follows(self) -> bool:
@@ -145,31 +145,31 @@ def refine(
     """
     everything, constants = with_settings(mechanisms, signals, late, declared)
     frame = _frame(signals, everything, constants, declared)
-    cut = partial(_cut, records, signals, differentiator)
     whole = partial(Start.among, mechanisms=everything, frame=frame)
     begun, bare = [whole(s) for s in starts.first], None if starts.plain is None else whole(starts.plain)
     budget = Budget(options.budget, monitor, deadline)
-    segments = cut([i.hold for i in signals.inputs], SEGMENT)
-    space = SearchSpace(Evaluator(segments, 1, budget), everything, frame)
-    begun = promising(space.on(thinned(segments)), begun) if declared else begun
-    open_ = {i.name: i.hold for i in signals.inputs if i.name in held}
-    space = _first_held(cut, space, begun, open_)
+    known = Between.of(records, signals, differentiator, held)
+    space = SearchSpace(Evaluator(known.cut([i.hold for i in signals.inputs], SEGMENT), 1, budget), everything, frame)
+    begun = promising(space.on(thinned(space.segments)), begun) if declared else begun
+    known, space = known.first(space, begun)
     seen = space.on(thinned(space.segments))
     outcomes = searches(seen, begun, bare, monitor, workers)
-    seen, outcomes, gains = _held(cut, seen, begun, outcomes, open_, monitor, workers)
+    between, seen, outcomes, gains = known.searched(seen, begun, outcomes, monitor, workers)
     if starts.rival is not None:
         outcomes += searches(seen, [whole(starts.rival)], None, monitor, workers)
     more = None if any(o.clear or o.loose for o in outcomes) else starts.further(_constants(seen, outcomes))
     if more is not None:
         begun = [whole(more), *begun]
         outcomes += searches(seen, begun[:1], None, monitor, workers)
-        seen, outcomes, gains = _held(cut, seen, begun, outcomes, open_, monitor, workers)
-    budget.spent += sum(o.spent for o in outcomes)
-    space, best = with_noise_settled(*_best(cut, space, seen, outcomes), begun, workers)
+        between, seen, outcomes, gains = between.searched(seen, begun, outcomes, monitor, workers)
+    if between is not known or holds_of(seen) != holds_of(space):
+        space = seen.on(between.cut(holds_of(seen), SEGMENT))
+    space, best = with_noise_settled(*_best(space, seen, outcomes), begun, workers)
     if best is None:
         return None
-    near, there = [theta for o in outcomes for theta in o.loose], partial(cut, holds_of(space))
-    return _judged(there, space, begun, near, best, len(outcomes), gains, options.terms, workers)
+    near, there = [theta for o in outcomes for theta in o.loose], partial(between.cut, holds_of(space))
+    found = _judged(there, space, begun, near, best, len(outcomes), gains, options.terms, workers)
+    return replace(found, steps=between.placed)
 
 
 def _frame(
@@ -188,27 +188,14 @@ def _constants(space: SearchSpace, outcomes: Sequence[Outcome]) -> dict[str, flo
     return {name: space.frame.constants[name].at(float(theta[k])) for name, k in space.needed.items()}
 
 
-def _best(
-    cut: Callable[[Sequence[Hold], int], Segments],
-    space: SearchSpace,
-    seen: SearchSpace,
-    outcomes: Sequence[Outcome],
-) -> tuple[SearchSpace, Outcome | None]:
+def _best(space: SearchSpace, seen: SearchSpace, outcomes: Sequence[Outcome]) -> tuple[SearchSpace, Outcome | None]:
     """Return the best end of searches in what was seen of a record, as it is in the whole of it, and that space."""
-    space = space if holds_of(seen) == holds_of(space) else seen.on(cut(holds_of(seen), SEGMENT))
+    space.budget.spent += sum(o.spent for o in outcomes)
     best = min(outcomes, key=lambda o: o.rank, default=None)
     if best is None:
         return space, None
     space = space.with_constants(best.constants)
     return space, in_whole(space, best) if len(seen.segments.start) < len(space.segments.start) else best
-
-
-def _cut(
-    records: Records, signals: Signals, differentiator: Differentiator, holds: Sequence[Hold], length: int
-) -> Segments:
-    """Return the segments of records under these holds of the inputs."""
-    inputs = (msgspec.structs.replace(i, hold=hold) for i, hold in zip(signals.inputs, holds, strict=True))
-    return cut_segments(records, replace(signals, inputs=tuple(inputs)), differentiator, length)
 
 
 def _judged(
@@ -265,57 +252,6 @@ def _judged(
 def _leaves_noise(space: SearchSpace, outcome: Outcome) -> bool:
     """Say whether what a model leaves of the record that it follows is no more than white noise and chance."""
     return joined(outcome) and outcome.scale <= WHITE + CHANCE * float(np.sqrt(2.0 / space.segments.samples))
-
-
-def _first_held(
-    cut: Callable[[Sequence[Hold], int], Segments],
-    space: SearchSpace,
-    begun: Sequence[FloatArray],
-    open_: Mapping[str, Hold],
-) -> SearchSpace:
-    """Return the space with fine steps, under the holds that suit the start that fits best in loose segments."""
-    space = with_fine_steps(space, begun)
-    loose = np.full_like(space.segments.spread, np.inf)
-    fits = [
-        space.fit(theta, np.flatnonzero(theta), space.segments.initial, loose, iterations=TRIAL_STEPS)
-        for theta in (begun if open_ else ())
-    ]
-    best = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
-    if best is None:
-        return space
-    holds = choose_holds(space, best, open_).holds
-    return space if holds == holds_of(space) else with_fine_steps(space.on(cut(holds, SEGMENT)), begun)
-
-
-def _held(
-    cut: Callable[[Sequence[Hold], int], Segments],
-    space: SearchSpace,
-    begun: Sequence[FloatArray],
-    outcomes: Sequence[Outcome],
-    open_: Mapping[str, Hold],
-    monitor: Monitor,
-    workers: Workers,
-) -> tuple[SearchSpace, list[Outcome], dict[str, float]]:
-    """Return the space under the holds of inputs that suit the record best, the ends of searches there, and the gains.
-
-    A wrong hold looks like noise of the process, and asks for terms that stand for it: the search begins anew.
-    """
-    outcomes, gains = list(outcomes), dict[str, float]()
-    for _ in range(HOLDINGS if open_ else 0):
-        best = min(outcomes, key=lambda o: o.rank, default=None)
-        if best is None:
-            break
-        choice = choose_holds(space.with_constants(best.constants), best.fit, open_)
-        if choice.holds == holds_of(space):
-            return space, outcomes, {name: min(gain, gains.get(name, gain)) for name, gain in choice.gains.items()}
-        starts = [choice.fit.theta, *begun]
-        other = with_fine_steps(space.on(thinned(cut(choice.holds, SEGMENT))), starts)
-        ends = searches(other, starts, None, monitor, workers)
-        if not ends:
-            break
-        space.budget.spent += sum(o.spent for o in outcomes)
-        space, outcomes, gains = other, ends, choice.gains
-    return space, outcomes, gains
 
 
 def _with_process_noise(

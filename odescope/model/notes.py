@@ -175,7 +175,8 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
             yield f"{name} acts {found.delay:.4g} s after it was recorded{error}"
     for name, between in scores.holds.items():
         acts = "held" if between.hold == "zero" else between.hold
-        yield f"{name} is {acts} between samples{_over_linear(between.gain)}"
+        steps = f", {between.steps} of its steps come before the sample that shows them" if between.steps else ""
+        yield f"{name} is {acts} between samples{_over_linear(between.gain)}{steps}"
     for name, count in scores.outliers.items():
         if count and name in scores.gated:
             yield gated_sentence(name, scores.gated[name])

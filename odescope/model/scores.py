@@ -159,11 +159,13 @@ class DelayScore(msgspec.Struct, frozen=True):
 class HoldScore(msgspec.Struct, frozen=True):
     """What an input was found to do between samples, and what that gains in log-likelihood over linear.
 
-    The gain is null where an input with few cells was held and one of the two models does not follow the record.
+    The gain is null where an input with few cells was held and one of the two models does not follow the record, and
+    where `steps` of a held input were found to come between samples.
     """
 
     hold: Hold
     gain: Number
+    steps: int = 0
 
 
 class GatedRange(msgspec.Struct, frozen=True):

@@ -12,6 +12,8 @@ FINER = 4  # nodes a sample of a band-limited input that is laid out
 IN_STEP = 20  # jumps, at least, that say that a command changes at every so many rows alone
 ALONE = 0.9  # of the jumps: so many stand between samples that do not change
 JUMP = 0.1  # standard deviations of the input: smaller jumps may be steps of a converter
+CLEAR = 10.0  # times what it usually changes from one sample to the next: what else steps
+RARE = 8  # samples a step, at least: what steps more often may be any signal
 
 
 def shifted(samples: FloatArray, late: float) -> FloatArray:
@@ -108,3 +110,17 @@ def _in_step(jumps: IntArray) -> bool:
         return False
     every = int(np.bincount(np.diff(jumps)).argmax())
     return every > 1 and int(np.bincount(jumps % every).max()) > ALONE * len(jumps)
+
+
+def steps_of(samples: FloatArray) -> IntArray:
+    """Return the samples (S,) after which an input (N,) steps: large changes, rare and alone, of what hardly moves.
+
+    None of an input that is no such signal.
+    """
+    changes = np.abs(np.diff(samples))
+    large = (changes > JUMP * float(samples.std())) & (changes > CLEAR * float(np.median(changes)))
+    beside = np.zeros_like(large)
+    beside[1:] |= large[:-1]
+    beside[:-1] |= large[1:]
+    steps = np.flatnonzero(large & ~beside)
+    return steps if RARE * np.count_nonzero(large) <= len(samples) else steps[:0]

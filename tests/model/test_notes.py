@@ -98,6 +98,11 @@ def test_a_hold_is_told_with_what_speaks_for_it(gain, line):
     assert said(ModelScores(holds={"u": HoldScore("zero", gain)})) == (line,)
 
 
+def test_steps_between_samples_are_counted():
+    (line,) = said(ModelScores(holds={"u": HoldScore("zero", None, 7)}))
+    assert line == "u is held between samples, 7 of its steps come before the sample that shows them"
+
+
 def test_samples_that_do_not_count_are_told_with_reason_and_time():
     saturated = GatedScore("saturated", 20, (GatedRange(1, 1.25, 1.5, 12), GatedRange(1, 3.0, 3.25, 8)), 0)
     (line,) = said(ModelScores(outliers={"x": 20}, gated={"x": (saturated,)}))

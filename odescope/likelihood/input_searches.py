@@ -1,0 +1,220 @@
+"""Searches under what suits the record best of what inputs may do between samples: their holds, and when they step.
+
+docs/method.md, Inputs between samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import msgspec
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.events import Monitor
+from odescope.likelihood.fit import Fit
+from odescope.likelihood.held_out import thinned
+from odescope.likelihood.holds import TRIAL_STEPS, choose_holds, holds_of
+from odescope.likelihood.search import THIN, Outcome
+from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.searches import searches
+from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
+from odescope.likelihood.step_times import StepTimes
+from odescope.likelihood.steps import with_fine_steps
+from odescope.parallel.workers import Workers
+from odescope.recordings.coordinate import Hold
+from odescope.recordings.record import Records
+from odescope.signals.differentiators import Differentiator
+from odescope.signals.estimate import Signals
+
+ANEW = 3  # searches, at most, under other holds of inputs, and with other times of their steps
+
+
+@dataclass(frozen=True, eq=False)
+class Between:
+    """What is known, and what is open, of what the inputs of a record do between its samples.
+
+    `open` are the inputs whose holds are open, with the hold that the log itself shows; `steps` those of inputs that
+    may come between samples, None where there are none; they do where the inputs are `retimed`.
+    """
+
+    records: Records
+    signals: Signals
+    differentiator: Differentiator
+    open: Mapping[str, Hold]
+    steps: StepTimes | None
+
+    @staticmethod
+    def of(records: Records, signals: Signals, differentiator: Differentiator, held: Collection[str]) -> Between:
+        """Return what is known before any search.
+
+        Args:
+            records: uniformly sampled, at one period.
+            signals: found in them.
+            differentiator: that they were found with.
+            held: names of the inputs whose holds are open.
+        """
+        open_ = {i.name: i.hold for i in signals.inputs if i.name in held}
+        return Between(records, signals, differentiator, open_, StepTimes.of(records, signals.inputs, held))
+
+    @property
+    def names(self) -> list[str]:
+        """Those of the inputs."""
+        return [i.name for i in self.signals.inputs]
+
+    @property
+    def placed(self) -> dict[str, int]:
+        """How many steps come between samples, by input."""
+        return {} if self.steps is None else self.steps.placed(self.names)
+
+    def cut(self, holds: Sequence[Hold], length: int) -> Segments:
+        """Return the segments of about so many averages, under these holds of the inputs."""
+        known = self.records if self.steps is None else self.steps.retimed(self.records, self.names)
+        return self._cut(known, holds, length)
+
+    def _cut(self, records: Records, holds: Sequence[Hold], length: int) -> Segments:
+        inputs = (msgspec.structs.replace(i, hold=hold) for i, hold in zip(self.signals.inputs, holds, strict=True))
+        return cut_segments(records, replace(self.signals, inputs=tuple(inputs)), self.differentiator, length)
+
+    def first(self, space: SearchSpace, begun: Sequence[FloatArray]) -> tuple[Between, SearchSpace]:
+        """Return this and a space with fine steps as suits the start that fits best in loose segments.
+
+        Args:
+            space: under the first holds.
+            begun: (mechanisms,) coefficients of each start.
+        """
+        space = with_fine_steps(space, begun)
+        loose, wanted = np.full_like(space.segments.spread, np.inf), self.open or self.steps is not None
+        fits = [
+            space.fit(theta, np.flatnonzero(theta), space.segments.initial, loose, iterations=TRIAL_STEPS)
+            for theta in (begun if wanted else ())
+        ]
+        able = [f for f in fits if f is not None]
+        if not able:
+            return self, space
+        best = min(able, key=lambda f: f.cost)
+        holds = choose_holds(space, best, self.open).holds if self.open else holds_of(space)
+        scale = max(best.cost / space.segments.samples, 1.0)  # many terms take the effect of a step for their own
+        stepping = self.stepping(space, min(able, key=lambda f: f.cost / scale + space.price(f)), holds)
+        if stepping is None and holds == holds_of(space):
+            return self, space
+        between, holds = (self, holds) if stepping is None else stepping[:2]
+        return between, with_fine_steps(space.on(between.cut(holds, SEGMENT)), begun)
+
+    def stepping(
+        self, space: SearchSpace, found: Fit, holds: Sequence[Hold]
+    ) -> tuple[Between, tuple[Hold, ...], Fit] | None:
+        """Return this and the holds with inputs that step when it suits a model, and that without delays.
+
+        None where the record has no need of other times.
+
+        Args:
+            space: of the model.
+            found: the model.
+            holds: what every input does between samples by now.
+        """
+        period = space.segments.step / space.segments.block
+        if self.steps is None or any(abs(found.theta[k]) > period for k in _delays(space, found)):
+            return None  # what comes late by more than a sample is another matter
+        moving = dict(zip(self.names, self.steps.stepping.tolist(), strict=True))
+        held: tuple[Hold, ...] = tuple("zero" if moving[n] else h for n, h in zip(self.names, holds, strict=True))
+        found = _at_once(found, space)
+        steps = self.steps.settled(partial(self._cut, self.records), space, found, holds)
+        if steps is None:
+            return None
+        still = {name: hold for name, hold in self.open.items() if not moving[name]}
+        return replace(self, open=still, steps=steps), held, found
+
+    def searched(
+        self,
+        space: SearchSpace,
+        begun: Sequence[FloatArray],
+        outcomes: Sequence[Outcome],
+        monitor: Monitor,
+        workers: Workers,
+    ) -> tuple[Between, SearchSpace, list[Outcome], dict[str, float]]:
+        """Return this, the space and the ends of searches as suits the record best, and the gains of holds.
+
+        A wrong hold, or a step at the wrong time, looks like noise of the process, and asks for terms that stand for
+        it: the search begins anew.
+
+        Args:
+            space: that was searched.
+            begun: (mechanisms,) coefficients of each start.
+            outcomes: the ends of the searches so far.
+            monitor: told what goes on, and asked whether to stop.
+            workers: where it is searched.
+        """
+        between, outcomes, gains = self, list(outcomes), dict[str, float]()
+        for _ in range(ANEW if self.open or self.steps is not None else 0):
+            best = min(outcomes, key=lambda o: o.rank, default=None)
+            if best is None:
+                break
+            choice = choose_holds(space.with_constants(best.constants), best.fit, between.open)
+            lean = None if self.steps is None else _without_thin(choice.space, choice.fit, best)
+            stepping = between.stepping(choice.space, lean or choice.fit, choice.holds)
+            if stepping is None and choice.holds == holds_of(space):
+                gains = {name: min(gain, gains.get(name, gain)) for name, gain in choice.gains.items()}
+                break
+            other, holds, found = (between, choice.holds, choice.fit) if stepping is None else stepping
+            anew, ends = other.anew(space, holds, [found.theta, *begun], monitor, workers)
+            if not ends or (between.placed and min(o.rank for o in ends) >= best.rank):
+                break
+            space.budget.spent += sum(o.spent for o in outcomes)
+            between, space, outcomes, gains = other, anew, ends, choice.gains
+        return between, space, outcomes, gains
+
+    def anew(
+        self,
+        space: SearchSpace,
+        holds: Sequence[Hold],
+        starts: Sequence[FloatArray],
+        monitor: Monitor,
+        workers: Workers,
+    ) -> tuple[SearchSpace, list[Outcome]]:
+        """Return the space under these holds, with steps when they come by now, and the ends of searches in it.
+
+        Args:
+            space: that was searched before.
+            holds: of the inputs.
+            starts: (mechanisms,) coefficients of each start.
+            monitor: told what goes on, and asked whether to stop.
+            workers: where it is searched.
+        """
+        there = with_fine_steps(space.on(thinned(self.cut(holds, SEGMENT))), starts)
+        return there, searches(there, starts, None, monitor, workers)
+
+
+def _at_once(found: Fit, space: SearchSpace) -> Fit:
+    """Return a model without delays, which steps that come early or late ask for."""
+    delays = _delays(space, found)
+    theta = found.theta.copy()
+    theta[delays] = 0.0
+    return replace(found, theta=theta, present=np.setdiff1d(found.present, delays))
+
+
+def _delays(space: SearchSpace, found: Fit) -> list[int]:
+    """Return the numbers of the delays that a model has."""
+    return [k for k in found.present.tolist() if space.mechanisms[k].kind == "delay"]
+
+
+def _without_thin(space: SearchSpace, found: Fit, best: Outcome) -> Fit | None:
+    """Return a model without terms whose case is thin, fitted; None where there are none.
+
+    Steps may have come to be when such a term has them.
+
+    Args:
+        space: of the model.
+        found: the model.
+        best: the end of the search that found it.
+    """
+    wald = found.wald / max(best.scale, 1.0)
+    thin = [k for k, w in zip(found.free.tolist(), wald.tolist(), strict=True) if w < THIN * space.penalty[k]]
+    thin = [k for k in thin if space.mechanisms[k].parts]
+    if not thin:
+        return None
+    theta = found.theta.copy()
+    theta[thin] = 0.0
+    return space.fit(theta, np.setdiff1d(found.present, thin), found.x0, space.segments.spread * best.width)

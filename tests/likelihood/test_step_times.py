@@ -1,0 +1,120 @@
+"""Inputs that step between two samples: where they step, when, and the law of a circuit that is driven so."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from odescope.likelihood.step_times import StepTimes
+from odescope.pipeline.identification import identify
+from odescope.recordings.between_samples import steps_of
+from odescope.recordings.coordinate import Input
+from odescope.recordings.record import Record, Records
+from odescope.study.options import Data, Driven, Measured, Study
+
+COUNT, PERIOD, HELD = 600, 0.04, 37.3  # the last in samples
+
+
+def staircase(rng, count=COUNT):
+    """Return steps at times that are no whole numbers of samples, and the levels between them."""
+    times = np.cumsum(HELD * rng.uniform(0.7, 1.3, int(count / HELD / 0.7)))
+    return times[times < count - 1.0], rng.uniform(0.2, 0.6, len(times) + 1)
+
+
+def at(times, levels, sample):
+    """Return the level at a time in samples."""
+    return levels[np.searchsorted(times, sample, side="right")]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+def test_steps_are_seen_also_in_a_noisy_input(noise):
+    rng = np.random.default_rng(0)
+    times, levels = staircase(rng)
+    u = at(times, levels, np.arange(COUNT)) + noise * rng.standard_normal(COUNT)
+    large = np.abs(np.diff(levels[: len(times) + 1])) > 0.1
+    assert set(np.floor(times[large]).astype(int)) <= set(steps_of(u).tolist()) <= set(np.floor(times).astype(int))
+
+
+@pytest.mark.parametrize(
+    "u",
+    [
+        np.sin(0.05 * np.arange(COUNT)),
+        np.random.default_rng(0).standard_normal(COUNT),
+        np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], COUNT // 3), 3),
+        np.zeros(COUNT),
+        np.floor(np.arange(COUNT) / 2.0) % 7,
+    ],
+    ids=["smooth", "noise", "often", "constant", "ramps"],
+)
+def test_what_is_no_staircase_has_no_steps(u):
+    assert steps_of(u).tolist() == []
+
+
+def test_retimed_inputs_have_the_right_means_between_samples():
+    rng = np.random.default_rng(1)
+    times, levels = staircase(rng)
+    t = np.arange(COUNT)
+    records = Records((Record(PERIOD * t, np.column_stack([np.zeros(COUNT), at(times, levels, t)]), ("x", "u")),))
+    steps = StepTimes.of(records, [Input("w"), Input("u")], ["u"])
+    assert steps is not None
+    assert steps.inputs.sum(axis=0).tolist() == [0, len(steps.sample)]
+    early = 1.0 + steps.sample - times[np.searchsorted(times, steps.sample)]
+    placed = StepTimes(steps.record, steps.sample, steps.inputs, early)
+    fine = np.arange(COUNT * 1000) / 1000.0
+    means = at(times, levels, fine).reshape(COUNT, 1000).mean(axis=1)
+    (run,) = placed.retimed(records, ["w", "u"])
+    apart = np.isin(np.arange(COUNT), np.floor(times).astype(int)) & ~np.isin(np.arange(COUNT), steps.sample)
+    np.testing.assert_allclose(run.column("u")[~apart], means[~apart], atol=1e-3)
+    assert placed.placed(["w", "u"]) == {"u": len(steps.sample)}
+
+
+def boost(seed, whole):
+    """Return two recordings of a boost converter whose duty cycle steps anywhere, or at samples alone, and when."""
+    rng, t = np.random.default_rng(seed), PERIOD * np.arange(COUNT)
+    logs, when = [], []
+    for _ in range(2):
+        times, levels = staircase(rng)
+        times = np.round(times) if whole else times
+        edges = PERIOD * np.array([0.0, *times, COUNT])
+        x, runs = np.array([1.0, 8.0]), []
+        for begin, end, d in zip(edges[:-1], edges[1:], levels, strict=False):
+            inside = t[(t >= begin) & (t < end)]
+
+            def slope(_, x, d=d):
+                return [(6.0 - (1.0 - d) * x[1]) / 2.0, ((1.0 - d) * x[0] - x[1] / 5.0) / 0.5]
+
+            run = solve_ivp(slope, (begin, end), x, t_eval=[*inside, end], rtol=1e-9, atol=1e-11).y
+            runs.append(run[:, :-1])
+            x = run[:, -1]
+        both = np.concatenate(runs, axis=1)
+        both += 0.01 * both.std(axis=1)[:, None] * rng.standard_normal(both.shape)
+        logs.append({"t": t, "i": both[0], "v": both[1], "d": at(times, levels, np.arange(COUNT))})
+        when.append(times)
+    return logs, when
+
+
+STUDY = Study(data=Data(time="t"), coordinates={"i": Measured(order=1), "v": Measured(order=1)}, inputs={"d": Driven()})
+LAW = [{"1", "v", "v*d"}, {"i", "v", "i*d"}]
+
+
+def exact(result):
+    """Say whether each relation has the terms of the law and no others."""
+    names = zip(result.model.relations, ("i_dot", "v_dot"), strict=True)
+    found = [{"*".join(sorted(t.text.split("*"))) for t in r.terms} - {n} for r, n in names]
+    return found == [{"*".join(sorted(t.split("*"))) for t in terms} for terms in LAW]
+
+
+@pytest.mark.parametrize("seeds", [1, pytest.param(6, marks=pytest.mark.slow)])
+def test_the_law_is_found_where_an_input_steps_between_samples(seeds):
+    right = 0
+    for seed in range(seeds):
+        result = identify(STUDY, boost(seed, whole=False)[0])
+        right += exact(result)
+        assert result.model.scores.holds["d"].steps > 0
+        assert any("of its steps come before the sample that shows them" in note for note in result.notes)
+    assert right >= 0.8 * seeds
+
+
+def test_steps_at_samples_stay_there():
+    result = identify(STUDY, boost(0, whole=True)[0])
+    assert exact(result)
+    assert "d" not in result.model.scores.holds or result.model.scores.holds["d"].steps == 0
