@@ -160,7 +160,7 @@ class Between:
                 break
             other, holds, found = (between, choice.holds, choice.fit) if stepping is None else stepping
             anew, ends = other.anew(space, holds, [found.theta, *begun], monitor, workers)
-            if not ends or (between.placed and min(o.rank for o in ends) >= best.rank):
+            if not ends or (stepping is not None and min(o.rank for o in ends) >= best.rank):
                 break
             space.budget.spent += sum(o.spent for o in outcomes)
             between, space, outcomes, gains = other, anew, ends, choice.gains
