@@ -92,6 +92,7 @@ class StepTimes:
             runs.append(replace(run, values=values))
         return Records(tuple(runs))
 
+    @np.errstate(over="ignore", invalid="ignore")  # of windows that ran away
     def settled(self, cut: Cut, space: SearchSpace, found: Fit, holds: Sequence[Hold]) -> StepTimes | None:
         """Return the steps when they come by a model, None where the record does not ask for other times than these.
 
@@ -118,18 +119,16 @@ class StepTimes:
         nodes.append(segments.held(lines).inputs)
         first, half, last, now, linear = (_costs(space, found, replace(windows, inputs=u)) for u in nodes)
         bend, slope = 2.0 * (first - 2.0 * half + last), 4.0 * half - 3.0 * first - last
-        fine = np.isfinite(bend) & np.isfinite(now) & np.isfinite(linear)
-        inside = np.where(fine & (bend > 0.0), np.clip(-slope / (2.0 * np.where(bend > 0.0, bend, 1.0)), 0.0, 1.0), 0.0)
-        early = np.where(fine & (bend <= 0.0), np.where(last < first, 1.0, 0.0), inside)
-        early = (ANYWHERE * 0.5 + np.maximum(bend, 0.0) * early) / (ANYWHERE + np.maximum(bend, 0.0))
+        fine, known = np.isfinite(bend + now + linear), np.maximum(bend, 0.0)
+        least = np.where(bend > 0.0, np.clip(-0.5 * slope / np.where(bend > 0.0, bend, 1.0), 0.0, 1.0), last < first)
+        early = (ANYWHERE * 0.5 + known * least) / (ANYWHERE + known)
         left = first + early * (slope + early * bend)
         scale = max(float(left[fine].sum()) / max(int(windows.counted.sum()) - found.x0.shape[1] * len(at), 1), 1.0)
-        known = bool(self.early.any())
-        worth = (now if known or now[fine].sum() < linear[fine].sum() else linear)[fine] - left[fine]
-        worth /= scale
-        if not known:  # and what few of them say may be by chance
-            worth -= np.log1p(np.maximum(bend[fine], 0.0) / (2.0 * np.pi * scale))
-            worth = np.sort(worth)[: -1 - len(worth) // 10]
+        placed = bool(self.early.any())
+        before = now if placed or now[fine].sum() < linear[fine].sum() else linear
+        worth = (before - left)[fine] / scale
+        if not placed:  # and what few of them say may be by chance
+            worth = np.sort(worth - np.log1p(known[fine] / (2.0 * np.pi * scale)))[: -1 - len(worth) // 10]
         if worth.sum() < DEAREST:
             return None
         times = self.early.copy()
@@ -148,6 +147,7 @@ class StepTimes:
         return able, at[able], replace(segments, start=start, count=count, joined=np.zeros(len(start), np.bool_))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of windows that ran away
 def _costs(space: SearchSpace, found: Fit, windows: Segments) -> FloatArray:
     """Return the cost of every window (S,) at the state that is best for it, as far as a few steps of Newton reach."""
     there, program, theta = space.on(windows).evaluator, space.program(found.present), found.theta[found.present]
