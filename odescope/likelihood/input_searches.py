@@ -37,7 +37,7 @@ class Between:
     """What is known, and what is open, of what the inputs of a record do between its samples.
 
     `open` are the inputs whose holds are open, with the hold that the log itself shows; `steps` those of inputs that
-    may come between samples, None where there are none; they do where the inputs are `retimed`.
+    may come between samples, with what is known of when, None where there are none.
     """
 
     records: Records
