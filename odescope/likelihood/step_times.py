@@ -82,6 +82,8 @@ class StepTimes:
             records: that the steps were found in.
             names: of all inputs.
         """
+        if not self.early.any():
+            return records
         runs = []
         for r, run in enumerate(records):
             values = run.values.copy()
