@@ -16,11 +16,13 @@ from odescope.likelihood.exchange import foreseen, refitted, rise
 from odescope.likelihood.expansion import Expansion
 from odescope.likelihood.families import best_on_grid
 from odescope.likelihood.fit import Fit
+from odescope.likelihood.linear_relations import by_least_squares
 from odescope.likelihood.search_space import Move, SearchSpace
 from odescope.likelihood.subsets import subsets
 
 LOOK_ALIKE = 40.0  # times its penalty: a mechanism that earns more is in its place
 DETOUR = 6  # additions and drops until a search without a mechanism has to be better than that with it
+SHOWN = 2  # steps of a fit begun anew after which it is better
 GAIN = 0.5  # fall of the penalised cost that makes it better: fits are no more accurate than this
 FAR_FROM_DONE = 100.0  # times as much a delay or an offset has to earn as a term, where a model lacks most
 HOPELESS = 10.0  # times the cost before: a detour that stands there is given up
@@ -94,6 +96,17 @@ class Moves:
         theta = here.theta.copy()
         theta[[*begin]] = [*begin.values()]
         return self.space.fit(theta, present, here.x0, self.defect_std, here.strength)
+
+    def begin_anew(self, here: Fit) -> Fit | None:
+        """Fit from the coefficients that the linear relations have at the smoothed states, where that is better.
+
+        Where it is, a step or two show it.
+        """
+        theta = by_least_squares(self.space, here)
+        trial = self.space.fit(theta, here.present, self.space.segments.initial, self.defect_std, iterations=SHOWN)
+        if trial is None or self.penalised(trial) >= self.penalised(here) - GAIN:
+            return None
+        return self.space.again(trial, trial.x0, self.defect_std)
 
     def divide(self, here: Fit) -> Fit | None:
         """Divide a relation by a function, or multiply it, where that makes it simpler and is no worse."""

@@ -60,6 +60,7 @@ class Fit:
         return variances
 
     @property
+    @np.errstate(over="ignore")  # of coefficients that ran away
     def wald(self) -> FloatArray:
         """Wald statistics of the parameters, (p,)."""
         wald: FloatArray = self.theta[self.free] ** 2 / np.maximum(self.variances, 1e-300)

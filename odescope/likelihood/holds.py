@@ -49,27 +49,29 @@ def holds_of(space: SearchSpace) -> tuple[Hold, ...]:
     return () if space.segments.driven is None else space.segments.driven.holds
 
 
-def choose_holds(space: SearchSpace, found: Fit, open_: Mapping[str, Hold]) -> HoldChoice:
+def choose_holds(space: SearchSpace, found: Fit, open_: Mapping[str, Hold], width: float = float("inf")) -> HoldChoice:
     """Return the holds under which the structure that was found fits best, each input's in turn.
 
     All are judged on the same averages, in segments of their own: joined ones cannot be followed from one hold to
     another in a few steps. An input that is held looks late to one that runs linearly, by half a sample: where the
-    delay is open, another hold has to be better than a delay, too. One that was chosen before that delay was found has
+    delay is open, another hold has to be better than a delay, too. With such a delay joined segments can be followed to
+    another hold, and tell more: it has to be better there as well. One that was chosen before that delay was found has
     to be better again: what the log shows needs no evidence, whatever else does.
 
     Args:
         space: whose segments know the samples of their inputs.
         found: a model under the holds of the space.
         open_: the inputs whose holds are open, by name, and the hold that the log itself shows.
+        width: of the defects of that model.
     """
     choice = HoldChoice(space, found, {})
     for j, name in enumerate(space.frame.inputs):
         if name in open_:
-            choice = _chosen(choice, j, name, open_[name])
+            choice = _chosen(choice, j, name, open_[name], width)
     return choice
 
 
-def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold) -> HoldChoice:
+def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold, width: float) -> HoldChoice:
     """Return the choice with the best hold of input j, called so, of which the log shows that hold."""
     space, found = choice.space, choice.fit
     late = [k for k, m in enumerate(space.mechanisms) if m.kind == "delay" and m.place == name]
@@ -84,6 +86,8 @@ def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold) -> HoldChoice:
         best = max(trials, key=lambda h: _fall(trials[h], trials[now]))
     usual = seen if seen in trials else now
     if best != usual and not _credible(trials[best], trials[usual]):
+        best = usual
+    if best != usual and late and np.isfinite(width) and not _better_joined(space, found, j, later, best, usual, width):
         best = usual
     gains = dict(choice.gains)
     if best != "linear" and "linear" in trials:
@@ -103,15 +107,40 @@ def _trials(
     space: SearchSpace, found: Fit, j: int, structures: Sequence[Structure], known: dict[Hold, Trial]
 ) -> dict[Hold, Trial]:
     """Return the best fit of some structures, and of those known already, under every hold of input j."""
-    loose, holds, trials = np.full_like(space.segments.spread, np.inf), holds_of(space), dict(known)
+    trials = dict(known)
     for hold in get_args(Hold):
-        other = space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
-        for theta, present in structures:
-            begun = _as_late(space, j, theta, present, hold)
-            again = other.fit(begun, present, found.x0, loose, found.strength, TRIAL_STEPS)
-            if again is not None and (hold not in trials or _fall((other, again), trials[hold]) > 0.0):
-                trials[hold] = other, again
+        for structure in structures:
+            trial = _tried(space, found, j, structure, hold, np.inf)
+            if trial is not None and (hold not in trials or _fall(trial, trials[hold]) > 0.0):
+                trials[hold] = trial
     return trials
+
+
+def _tried(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: Hold, width: float) -> Trial | None:
+    """Return the fit of a structure under a hold of input j, with defects of this width; None where it is lost."""
+    holds, (theta, present) = holds_of(space), structure
+    other = space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
+    begun, defect_std = _as_late(space, j, theta, present, hold), space.segments.spread * width
+    again = other.fit(begun, present, found.x0, defect_std, found.strength, TRIAL_STEPS)
+    return None if again is None else (other, again)
+
+
+def _better_joined(
+    space: SearchSpace, found: Fit, j: int, late: Structure, best: Hold, usual: Hold, width: float
+) -> bool:
+    """Say whether one hold of input j is better than another in joined segments, too, or lost in them.
+
+    Args:
+        space: with the hold that it has now.
+        found: a model under that.
+        j: the number of the input.
+        late: structure with its delay, which takes the model to another hold where it stands.
+        best: the hold that is better in segments of their own.
+        usual: the other.
+        width: of the defects.
+    """
+    better, worse = (_tried(space, found, j, late, hold, width) for hold in (best, usual))
+    return better is None or worse is None or _fall(better, worse) > DEAREST
 
 
 def _as_late(space: SearchSpace, j: int, theta: FloatArray, present: IntArray, hold: Hold) -> FloatArray:

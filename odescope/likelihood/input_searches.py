@@ -152,7 +152,7 @@ class Between:
             best = min(outcomes, key=lambda o: o.rank, default=None)
             if best is None:
                 break
-            choice = choose_holds(space.with_constants(best.constants), best.fit, between.open)
+            choice = choose_holds(space.with_constants(best.constants), best.fit, between.open, best.width)
             lean = None if self.steps is None else _without_thin(choice.space, choice.fit, best)
             stepping = between.stepping(choice.space, lean or choice.fit, choice.holds)
             if stepping is None and choice.holds == holds_of(space):

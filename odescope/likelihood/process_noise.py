@@ -93,6 +93,7 @@ def white(found: Fit, evidence: Evidence) -> bool:
     return bool(ratios.size and np.median(ratios) < COLOURED)
 
 
+@np.errstate(over="ignore")  # of coefficients that ran away
 def robust_wald(space: SearchSpace, found: Fit) -> FloatArray | None:
     """Return the Wald statistics (p,) of `robust_evidence`, without looking at what is absent."""
     free = np.searchsorted(found.present, found.free)

@@ -157,7 +157,7 @@ def refine(
     between, seen, outcomes, gains = known.searched(seen, begun, outcomes, monitor, workers)
     if starts.rival is not None:
         outcomes += searches(seen, [whole(starts.rival)], None, monitor, workers)
-    more = None if any(o.clear or o.loose for o in outcomes) else starts.further(_constants(seen, outcomes))
+    more = starts.further(_constants(seen, outcomes)) if _worth_more(outcomes) else None
     if more is not None:
         begun = [whole(more), *begun]
         outcomes += searches(seen, begun[:1], None, monitor, workers)
@@ -178,6 +178,16 @@ def _frame(
     """Return what the relations are about, exponentials with declared constants about the middle of the signals."""
     centring = Centring.of(mechanisms, [c.name for c in declared], signals.names, signals.joined())
     return Frame.of(signals.coordinates, [i.name for i in signals.inputs], constants, centring)
+
+
+def _worth_more(outcomes: Sequence[Outcome]) -> bool:
+    """Say whether to search from one more start: all were lost, or one came to its end, and none is clear or near.
+
+    Where all of them spent their budgets another would do so, too.
+    """
+    if any(o.clear or o.loose for o in outcomes):
+        return False
+    return not outcomes or any(o.finished for o in outcomes)
 
 
 def _constants(space: SearchSpace, outcomes: Sequence[Outcome]) -> dict[str, float]:

@@ -349,7 +349,7 @@ def _settle(
         scale = max(_scale(space, here, width), 1.0)
         lost = round_ >= PATIENCE * space.relations and scale > HOPELESS
         moves = Moves(space, judge, width, scale, trail)
-        if lost or full(space, here) or space.budget.late:
+        if full(space, here) or space.budget.late or (lost and space.budget.over):
             return here
         if space.budget.over:
             leaner = moves.drop(here)
@@ -358,7 +358,11 @@ def _settle(
             here = leaner
             continue
         first, second = (moves.add, moves.drop) if scale > HOPELESS else (moves.drop, moves.add)
-        moved = None
+        far, moved = np.isinf(width) and scale > NEAR_NOISE, None
+        if far and (lost or round_ >= due):
+            moved = moves.begin_anew(here)
+        if moved is None and lost:
+            return here
         if round_ >= due and scale <= NEAR_NOISE:
             moved = moves.leap(here, judge.expansion(here)) or moves.substitute(here, judge.expansion)
         if moved is None and round_ >= due:

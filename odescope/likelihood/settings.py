@@ -60,7 +60,7 @@ class Starts:
     `plain` are relations that hold their targets bare, if there are any; they are begun from too where one of the
     others cannot be followed, and all candidates are then plain. `rival` are relations that promise more than the
     first: they are begun from whatever the others end in. `further` gives one more for the constants where the best
-    search ended, if it can, and is asked only where none of the others ends clear.
+    search ended, if it can, and is asked only where none of the others ends clear or all of them by their budgets.
     """
 
     first: Sequence[Start]

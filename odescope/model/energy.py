@@ -166,19 +166,20 @@ def _least_eigenvalues(energies: Energies, names: Sequence[str], columns: FloatA
 def _imbalance(energies: Energies, names: Sequence[str], columns: Sequence[FloatArray], h: float) -> float | None:
     """Return what is missing between the energy, what came in and what was dissipated, over what was turned over.
 
-    Root mean square over all recordings, each about its mean; what was turned over is the largest range of the three.
+    Root mean square over all recordings, each about its mean; what was turned over is the largest range of the three,
+    and of the kinetic energy: where nothing comes in or goes, that is turned into potential energy and back.
     """
     # Imported here: commands that score nothing need not wait for it.
     from scipy.integrate import cumulative_trapezoid
 
     missing, turned = list[FloatArray](), 0.0
-    wanted = [energies.energy, energies.driving_power, energies.dissipated_power]
+    wanted = [energies.energy, energies.kinetic, energies.driving_power, energies.dissipated_power]
     for x in columns:
-        energy, driving, dissipated = _values(names, wanted, x)
+        energy, kinetic, driving, dissipated = _values(names, wanted, x)
         came, went = (cumulative_trapezoid(power, dx=h, initial=0.0) for power in (driving, dissipated))
         error = energy - came + went
         missing.append(error - error.mean())
-        turned = max(turned, *(float(np.ptp(part)) for part in (energy, came, went)))
+        turned = max(turned, *(float(np.ptp(part)) for part in (energy, kinetic, came, went)))
     if not turned > 0.0:
         return None
     return float(np.sqrt(np.mean(np.concatenate(missing) ** 2))) / turned

@@ -25,6 +25,7 @@ from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
 from odescope.pipeline.joint_models import adopt, determined
 from odescope.pipeline.modulated import with_modulated
+from odescope.pipeline.physics import energy_of
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
 from odescope.pipeline.suspicion import with_suspected
@@ -83,6 +84,7 @@ class Contender:
     left_out: LeftOut
     coefficients: int
     free_run: float
+    inertial: bool = True  # whether its kinetic energy is positive over the data, if it has one
 
     @property
     def misfit(self) -> float:
@@ -171,10 +173,11 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         if posed.form == "relations" and done:
             # Mechanisms that follow the record leave little to find: relations then compete as regression has them,
             # unless these already run better, or, where it has none, mechanisms do not run well. Noise of the process
-            # carries free runs away from any law: where it is white, there is nothing left to find, too.
-            asis = [] if regressed.model is None else [_contender(posed, regressed.model, None, done)]
+            # carries free runs away from any law: where it is white, there is nothing left to find, too. A Lagrangian
+            # with negative inertia is none: forces that do no work, as of a magnet or a flywheel, are no mechanisms.
+            asis = [] if regressed.model is None else [_contender(posed, regressed.model, None, done, filtered.signals)]
             bar = min((a.free_run for a in asis), default=WELL)
-            if any(c.clear or c.says_all or (c.follows and c.free_run <= bar) for c in contenders):
+            if any(c.inertial and (c.clear or c.says_all or (c.follows and c.free_run <= bar)) for c in contenders):
                 contenders += asis
                 continue
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
@@ -184,7 +187,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         model, refinement = adopt(own, refinement, filtered.signals)
         filtered = replace(filtered, signals=under_found_holds(filtered.signals, refinement))
         if model is not None:
-            contender = _contender(posed, model, refinement, done)
+            contender = _contender(posed, model, refinement, done, filtered.signals)
             # Of what regression finds no law in, process noise explains anything: it has to run freely, too.
             if regressed.failure is None or contender.exact or (contender.follows and contender.free_run < LOST):
                 contenders.append(contender)
@@ -244,8 +247,11 @@ def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regres
 
 
 def best_of(contenders: Sequence[Contender]) -> Contender:
-    """Return the one to keep: by likelihood among those that follow the record to its noise, else by free runs."""
-    exact = [c for c in contenders if c.exact]
+    """Return the one to keep: by likelihood among those that follow the record to its noise, else by free runs.
+
+    A kinetic energy that is not positive counts only where nothing else follows the record so.
+    """
+    exact = [c for c in contenders if c.exact and c.inertial] or [c for c in contenders if c.exact]
     if exact:
         return min(exact, key=lambda c: np.inf if c.refinement is None else c.refinement.outcome.deviance)
     able = [c for c in contenders if c.follows] or list(contenders)
@@ -270,7 +276,9 @@ def _regressed(posed: Posed, regressed: Regressed, signals: Signals) -> Model | 
     return model if determined(model, signals) else None
 
 
-def _contender(posed: Posed, model: Model, refinement: Refinement | None, others: Sequence[Refinement]) -> Contender:
+def _contender(
+    posed: Posed, model: Model, refinement: Refinement | None, others: Sequence[Refinement], signals: Signals
+) -> Contender:
     """Return a form with how it does on free runs.
 
     Args:
@@ -278,12 +286,15 @@ def _contender(posed: Posed, model: Model, refinement: Refinement | None, others
         model: its model.
         refinement: what the likelihood led to; without it the model of the regression runs on the data of the others.
         others: what the likelihood led to in other forms.
+        signals: what the models were found in.
     """
+    energy = energy_of(model, signals)
+    inertial = energy is None or energy.least_inertia is None or energy.least_inertia > 0.0
     if refinement is not None:
         count = len(refinement.fit.free)
-        return Contender(posed.form, model, refinement, posed.left_out, count, refinement.free_run_error)
+        return Contender(posed.form, model, refinement, posed.left_out, count, refinement.free_run_error, inertial)
     theta = posed.starts[0].coefficients if posed.proposal is None else posed.proposal
     spaces = [other.space.among(posed.mechanisms) for other in others[:1]]
     error = float(np.sqrt(free_run_error(spaces[0], theta))) if spaces else np.inf
     count = int(np.count_nonzero(theta)) - len(model.relations)
-    return Contender(posed.form, model, None, posed.left_out, count, error)
+    return Contender(posed.form, model, None, posed.left_out, count, error, inertial)

@@ -78,6 +78,17 @@ def test_without_friction_the_energy_is_out_of_balance():
     assert scores(without).imbalance > 0.2
 
 
+def test_energy_that_stays_is_in_balance_whatever_the_noise_of_the_rates():
+    free = tuple(m for m in MECHANISMS if m.kind in ("kinetic", "potential"))
+    matrix = lambda phi: [[1.8, 0.18 * np.cos(phi)], [0.18 * np.cos(phi), 0.055]]  # noqa: E731
+    right = lambda phi, w: [0.18 * w**2 * np.sin(phi), -1.7658 * np.sin(phi)]  # noqa: E731
+    rate = lambda _, s: [s[2], s[3], *np.linalg.solve(matrix(s[1]), right(s[1], s[3]))]  # noqa: E731
+    t = PERIOD * np.arange(2001)
+    states = solve_ivp(rate, (0, t[-1]), [0, 1.5, 0, 0], t_eval=t, rtol=1e-9, atol=1e-9).y
+    states[2:] += 0.01 * states[2:].std(axis=1, keepdims=True) * np.random.default_rng(0).standard_normal((2, 2001))
+    assert scores(free, np.vstack([states, np.zeros(2001)])).imbalance < 0.02
+
+
 def test_energy_that_is_given_back_and_inertia_that_is_negative_are_seen():
     assert scores(changed("dissipation", "abs(phi_dot)", -0.01)).least_dissipation < 0.0
     assert scores(changed("kinetic", "x_dot*phi_dot*cos(phi)", 0.5)).least_inertia < 0.0
