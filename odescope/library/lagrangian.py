@@ -21,6 +21,8 @@ from odescope.recordings.coordinate import Coordinate, Input
 
 Function = Literal["kinetic", "potential", "dissipation"]
 
+TURNING = 2  # times its powers: an angle that is in no sine
+BETWEEN = 2  # factors more: a harmonic of a difference in the potential
 TAKEN_FOR_GRANTED = {"kinetic": 2, "potential": 0, "dissipation": 1}  # powers that the simplest term has anyway
 
 
@@ -159,11 +161,24 @@ def _rate(coordinate: Coordinate) -> str:
 
 
 def _size(kind: str, term: Term, coordinates: Sequence[Coordinate]) -> float:
-    """Return how elaborate a term is: its powers, and the multiples of angles in its harmonics past the first."""
+    """Return how elaborate a term is: its powers, and the multiples of angles in its harmonics past the first.
+
+    Of two that look alike while angles are small the likelier costs less: a weight less than a spring that turns with
+    one angle, a spring between two angles less than a wave of their difference.
+    """
     angles = {c.name for c in coordinates if c.angle}
-    powers = sum(abs(power) for _, power in term.factors)
-    further = sum(_multiples(atom, angles) - 1 for atom, _ in term.factors if isinstance(atom, Call))
-    return max(0, powers + further - TAKEN_FOR_GRANTED.get(kind, 0))
+    powers = sum(
+        abs(power) * (TURNING if isinstance(atom, Name) and atom.name in angles else 1) for atom, power in term.factors
+    )
+    calls = [atom for atom, _ in term.factors if isinstance(atom, Call)]
+    further = sum(_multiples(atom, angles) - 1 for atom in calls)
+    between = sum(BETWEEN for atom in calls if kind == "potential" and _of_difference(atom))
+    return max(0, powers + further + between - TAKEN_FOR_GRANTED.get(kind, 0))
+
+
+def _of_difference(call: Call) -> bool:
+    """Say whether a call is a function of a difference, and not that difference itself."""
+    return bool(call.function) and any(c < 0.0 for c, _ in call.argument.parts) and len(call.argument.parts) > 1
 
 
 def _multiples(call: Call, angles: set[str]) -> int:

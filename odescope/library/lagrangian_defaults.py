@@ -2,7 +2,8 @@
 
 Configuration functions h(q) are products of powers of the positions that are no angles and one harmonic, cos(k.q) or
 sin(k.q), k whole numbers over the angles: no identity such as sin**2 + cos**2 = 1 holds among them. Their degree is
-that of the powers plus the sum of |k|. Cyclic coordinates do not enter.
+that of the powers plus the sum of |k|. Springs that turn with an angle, or between two, store its square. Cyclic
+coordinates do not enter.
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ _LADDER = ((2, False, 4), (2, True, 4), (2, True, 3), (2, True, 2), (1, True, 2)
 def default_energies(coordinates: Sequence[Coordinate]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the default terms of the kinetic energy and of the potential.
 
-    Kinetic: every product of two rates times every h to degree 2. Potential: every h to degree 2 but the constant, and
-    products of powers of positions to degree 4; for x*y and x**3*y of two positions in one unit stand the second and
-    the fourth power of their difference, as springs between them have it. Where these are more than 250, the degrees
+    Kinetic: every product of two rates times every h to degree 2. Potential: every h to degree 2 but the constant,
+    products of powers of positions to degree 4, and the squares of angles and of the differences of two; for x*y and
+    x**3*y of two positions in one unit stand the second and the fourth power of their difference, as springs between
+    them have it. Where these are more than 250, the degrees
     are lowered step by step: first the products of two rates keep the functions of their own two coordinates only,
     then the powers of the potential fall to 3 and 2, then the functions of the kinetic energy to degree 1 and 0, at
     last the potential to 1.
@@ -75,6 +77,9 @@ def _potential(coordinates: Sequence[Coordinate], powers: int) -> Iterator[str]:
     yield from (between.get(h, h) for h in low)
     positions = [c for c in coordinates if not c.angle]
     yield from (between.get(h, h) for h in _configuration(positions, powers) if h != "1" and h not in low)
+    turning = [c for c in coordinates if c.angle and not c.cyclic]
+    yield from (f"{c.name}**2" for c in turning)
+    yield from (f"({_difference(a, b)})**2" for a, b in combinations(turning, 2))
 
 
 def _between(coordinates: Sequence[Coordinate]) -> dict[str, str]:
@@ -85,9 +90,13 @@ def _between(coordinates: Sequence[Coordinate]) -> dict[str, str]:
     found = dict[str, str]()
     for a, b in combinations([c for c in coordinates if not (c.angle or c.cyclic)], 2):
         if alike(a, b):
-            difference = " - ".join(sorted((a.name, b.name)))
-            found |= {f"{a.name}*{b.name}": f"({difference})**2", f"{a.name}**3*{b.name}": f"({difference})**4"}
+            apart = _difference(a, b)
+            found |= {f"{a.name}*{b.name}": f"({apart})**2", f"{a.name}**3*{b.name}": f"({apart})**4"}
     return found
+
+
+def _difference(a: Coordinate, b: Coordinate) -> str:
+    return " - ".join(sorted((a.name, b.name)))
 
 
 def _configuration(coordinates: Sequence[Coordinate], degree: int) -> Iterator[str]:

@@ -17,6 +17,7 @@ from odescope.likelihood.settings import Start
 from odescope.model.relation import Relation
 from odescope.pipeline.regressed import Regressed
 from odescope.recordings.record import Record, Records
+from odescope.regression.linear_elimination import explained
 from odescope.regression.mechanisms import SIMPLE, MechanismProblem, proposed
 from odescope.signals.estimate import Signals, signals_like
 from odescope.study.library_options import Form
@@ -42,7 +43,7 @@ class Posed:
     starts: tuple[Start, ...]
     plain: Start | None = None
     rival: Start | None = None
-    regression: Callable[[Sequence[Mechanism]], FloatArray | None] = lambda _: None
+    regression: Callable[[], FloatArray | None] = lambda: None
     again: Callable[[Mapping[str, float]], Start | None] = lambda _: None
 
     @cached_property
@@ -63,7 +64,7 @@ class Posed:
     @cached_property
     def proposal(self) -> FloatArray | None:
         """What regression on all relations together proposes, computed once."""
-        return self.regression(self.at_nominal)
+        return self.regression()
 
 
 def relations_form(
@@ -118,7 +119,7 @@ def mechanisms_form(
     records: Records,
     signals: Signals,
 ) -> Posed:
-    """Return Lagrange's equations or reactions, begun from little, or from what regression proposes.
+    """Return Lagrange's equations or reactions, begun from what noise explains, from little, or from regression.
 
     Args:
         study: how signals are filtered, and the seed.
@@ -130,19 +131,21 @@ def mechanisms_form(
     """
     mechanisms, left_out = library
 
-    def regression(plain: Sequence[Mechanism]) -> FloatArray | None:
+    def noisy() -> Signals:
         rng = np.random.default_rng(study.random.seed)
         noise = {c.name: c.noise for c in signals.channels}
         twice = Records(tuple(_with_noise(run, noise, rng) for run in records))
-        noisy = signals_like(signals, twice.stretches, study.signals.differentiator, study.signals.margin)
-        return proposed(MechanismProblem.of(signals, plain), noisy)
+        return signals_like(signals, twice.stretches, study.signals.differentiator, study.signals.margin)
 
-    little = _little(mechanisms, signals)
-    rubbing = _with_friction(
-        little, [mechanism_at(m, {c.name: c.nominal for c in constants}) for m in mechanisms], signals
-    )
-    starts = (Start(little), Start(rubbing)) if np.any(rubbing != little) else (Start(little),)
-    return Posed(form, mechanisms, constants, left_out, starts, regression=regression)
+    plain = [mechanism_at(m, {c.name: c.nominal for c in constants}) for m in mechanisms]
+    problem, little = MechanismProblem.of(signals, plain), _little(mechanisms, signals)
+    starts = [little]
+    if np.any((rubbing := _with_friction(little, plain, signals)) != little):
+        starts.append(rubbing)
+    if not problem.linear and (theta := explained(problem, noisy())) is not None:
+        starts.insert(0, theta)
+    own = tuple(map(Start, starts))
+    return Posed(form, mechanisms, constants, left_out, own, regression=lambda: proposed(problem, noisy()))
 
 
 def _with_noise(run: Record, noise: dict[str, float], rng: np.random.Generator) -> Record:

@@ -1,4 +1,4 @@
-"""Products with inputs and of more rates under angles, where those of the default library do not follow the record.
+"""Products with inputs and of more rates under angles, and springs, where those of the default library fall short.
 
 docs/method.md, Suspicion.
 """
@@ -34,9 +34,9 @@ def with_modulated(
     """Return the model with inputs that multiply rates, themselves and each other, where that is evidently better.
 
     Beside angles the default library holds inputs to the first power, which nothing but sines and cosines multiply, and
-    two rates at most: neither a brake whose damping goes with its current, nor a pendulum on what turns at a speed that
-    was recorded, nor the cubic drag of a ship. Nothing is tried where a model follows the record, or a library was
-    written by hand.
+    two rates at most: neither a spring that turns with a shaft, nor a brake whose damping goes with its current, nor a
+    pendulum on what turns at a speed that was recorded, nor the cubic drag of a ship. Nothing is tried where a model
+    follows the record, or a library was written by hand.
 
     Args:
         work: whose study says whether more than its library may be looked for.
@@ -57,7 +57,7 @@ def with_modulated(
     wide, found = min(regressions, key=lambda tried: _promise(tried[1]))
     if not _promise(found) < _promise(regressed) - EVIDENT:
         return refinement
-    work.monitor.tell(Progress("suspicion", "search with inputs that multiply rates", 0, 1))
+    work.monitor.tell(Progress("suspicion", "search with springs that turn, and inputs that multiply rates", 0, 1))
     wide = within(wide, LEAST if refinement is None else max(LEAST, refinement.spent))
     other = refine_form(wide, filtered, relations_form(wide.study, (found,), lambda _: found))
     return other if other is not None and _replaces(other, refinement) else refinement
@@ -81,13 +81,16 @@ def _with_extra(work: Work, extra: tuple[str, ...]) -> Work:
 
 
 def products_of(study: Study) -> Iterator[tuple[str, ...]]:
-    """Yield products of rates, positions and inputs with sines and cosines, the fewest first."""
+    """Yield the angles themselves, and with them products of rates, positions and inputs with sines and cosines."""
     coordinates, scope = study.measured(), study.scope()
     free = {c.name for c in coordinates if c.angle or c.cyclic}
     names = [n for c in coordinates for n in c.states if n not in free]
     moving = Library.of([*names, *(i for i in study.inputs if i not in study.clocks)], scope)
     angles = [c.name for c in coordinates if c.angle]
+    springs = tuple(c.name for c in coordinates if c.angle and not c.cyclic)
+    if springs:
+        yield springs
     turning = Library.of([f"{f}({a})" for a in angles for f in ("sin", "cos")], scope)
     for degree, harmonics in WIDER:
         trigonometric = turning.powers(harmonics).thin([Identity(f"sin({a})") for a in angles], scope)
-        yield tuple(term.text for term in moving.powers(degree) * trigonometric)
+        yield (*springs, *(term.text for term in moving.powers(degree) * trigonometric))

@@ -15,6 +15,8 @@ from odescope.regression.proposers import Support
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
 from odescope.study.options import Study
 
+WIDE = 350  # candidates of a target: the paper's library by degree has 330
+
 
 @dataclass(frozen=True, eq=False)
 class Work:
@@ -52,9 +54,14 @@ class Work:
 
 
 def swept(work: Work, problem: Problem) -> Sweep:
-    """Return all the supports that are found for a target."""
+    """Return all the supports that are found for a target.
+
+    Where candidates are very many, only those that hold the target are left-hand sides: one of them is in every
+    relation for it, and what all the others find takes many times as long.
+    """
     proposers, check = work.study.regression.proposers, work.monitor.check
-    return sweep(problem.factor, problem.terms, nested(work.study, problem), proposers, check)
+    guesses = problem.own if len(problem.terms) > WIDE else None
+    return sweep(problem.factor, problem.terms, nested(work.study, problem), proposers, check, guesses)
 
 
 def nested(study: Study, problem: Problem) -> tuple[Support, ...]:

@@ -44,6 +44,19 @@ class Linearised:
 
 
 @dataclass(frozen=True, eq=False)
+class Squares:
+    """Products of the rows of all relations as they stand, by mechanisms (m, m), and what noise alone would make them.
+
+    Columns are of unit norm; `norm` (m,) are theirs before, `count` is the number of rows. The noise is made regular.
+    """
+
+    rows: FloatArray
+    noise: FloatArray
+    norm: FloatArray
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
 class MechanismProblem:
     """Mechanisms on the signals. `scale` (T,) is the noise that the rows of each target are weighted by."""
 
@@ -96,6 +109,37 @@ class MechanismProblem:
             np.add.at(added, (relation, owner), values * share[:, None] * by)
             found.append(np.concatenate([m.rows(a) / s for m, a, s in zip(self.maps, added, self.scale, strict=True)]))
         return found
+
+    def squares(self, noisy: Signals) -> Squares:
+        """Return the products of the rows, and those of what noise adds.
+
+        Args:
+            noisy: the signals of the same records with as much noise once more.
+        """
+        rows = np.concatenate(self.raw(self.signals))
+        noise = np.concatenate(self.raw(noisy)) - rows
+        norm = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+        products, added = ((v / norm).T @ (v / norm) for v in (rows, noise))
+        return Squares(products, added + RIDGE * np.eye(len(norm)), norm, len(rows))
+
+    @property
+    def known(self) -> FloatArray:
+        """Coefficients that are given (m,), 0 for the others."""
+        return np.array([m.known or 0.0 for m in self.mechanisms])
+
+    @property
+    def linear(self) -> bool:
+        """Whether all that multiplies a target is known: the other coefficients follow by plain least squares."""
+        return all(m.known is not None or all(p.product.factor is None for p in m.parts) for m in self.mechanisms)
+
+    def in_known_scale(self, theta: FloatArray) -> FloatArray:
+        """Return coefficients (m,) of homogeneous relations in the scale of those that are known, if any are."""
+        known = self.known
+        given = known != 0.0
+        if not given.any():
+            return theta
+        size = max(float(theta[given] @ theta[given]), 1e-300)
+        return np.where(given, known, theta * float(known @ theta) / size)
 
     def linearised(self, theta: FloatArray, free: IntArray) -> Linearised | None:
         """Return cost and derivatives at theta (mechanisms,), or None where the targets are not determined.
@@ -220,7 +264,7 @@ def eliminated(problem: MechanismProblem, theta: FloatArray) -> Iterator[tuple[F
         problem: data and mechanisms.
         theta: (mechanisms,) to begin with.
     """
-    held = np.array([m.known is not None for m in problem.mechanisms])
+    held = problem.known != 0.0
     while True:
         free = np.flatnonzero((theta != 0.0) & ~held)
         settled = problem.settle(theta, free) if len(free) else None
@@ -243,7 +287,7 @@ def proposed(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
         problem: data and mechanisms.
         noisy: the signals of the same records with as much noise once more.
     """
-    theta = _least(problem, noisy, _first(problem.mechanisms))
+    theta = _least(problem, noisy, _first(problem))
     dear = 2.0 * np.log(len(problem.mechanisms))
     best, least = None, np.inf
     for found, here in eliminated(problem, theta):
@@ -254,16 +298,11 @@ def proposed(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
     return best
 
 
-def _first(mechanisms: Sequence[Mechanism]) -> IntArray:
+def _first(problem: MechanismProblem) -> IntArray:
     """Return what a first fit holds: the simple mechanisms, or all where it is plain least squares and they are few."""
-    everything = _linear(mechanisms) and len(mechanisms) <= MANY
-    kept = [k for k, m in enumerate(mechanisms) if everything or m.known is not None or _simple(m)]
+    everything = problem.linear and len(problem.mechanisms) <= MANY
+    kept = [k for k, m in enumerate(problem.mechanisms) if everything or m.known is not None or _simple(m)]
     return np.array(kept, dtype=np.int64)
-
-
-def _linear(mechanisms: Sequence[Mechanism]) -> bool:
-    """Say whether all that multiplies a target is known: the other coefficients follow by plain least squares."""
-    return all(m.known is not None or all(p.product.factor is None for p in m.parts) for m in mechanisms)
 
 
 def _simple(mechanism: Mechanism) -> bool:
@@ -275,23 +314,15 @@ def _simple(mechanism: Mechanism) -> bool:
 
 def _least(problem: MechanismProblem, noisy: Signals, among: IntArray) -> FloatArray:
     """Return the coefficients of some mechanisms in the linear relations, all variables with errors."""
-    theta = np.zeros(len(problem.mechanisms))
-    known = np.array([k for k in among.tolist() if problem.mechanisms[k].known is not None], dtype=np.int64)
-    values = np.array([problem.mechanisms[k].known or 0.0 for k in known])
-    if _linear(problem.mechanisms):
-        theta[known] = values
-        free = np.setdiff1d(among, known)
+    theta = problem.known
+    if problem.linear:
+        free = np.setdiff1d(among, np.flatnonzero(theta))
         here = problem.linearised(theta, free)
         if here is not None:
             theta[free] = _step(here, np.zeros((0, len(free))))
         return theta
-    rows = np.concatenate(problem.raw(problem.signals))[:, among]
-    noise = np.concatenate(problem.raw(noisy))[:, among] - rows
-    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    gram, error = ((v / scale).T @ (v / scale) for v in (rows, noise))
-    vectors = scipy.linalg.eigh(gram, error + RIDGE * np.eye(len(among)), subset_by_index=[0, 0])[1]
-    theta[among] = vectors[:, 0] / scale
-    if len(known):  # in the scale of what is known
-        theta *= values @ theta[known] / max(float(theta[known] @ theta[known]), 1e-300)
-        theta[known] = values
-    return theta
+    squares = problem.squares(noisy)
+    own = np.ix_(among, among)
+    vectors = scipy.linalg.eigh(squares.rows[own], squares.noise[own], subset_by_index=[0, 0])[1]
+    theta[among] = vectors[:, 0] / squares.norm[among]
+    return problem.in_known_scale(theta)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from operator import sub
 
@@ -60,6 +60,7 @@ def sweep(
     nested: Sequence[Support],
     proposers: Sequence[Proposer],
     check: Callable[[], None] = nothing,
+    guesses: Iterable[int] | None = None,
 ) -> Sweep:
     """Return all supports that the proposers find with each column in turn as the left-hand side, (15).
 
@@ -69,6 +70,7 @@ def sweep(
         nested: sets of columns to search in, the whole library among them (see `nested_libraries`).
         proposers: searched with, one after the other.
         check: called several times a second; what it raises ends the sweep.
+        guesses: columns for the left-hand side; None for all.
     """
     quotients = Quotients(terms)
     found: dict[Support, dict[int, None]] = {}
@@ -82,7 +84,8 @@ def sweep(
             for support in p.supports(factor, guess, columns)
         ]
 
-    for guess, supports in enumerate(Threads().map(search, range(factor.width), check=check)):
+    sides = list(range(factor.width) if guesses is None else guesses)
+    for guess, supports in zip(sides, Threads().map(search, sides, check=check), strict=True):
         for support in dict.fromkeys(supports):
             divided = quotients.primitive((*support, guess))
             found.setdefault(tuple(sorted(divided.values())), {})[divided[guess]] = None

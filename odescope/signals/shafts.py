@@ -1,4 +1,4 @@
-"""Angles that turn together, as the ends of a shaft or the wheels of a gear do."""
+"""Angles that turn together at another ratio than one, as the wheels of a gear do."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ TWIST = 1.0  # radians, of the slower: further apart they are not joined, or by 
 
 
 def turning_together(records: Records, coordinates: Sequence[Coordinate]) -> tuple[tuple[str, str], ...]:
-    """Return the pairs of angles that go round together, at one ratio, but for less than a radian.
+    """Return the pairs of angles that go round together, at some other ratio than one, but for less than a radian.
 
-    What is between them is a function of their difference that nothing repeats when they go round: a spring, say. Its
-    sine and cosine hardly differ from the difference itself and a constant.
+    What is between them is a function of the difference of one and a multiple of the other, which nothing repeats when
+    they go round: a spring, say. Springs between angles that turn at one rate are among the mechanisms of angles.
 
     Args:
         records: with the angles in radians, without jumps of a turn.
@@ -29,14 +29,14 @@ def turning_together(records: Records, coordinates: Sequence[Coordinate]) -> tup
     angles = [c.name for c in coordinates if c.angle]
     about = {name: [_about_middle(run.column(name)) for run in records] for name in angles}
     going = [name for name in angles if max(map(np.ptp, about[name])) > TURN]
-    return tuple((a, b) for a, b in combinations(going, 2) if _twist(about[a], about[b]) < TWIST)
+    return tuple((a, b) for a, b in combinations(going, 2) if _geared(about[a], about[b]))
 
 
 def shaft_note(angles: tuple[str, str]) -> str:
     """Return what is to be said of two angles that go round together."""
     one, other = angles
     return (
-        f"{one} and {other} turn together, as the ends of a shaft do: the default library has powers of them, no sines"
+        f"{one} and {other} turn together, as the wheels of a gear do: the default library has powers of them, no sines"
     )
 
 
@@ -46,9 +46,14 @@ def _about_middle(angle: FloatArray) -> FloatArray:
     return found
 
 
-def _twist(one: Sequence[FloatArray], other: Sequence[FloatArray]) -> float:
-    """Return the most that two angles (N,) a record part, in radians of the slower, each record for itself."""
+def _geared(one: Sequence[FloatArray], other: Sequence[FloatArray]) -> bool:
+    """Say whether two angles (N,) a record part by less than TWIST from some ratio, and by more from one to one."""
     x, y = (np.concatenate(of) for of in (one, other))
     fast, slow = (one, other) if x @ x >= y @ y else (other, one)
-    ratio = (x @ y) / min(x @ x, y @ y)
+    ratio = float(x @ y) / min(float(x @ x), float(y @ y))
+    return _twist(fast, slow, ratio) < TWIST <= _twist(fast, slow, 1.0)
+
+
+def _twist(fast: Sequence[FloatArray], slow: Sequence[FloatArray], ratio: float) -> float:
+    """Return the most that two angles (N,) a record part at a ratio, in radians of the slower, each by itself."""
     return float(max(np.ptp(_about_middle(f - ratio * s)) for f, s in zip(fast, slow, strict=True)) / abs(ratio))

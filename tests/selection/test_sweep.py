@@ -1,14 +1,18 @@
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from odescope.events import Monitor
 from odescope.library.candidates import Library
 from odescope.library.expression import Name
 from odescope.library.parse import Scope
 from odescope.library.tape import evaluate, write_tape
+from odescope.pipeline import work
+from odescope.pipeline.work import swept
 from odescope.regression.factor import factorise
 from odescope.regression.proposers import BackwardElimination, EnergyThreshold
 from odescope.selection.sweep import Quotients, Sweep, nested_libraries, sweep
@@ -233,3 +237,23 @@ def test_nested_libraries_grow_by_degree_and_keep_the_target():
 def test_a_library_of_one_degree_is_searched_whole():
     terms = terms_of("x", "v", "sin(x)", "v_dot")
     assert nested_libraries(terms, (3,)) == ((0, 1, 2, 3),)
+
+
+def test_of_a_wide_library_only_columns_that_hold_the_target_are_left_hand_sides(monkeypatch):
+    sides = []
+
+    class Told:
+        def supports(self, factor, guess, columns):
+            sides.append(guess)
+            return []
+
+    terms = terms_of("1", "x", "v", "v_dot", "x*v_dot")
+    problem = SimpleNamespace(factor=SimpleNamespace(width=5), terms=terms, own=(3, 4))
+    study = SimpleNamespace(regression=SimpleNamespace(proposers=[Told()], nested=False))
+    asked = SimpleNamespace(study=study, monitor=Monitor())
+    swept(asked, problem)
+    assert sorted(sides) == [0, 1, 2, 3, 4]
+    sides.clear()
+    monkeypatch.setattr(work, "WIDE", 4)
+    swept(asked, problem)
+    assert sorted(sides) == [3, 4]

@@ -1,4 +1,4 @@
-"""Angles that turn together are the ends of a shaft; those of arms that go round each for itself are not."""
+"""Angles that turn together are the wheels of a gear; the ends of a shaft, and arms that go round, stay angles."""
 
 import msgspec
 import numpy as np
@@ -25,8 +25,8 @@ def records(a, b):
     return Records.of([Record(T, np.column_stack([a, b]), ("a", "b"))])
 
 
-@pytest.mark.parametrize("ratio", [1.0, -1.0, 12.0, 1.0 / 12.0])
-def test_ends_of_a_shaft_and_wheels_of_a_gear_turn_together(ratio):
+@pytest.mark.parametrize("ratio", [1.5, -1.0, 12.0, 1.0 / 12.0])
+def test_wheels_of_a_gear_turn_together(ratio):
     slow, twist = 12.0 * np.sin(0.7 * T), 0.2 * np.sin(9.0 * T)
     fast = max(abs(ratio), 1.0 / abs(ratio)) * np.sign(ratio) * (slow + twist)
     a, b = (fast, slow) if abs(ratio) >= 1.0 else (slow, fast)
@@ -36,13 +36,15 @@ def test_ends_of_a_shaft_and_wheels_of_a_gear_turn_together(ratio):
     assert turning_together(records(a, b), [NAMES[0], Coordinate("b", 2)]) == ()
 
 
-def test_arms_that_swing_side_by_side_or_go_round_apart_do_not():
+def test_ends_of_a_shaft_and_arms_that_swing_side_by_side_or_go_round_apart_do_not():
     swing, beside = 1.5 * np.sin(2.0 * T), 1.5 * np.sin(2.0 * T) + 0.1 * np.sin(5.0 * T)
     assert turning_together(records(swing, beside), NAMES) == ()
     swing[500] = beside[500] = 999.0
     assert turning_together(records(swing, beside), NAMES) == ()
     assert turning_together(records(8.0 * np.sin(T), 8.0 * np.sin(T) + np.sin(3.0 * T)), NAMES) == ()
     assert turning_together(records(3.0 * T, np.full_like(T, 0.3)), NAMES) == ()
+    shaft = 12.0 * np.sin(0.7 * T)
+    assert turning_together(records(shaft, shaft + 0.2 * np.sin(9.0 * T)), NAMES) == ()
 
 
 @pytest.mark.slow
@@ -76,13 +78,13 @@ def test_a_shaft_between_two_angles_is_a_spring_between_their_inertias():
         },
         rel=0.1,
     )
-    assert any("a and b turn together" in note for note in result.notes)
+    assert not any("turn together" in note for note in result.notes)
     assert all(c.angle for c in result.model.coordinates)
 
 
 def test_a_library_that_is_named_is_left_as_it_is():
     turning = 12.0 * np.sin(0.7 * T)
-    columns = {"t": T, "a": turning, "b": turning + 0.2 * np.sin(9.0 * T)}
+    columns = {"t": T, "a": turning, "b": 3.0 * turning + 0.2 * np.sin(9.0 * T)}
     arm, paper = Measured(order=2, angle=True), Candidates(preset="paper")
     study = Study(data=Data(time="t"), coordinates={"a": arm, "b": arm}, library=paper)
     prepared = prepare(Work(study, Monitor(), Threads(1)), columns, None)

@@ -1,0 +1,91 @@
+"""Machines of two coordinates from positions alone, without a word of what they are."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from logs import smooth
+from scipy.integrate import solve_ivp
+
+from odescope.pipeline.identification import identify
+from odescope.study.options import Data, Driven, Measured, Study
+
+STEP, COUNT = 0.01, 2000
+
+
+def recorded(names, kinetic, potential, dissipation, forces, begin, driven, seed):
+    """Positions with noise of .2 %, and inputs; Lagrange's equations by sympy, of energies as text."""
+    q, v, u = (sp.symbols(n) for n in (names, [f"{n}_dot" for n in names], [*driven, "none"]))
+    t, p, r, *f = (sp.sympify(e) for e in (kinetic, potential, dissipation, *forces))
+    mass = sp.hessian(t, v)
+    right = [
+        -sum(sp.diff(t, a, b) * w for b, w in zip(q, v, strict=True)) + sp.diff(t - p, b0) - sp.diff(r, a) + g
+        for a, b0, g in zip(v, q, f, strict=True)
+    ]
+    solved = sp.lambdify([*q, *v, *u], [mass, right], "numpy")
+    rng = np.random.default_rng(seed)
+    times = STEP * np.arange(COUNT)
+    acting = {name: smooth(rng, COUNT, STEP, 1.0, size) for name, size in driven.items()}
+
+    def rate(now, state):
+        matrix, vector = solved(*state, *(np.interp(now, times, a) for a in acting.values()), 0.0)
+        return [*state[len(q) :], *np.linalg.solve(np.array(matrix, float), np.array(vector, float))]
+
+    first = [*(b + 0.1 * rng.uniform(-1, 1) for b in begin), *(0.0 for _ in q)]
+    states = solve_ivp(rate, (0, times[-1]), first, t_eval=times, max_step=STEP, rtol=1e-8, atol=1e-10).y
+    noisy = (s + 0.002 * s.std() * rng.standard_normal(COUNT) for s in states)
+    return {"t": times, **dict(zip(names, noisy, strict=False)), **acting}
+
+
+def found(log, angles, names, driven):
+    study = Study(
+        data=Data(time="t"),
+        coordinates={n: Measured(order=2, angle=n in angles) for n in names},
+        inputs={n: Driven() for n in driven},
+    )
+    return identify(study, log).model
+
+
+def held(model):
+    return {(m.kind, m.term) for m in model.mechanisms}
+
+
+JOINT = (
+    ("q", "m"),
+    "0.25*q_dot**2 + 0.1*m_dot**2",
+    "-5*cos(q) + 15*(m - q)**2",
+    "0.05*q_dot**2 + 0.15*m_dot**2",
+    ("0", "u"),
+    (0.8, 0.5),
+    {"u": 2.0},
+)
+CHARGE = (
+    ("x", "y"),
+    "x_dot**2/2 + y_dot**2/2",
+    "x**2/4",
+    "0.025*(x_dot**2 + y_dot**2)",
+    ("u + 2*y_dot", "-2*x_dot"),
+    (0.8, 0.5),
+    {"u": 1.0},
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_spring_between_two_angles_is_found(seed):
+    model = found(recorded(*JOINT, seed), "qm", JOINT[0], JOINT[-1])
+    assert held(model) == {
+        *(("kinetic", t) for t in ("q_dot**2", "m_dot**2")),
+        *(("potential", t) for t in ("cos(q)", "(m - q)**2")),
+        *(("dissipation", t) for t in ("q_dot**2", "m_dot**2")),
+        ("force", "u"),
+    }
+    stiffness = next(m for m in model.mechanisms if m.term == "(m - q)**2")
+    assert abs(stiffness.coefficient - 15.0) < 4.0 * stiffness.std_error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_forces_that_do_no_work_are_relations_and_no_negative_inertia(seed):
+    model = found(recorded(*CHARGE, seed), "", CHARGE[0], CHARGE[-1])
+    terms = [{t.text for t in relation.terms} for relation in model.relations]
+    assert terms == [{"x_ddot", "x", "x_dot", "y_dot", "u"}, {"y_ddot", "x_dot", "y_dot"}]
