@@ -103,6 +103,8 @@ class Moves:
         Where it is, a step or two show it.
         """
         theta = by_least_squares(self.space, here)
+        if theta is None:
+            return None
         trial = self.space.fit(theta, here.present, self.space.segments.initial, self.defect_std, iterations=SHOWN)
         if trial is None or self.penalised(trial) >= self.penalised(here) - GAIN:
             return None

@@ -20,11 +20,11 @@ from odescope.likelihood.smoothed_targets import rates
 PASSES = 2  # weights of relations follow from what the pass before has left of them
 
 
-def by_least_squares(space: SearchSpace, found: Fit) -> FloatArray:
+def by_least_squares(space: SearchSpace, found: Fit) -> FloatArray | None:
     """Return coefficients (mechanisms,) of what is present that leave the least of the linear relations.
 
     Every scale group by itself, in the scale of what is known of it, if anything; columns have unit norm. Settings, and
-    constants within functions, stay as they are.
+    constants within functions, stay as they are. None where a term has no value at some smoothed state.
 
     Args:
         space: data and candidates.
@@ -32,6 +32,8 @@ def by_least_squares(space: SearchSpace, found: Fit) -> FloatArray:
     """
     theta = found.theta.copy()
     for group, columns in _columns(space, found):
+        if not np.isfinite(columns).all():
+            return None
         weights = 1.0 / np.maximum(_size(columns).max(axis=0), 1e-300)
         known = np.array([space.mechanisms[k].known or 0.0 for k in group])
         for _ in range(PASSES):

@@ -24,13 +24,15 @@ EXPLAINED = 2.0  # least eigenvalue up to which noise explains what relations le
 def explained(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
     """Return coefficients (mechanisms,) of few mechanisms that leave of their relations no more than noise does.
 
-    None where all leave more, or those few do not determine the targets.
+    None where all leave more, those few do not determine the targets, or a mechanism has no value at some sample.
 
     Args:
         problem: data and mechanisms.
         noisy: the signals of the same records with as much noise once more.
     """
     squares = problem.squares(noisy)
+    if not (np.isfinite(squares.rows).all() and np.isfinite(squares.noise).all()):
+        return None
     price = np.log(squares.count) + 2.0 * np.log(len(problem.mechanisms))
     theta, least = None, np.inf
     for present, value, vector in _eliminated(squares, problem.known != 0.0):

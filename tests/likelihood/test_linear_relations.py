@@ -54,3 +54,12 @@ def test_a_search_that_stands_far_off_begins_anew_and_one_at_its_end_does_not(se
     assert far.cost > 100.0 * best.cost
     assert moves.begin_anew(far).cost == pytest.approx(best.cost, abs=0.1)
     assert moves.begin_anew(best) is None
+
+
+def test_where_a_term_has_no_value_the_search_goes_on_from_where_it_stands():
+    it, trail = tank(0), []
+    far = standing(it, WRONG, LAW)
+    it.segments.filtered[7] = np.inf
+    assert by_least_squares(it, far) is None
+    moves = Moves(it, WhiteResiduals(it, it.segments.spread * np.inf), np.inf, 1.0, trail)
+    assert moves.begin_anew(far) is None
