@@ -358,7 +358,7 @@ def _settle(
             here = leaner
             continue
         first, second = (moves.add, moves.drop) if scale > HOPELESS else (moves.drop, moves.add)
-        far, moved = np.isinf(width) and scale > NEAR_NOISE, None
+        far, moved = space.shared and np.isinf(width) and scale > NEAR_NOISE, None
         if far and (lost or round_ >= due):
             moved = moves.begin_anew(here)
         if moved is None and lost:

@@ -74,6 +74,11 @@ class SearchSpace:
         """Mechanisms whose coefficients are given: present throughout, and no parameters."""
         return np.array([k for k, m in enumerate(self.mechanisms) if m.known is not None], dtype=np.int64)
 
+    @cached_property
+    def shared(self) -> bool:
+        """Whether mechanisms stand in several relations: what regression says of one by itself is then little."""
+        return any(len(m.relations) > 1 for m in self.mechanisms)
+
     def stays(self, k: int) -> bool:
         """Say whether a mechanism is there by default: what is known, or a relation's own target, bare."""
         return self.mechanisms[k].known is not None or self.frame.own(self.mechanisms[k])
