@@ -172,13 +172,14 @@ def _size(kind: str, term: Term, coordinates: Sequence[Coordinate]) -> float:
     )
     calls = [atom for atom, _ in term.factors if isinstance(atom, Call)]
     further = sum(_multiples(atom, angles) - 1 for atom in calls)
-    between = sum(BETWEEN for atom in calls if kind == "potential" and _of_difference(atom))
+    between = sum(BETWEEN for atom in calls if kind == "potential" and _of_difference(atom, angles))
     return max(0, powers + further + between - TAKEN_FOR_GRANTED.get(kind, 0))
 
 
-def _of_difference(call: Call) -> bool:
-    """Say whether a call is a function of a difference, and not that difference itself."""
-    return bool(call.function) and any(c < 0.0 for c, _ in call.argument.parts) and len(call.argument.parts) > 1
+def _of_difference(call: Call, angles: set[str]) -> bool:
+    """Say whether a call is a function of a difference of angles, and not that difference itself."""
+    parts = call.argument.parts
+    return bool(call.function) and len(parts) > 1 and call.argument.names <= angles and any(c < 0.0 for c, _ in parts)
 
 
 def _multiples(call: Call, angles: set[str]) -> int:

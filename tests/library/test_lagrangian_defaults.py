@@ -128,6 +128,8 @@ def test_of_what_looks_alike_the_likelier_costs_less():
     assert arms_["cos(phi1)"] < arms_["phi1**2"]
     assert arms_["(phi1 - phi2)**2"] < arms_["cos(phi1 - phi2)"]
     assert arms_["(phi1 - phi2)**2"] == masses["(x - y)**2"]
+    (gas,) = (m for m in lagrangian(MASSES, (), scope_of(MASSES), potential=["exp(x - y)"]) if m.kind == "potential")
+    assert gas.size == 1.0
 
 
 @pytest.mark.parametrize(
