@@ -27,10 +27,9 @@ def default_energies(coordinates: Sequence[Coordinate]) -> tuple[tuple[str, ...]
     Kinetic: every product of two rates times every h to degree 2. Potential: every h to degree 2 but the constant,
     products of powers of positions to degree 4, and the squares of angles and of the differences of two; for x*y and
     x**3*y of two positions in one unit stand the second and the fourth power of their difference, as springs between
-    them have it. Where these are more than 250, the degrees
-    are lowered step by step: first the products of two rates keep the functions of their own two coordinates only,
-    then the powers of the potential fall to 3 and 2, then the functions of the kinetic energy to degree 1 and 0, at
-    last the potential to 1.
+    them have it. Where these are more than 250, the degrees are lowered step by step: first the products of two rates
+    keep the functions of their own two coordinates only, then the powers of the potential fall to 3 and 2, then the
+    functions of the kinetic energy to degree 1 and 0, at last the potential to 1.
     """
     kinetic, potential = tuple[str, ...](), tuple[str, ...]()
     for degree, own, powers in _LADDER:
