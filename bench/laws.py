@@ -80,8 +80,10 @@ def judge(
         counts = [sum(holds(truth.model, row, shifts, columns, theirs, free) for row in rows) for rows in forms]
         return max(counts) >= len(truth.targets)
 
-    # Equations of motion in the readings themselves leave a zero out that is off.
-    blind = any(z and not o for z, o in zip(zero, offsets, strict=True)) and held(np.zeros(len(zero)), mine)
+    # Equations of motion in the readings themselves leave a zero out that is off, unless they do not hold the coordinate.
+    named = set().union(*(p.term.names for row in forms[0] for p in row))
+    missed = (z and not o and c.name in named for z, o, c in zip(zero, offsets, truth.model.coordinates, strict=True))
+    blind = any(missed) and held(np.zeros(len(zero)), mine)
     exact = held(zero, real) and not blind
     scale = np.sqrt(np.mean(true**2, axis=1))
     off = float(np.max(np.sqrt(np.mean((theirs - true) ** 2, axis=1)) / scale))

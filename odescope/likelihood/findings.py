@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from odescope.arrays import FloatArray
-from odescope.library.expression import Term
 from odescope.library.mechanism import Mechanism
-from odescope.likelihood.evidence import Evidence, between, in_blocks
+from odescope.likelihood.evidence import Evidence
+from odescope.likelihood.lacking import lacking
 from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import MOST_TERMS, THIN
@@ -18,8 +17,6 @@ from odescope.model.notes import delay_hint, dry_friction_hint
 from odescope.model.scores import Correlation, Doubts, Interval, Likelihood, Limit, Number, Step
 
 CORRELATED = 0.5  # least correlation of two estimates that is listed
-CLEAR = 0.1  # least correlation of what is missing with its cause that is worth a word
-SURE = 12.0  # least squared ratio of that correlation to its spread between blocks of the record
 
 
 def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> Likelihood:
@@ -127,54 +124,10 @@ def _finite(value: float) -> float | None:
 
 
 def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
-    """Return sentences about what the unexplained part of each target goes with.
-
-    The gaps of the highest state of every coordinate are what its target lacks, summed over a segment. What goes with
-    the sign of a velocity is dry friction; what goes with the rate of an input is a delay.
-    """
-    space, segments = process.space, process.space.segments
-    names, following = space.frame.variables, space.frame.following
-    present, none = process.fit.present, np.zeros(0, dtype=np.int64)
-    program = space.program(present)
-    last = space.evaluator.integrate(program, process.fit.theta[present], none, process.fit.x0).last
-    joints = np.flatnonzero(segments.joined)
-    begin = process.fit.x0[joints + 1]
-    lacking = begin - last[joints]
-    terms = [p.product.term for k in present for p in space.mechanisms[k].parts]
-    velocities = [int(np.flatnonzero(following == j)[0]) for j in range(len(following)) if (following == j).any()]
-    moving = [int(following[v]) for v in velocities if not _has_sign(terms, names[following[v]])]
-    rates = np.diff(segments.inputs[segments.start, 0], axis=0, append=0.0)[joints]
-    causes = np.column_stack([*(np.sign(begin[:, j]) for j in moving), rates])
-    sentences = []
-    for i in np.flatnonzero(following < 0):
-        target, shares = targets[-1 - following[i]], _goes_with(lacking[:, i], causes, begin)
-        for j, share in zip(moving, shares, strict=False):
-            if share is not None and share < 0.0:  # friction is against the motion
-                sentences.append(dry_friction_hint(target, names[j], share))
-        for name, share in zip(names[len(following) :], shares[len(moving) :], strict=True):
-            if share is not None:
-                sentences.append(delay_hint(target, name, share))
-    return sentences
-
-
-def _goes_with(lacking: FloatArray, causes: FloatArray, states: FloatArray) -> list[float | None]:
-    """Return the correlation with each cause, the others and the states taken out, where it is clear between blocks."""
-    shares: list[float | None] = []
-    for k in range(causes.shape[1]):
-        others = np.column_stack([np.ones(len(causes)), states, np.delete(causes, k, axis=1)])
-        both = np.column_stack([lacking, causes[:, k]])
-        rest = both - others @ np.linalg.lstsq(others, both, rcond=None)[0]
-        scale = float(np.sqrt(np.prod(np.sum(rest**2, axis=0))))
-        if not scale > 0.0:
-            shares.append(None)
-            continue
-        blocks = in_blocks(rest[:, :1] * rest[:, 1:] / scale)
-        share = float(blocks.sum())
-        sure = len(blocks) > 1 and share**2 > SURE * float(between(blocks)[0])
-        shares.append(share if sure and abs(share) > CLEAR else None)
-    return shares
-
-
-def _has_sign(terms: list[Term], velocity: str) -> bool:
-    """Say whether some term changes sign with the velocity alone, abruptly or smoothly."""
-    return any(velocity in t.names and any(f in t.text for f in ("sign(", "tanh(")) for t in terms)
+    """Return sentences about what the unexplained part of each target goes with."""
+    return [
+        dry_friction_hint(targets[m.target], m.cause, m.correlation)
+        if m.friction
+        else delay_hint(targets[m.target], m.cause, m.correlation)
+        for m in lacking(process.space, process.fit)
+    ]

@@ -17,6 +17,7 @@ from odescope.errors import InputError
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.fit import CONVERGED, ITERATIONS, Fit
 from odescope.likelihood.held_out import WINDOWS, free_run_errors, stretches
+from odescope.likelihood.lacking import has_dry_friction, lacking
 from odescope.likelihood.search_space import SearchSpace
 
 VERY = 0.005  # standard deviations of what was measured: a free run as near to the record, but for the spread of
@@ -130,6 +131,27 @@ class ModelPath:
         return replace(
             self, chosen=knee(steps, unseen, lambda step: _errors(self.space, step.fit.theta, over, pieces), faithful)
         )
+
+    @property
+    def keeping_friction(self) -> ModelPath:
+        """The path with no model chosen that lacks dry friction which a longer one has, where what it leaves shows it.
+
+        A small friction moves a free run by little. But what is unexplained goes with the sign of a velocity then.
+        """
+        here = self
+        while (k := here._without_friction()) is not None:
+            here = replace(self, chosen=k)
+        return here
+
+    def _without_friction(self) -> int | None:
+        """Return the number of the last model that has a friction that the chosen one is seen to lack."""
+        shown = {m.cause for m in lacking(self.space, self.choice.fit) if m.friction}
+        having = (
+            k
+            for k, step in enumerate(self.steps[1 : self.chosen + 1])
+            if step.dropped is not None and any(has_dry_friction([step.dropped], v) for v in shown)
+        )
+        return max(having, default=None)
 
     def _last_with(self, enough: Callable[[Mechanism], float]) -> int:
         """Return the number of the last model that has all whose Wald statistic is more than enough."""

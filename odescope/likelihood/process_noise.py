@@ -211,9 +211,9 @@ def search_with_process_noise(
     if terms is not None:
         way = way.chosen_at(terms)
     elif sure:
-        way = way.at_knee(VERY).keeping_sure
+        way = way.at_knee(VERY).keeping_sure.keeping_friction
     else:
-        way = way.at_knee()
+        way = way.at_knee().keeping_friction
     here = way.choice.fit
     begun = with_noise(space, seen.segments.noise, seen.segments.spread, seen.segments.decorrelation)
     found = _near(begun, space.segments.spread, here)

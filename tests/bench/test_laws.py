@@ -139,6 +139,13 @@ def test_a_zero_that_is_off_may_be_expanded_but_not_left_out(cart, seen):
     assert blind.off > 0.01
 
 
+def test_a_zero_of_what_no_equation_holds_does_not_count(cart, seen):
+    shifted = seen.copy()
+    shifted[0] += ZERO
+    verdict = judge(cart.truth((0.0,)), (ZERO, 0.0), (), written(cart, tuple), shifted, np.random.default_rng(0))
+    assert verdict.exact
+
+
 def test_errors_are_those_of_the_coefficients_as_the_model_writes_them(cart, seen):
     """One coefficient of the fractions moved by two standard errors, which no equation of motion has."""
     model = solved(cart.truth((0.0,)).model)

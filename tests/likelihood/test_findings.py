@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,7 +15,7 @@ from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.findings import likelihood_scores, missing_physics
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.noise_levels import estimate_noise
-from odescope.likelihood.path import ModelPath
+from odescope.likelihood.path import ModelPath, PathStep
 from odescope.likelihood.process_noise import Noisy, robust_evidence
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
@@ -159,8 +160,8 @@ PENDULUM = System(
 )
 
 
-def unexplained(seed, count=2000, **options):
-    """Return the pendulum with process noise and the true terms, fitted without a search."""
+def among(system, seed, count=2000, **options):
+    """Return a space of all terms of a system, in segments of a recording of the pendulum."""
     _, states, u = pendulum(seed, count=count, **options)
     nodes = np.stack([u[:-1], (u[:-1] + u[1:]) / 2, u[1:]], axis=1)[:, :, None]
     measured = states[:, :1] + NOISE * np.random.default_rng(1000 + seed).standard_normal((count, 1))
@@ -169,12 +170,13 @@ def unexplained(seed, count=2000, **options):
         measured, nodes, states, start, np.full(len(start), PIECE), start < start[-1], np.array([NOISE]),
         np.array([0.02, 0.3]), STEP, 1, ((0, count),),
     )  # fmt: skip
-    it = SearchSpace(
-        Evaluator(segments),
-        PENDULUM.mechanisms,
-        PENDULUM.frame,
-    )
-    it, found, marginal = estimate_noise(it, it.begin(PENDULUM.theta, segments.spread))
+    return SearchSpace(Evaluator(segments), system.mechanisms, system.frame)
+
+
+def unexplained(seed, count=2000, **options):
+    """Return the pendulum with process noise and the true terms, fitted without a search."""
+    it = among(PENDULUM, seed, count, **options)
+    it, found, marginal = estimate_noise(it, it.begin(PENDULUM.theta, it.segments.spread))
     evidence = robust_evidence(it, found)
     return Noisy(found, it, marginal, evidence, free_run_error(it, found.theta), (), ModelPath(it, (), 0))
 
@@ -190,6 +192,26 @@ def test_white_torque_is_not_taken_for_physics_over_seeds():
 def test_missing_physics_is_named_under_white_torque_over_seeds(options, phrase):
     found = [missing_physics(unexplained(seed, 3000, **options), ["th_ddot"]) for seed in range(5)]
     assert sum(any(phrase in s for s in sentences) for sentences in found) >= 4
+
+
+def without_friction(seed, **options):
+    """Return the path from the pendulum with dry friction to that without, which is chosen."""
+    system = replace(PENDULUM, terms=(*PENDULUM.terms, (0, -1, "sign(th_dot)", options.get("friction", 0.1))))
+    it = among(system, seed, 3000, torque=0.5, **options)
+    it, longer, _ = estimate_noise(it, it.begin(system.theta, it.segments.spread))
+    shorter = it.begin(np.append(longer.theta[:-1], 0.0), it.segments.spread)
+    steps = (
+        PathStep(longer, np.full(3, 0.01), None, 0.0, 4),
+        PathStep(shorter, np.full(3, 0.01), it.mechanisms[-1], 30.0, 3),
+    )
+    return ModelPath(it, steps, 1)
+
+
+def test_dry_friction_stays_where_what_is_unexplained_without_it_shows_it():
+    kept = [without_friction(seed, friction=0.8).keeping_friction.chosen == 0 for seed in range(5)]
+    invented = [without_friction(seed).keeping_friction.chosen == 0 for seed in range(5)]
+    assert sum(kept) >= 4
+    assert not any(invented)
 
 
 RUNS = {
