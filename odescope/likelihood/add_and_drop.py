@@ -262,7 +262,8 @@ class Moves:
     def substitute(self, here: Fit, expand: Callable[[Fit], Expansion | None]) -> Fit | None:
         """Put a few mechanisms in the place of all that a relation has beside its target, where that is better.
 
-        Several may add up to one or two others so nearly that beside them these have no score.
+        Several may add up to one or two others so nearly that beside them these have no score. Where a statistic
+        decides alone, it has to be sure of all that are then present.
 
         Args:
             here: the fit with those that are present.
@@ -284,7 +285,9 @@ class Moves:
                 theta = found.theta.copy()
                 theta[free] = again
                 trial = space.fit(theta, np.union1d(free[kept], found.held), here.x0, self.defect_std)
-                if trial is not None and self.penalised(trial) < self.penalised(here) - GAIN:
+                if trial is None or (self.judge.binding and self._weak(trial)):
+                    continue
+                if self.penalised(trial) < self.penalised(here) - GAIN:
                     self._note_all(here, trial)
                     return trial
         return None

@@ -373,7 +373,8 @@ class _BlockSpread:
 def _settle(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
     """Drop and add by the robust evidence until nothing moves; the last of the budget is for drops alone.
 
-    Then exchange: of two look-alikes the wrong one may have come first, and is sure while the other is not there.
+    Then exchange: of two look-alikes the wrong one may have come first, and is sure while the other is not there. Or all
+    that a relation has may stand for a few.
     """
     moves, plain = Moves(space, _BlockSpread(space), 1.0, 1.0, trail), WhiteResiduals(space, space.segments.spread)
     for _ in range(STEPS):
@@ -382,7 +383,7 @@ def _settle(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
         late = space.budget.spent > ADDING * space.budget.limit
         moved = moves.drop(here) or moves.divide(here) or (None if late else moves.add(here))
         if moved is None and not late:
-            moved = moves.exchange(here, plain.expansion(here))
+            moved = moves.exchange(here, plain.expansion(here)) or moves.substitute(here, plain.expansion)
         if moved is None:
             break
         here = moved

@@ -279,11 +279,11 @@ def _with_process_noise(
         space: data and candidates.
         best: the best end of the searches for a model that follows the record to within its noise.
         begun: what these began from.
-        near: models that they found to follow it in open segments alone, if any did: nothing is nearer.
+        near: models that they found to follow it in open segments alone, if any did: what they began from is no nearer.
         terms: number of mechanisms to stop at, where that is given.
     """
     # What a search has found is nearest, should the budget end the others.
-    starts = near or [best.fit.theta, *begun]
+    starts = [*near, best.fit.theta] if near else [best.fit.theta, *begun]
     parts = (divided_in_part(space, theta) for theta in starts)
     starts = [*starts, *(theta for theta in parts if theta is not None)]
     # Where there is process noise no search without it comes to an end: they leave a share of the budget.
