@@ -373,8 +373,8 @@ class _BlockSpread:
 def _settle(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
     """Drop and add by the robust evidence until nothing moves; the last of the budget is for drops alone.
 
-    Then exchange: of two look-alikes the wrong one may have come first, and is sure while the other is not there. Or all
-    that a relation has may stand for a few.
+    Then exchange: of two look-alikes the wrong one may have come first, and is sure while the other is not there. Or a
+    few may stand for all that a relation has.
     """
     moves, plain = Moves(space, _BlockSpread(space), 1.0, 1.0, trail), WhiteResiduals(space, space.segments.spread)
     for _ in range(STEPS):

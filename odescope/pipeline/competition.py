@@ -216,11 +216,16 @@ def _with_more(
         regressed: what regression on these found.
         refinement: the model so far, if there is one.
     """
-    suspicions = tuple[SuspicionScore, ...]()
+    suspicions, warm = tuple[SuspicionScore, ...](), tuple[SuspicionScore, ...]()
     refinement = with_modulated(work, filtered, regressed, refinement)  # products are simpler than functions
-    if refinement is not None:
+    # Too many terms imitate a rate that goes with a temperature for one function at a time to be seen in their place.
+    lacks = refinement is None or not refinement.lacks_nothing
+    if lacks:
+        refinement, warm = with_arrhenius(work, filtered, refinement, ())
+    if refinement is not None and not warm:
         refinement, suspicions = with_suspected(work, filtered, posed, refinement)
-    refinement, warm = with_arrhenius(work, filtered, refinement, suspicions)
+    if not lacks:
+        refinement, warm = with_arrhenius(work, filtered, refinement, suspicions)
     suspicions = warm or suspicions
     higher = with_higher_degree(work, filtered, regressed, refinement, any(s.found for s in suspicions))
     angular, angles = with_angles(work, filtered, regressed, higher, bool(suspicions))

@@ -16,6 +16,7 @@ from odescope.model.scores import SuspicionScore
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
 from odescope.pipeline.stages import refine_form
+from odescope.pipeline.units import units_of
 from odescope.pipeline.work import Work
 
 LEAST = 0.5  # units of budget: what the comparison may cost where the search before cost next to nothing
@@ -37,8 +38,8 @@ def with_suspected(
         if not suspected:
             return refinement, ()
         work.monitor.tell(Progress("suspicion", "search with functions that the library lacks", 0, 1))
-        units = {c.name: c.unit for c in filtered.signals.coordinates} | {i.name: i.unit for i in filtered.inputs}
-        found = alternative(refinement, suspected, len(posed.mechanisms), max(refinement.spent, LEAST), units)
+        most = max(refinement.spent, LEAST)
+        found = alternative(refinement, suspected, len(posed.mechanisms), most, units_of(filtered))
     better = None
     if found is not None and _promises(refinement, found):
         wide = replace(

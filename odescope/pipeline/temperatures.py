@@ -19,6 +19,7 @@ from odescope.model.scores import SuspicionScore
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import relations_form
 from odescope.pipeline.stages import refine_form
+from odescope.pipeline.units import units_of
 from odescope.pipeline.wider import LEAST, TIMES, basis_of, evidently_better, regressed_with, with_basis, within
 from odescope.pipeline.work import Work
 
@@ -31,9 +32,8 @@ def with_arrhenius(
     """Return the model with rates that go with a temperature, where that is evidently better, and what was found.
 
     Where a reaction gives off heat the same rate stands in several relations, beside much else that depends on the
-    temperature: too many terms imitate that for one function at a time to be seen in their place. One reactant or two
-    are tried. Nothing is where the model leaves no suspicion, or has the law already and nothing else is in doubt, or a
-    library was written by hand.
+    temperature. One reactant or two are tried. Nothing is where the model follows the record and leaves no suspicion, or
+    has the law already and nothing else is in doubt, or a library was written by hand.
 
     Args:
         work: whose study says of which variables functions may be looked for.
@@ -74,8 +74,7 @@ def _factors(work: Work, filtered: Filtered) -> dict[str, Family]:
 
     Where one is a state, those that drive it, as a coolant's, are not where the reaction is.
     """
-    signals = filtered.signals
-    units = {c.name: c.unit for c in signals.coordinates} | {i.name: i.unit for i in filtered.inputs}
+    signals, units = filtered.signals, units_of(filtered)
     taken = {*signals.names, *signals.targets}
     warm = [n for n in work.study.suspects if units.get(n) in ABOVE_ZERO]
     found = (f for n in warm for f in families_of(n, signals.joined()[signals.row(n)], taken, False, units[n]))
