@@ -80,7 +80,7 @@ def judge(
         counts = [sum(holds(truth.model, row, shifts, columns, theirs, free) for row in rows) for rows in forms]
         return max(counts) >= len(truth.targets)
 
-    # Equations of motion in the readings themselves leave a zero out that is off, unless they do not hold the coordinate.
+    # Equations of motion in the readings themselves leave a zero out that is off, if they hold its coordinate.
     named = set().union(*(p.term.names for row in forms[0] for p in row))
     missed = (z and not o and c.name in named for z, o, c in zip(zero, offsets, truth.model.coordinates, strict=True))
     blind = any(missed) and held(np.zeros(len(zero)), mine)

@@ -9,7 +9,7 @@ import numpy as np
 
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.evidence import Evidence
-from odescope.likelihood.lacking import lacking
+from odescope.likelihood.lacking import has_dry_friction, lacking
 from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import MOST_TERMS, THIN
@@ -125,9 +125,11 @@ def _finite(value: float) -> float | None:
 
 def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
     """Return sentences about what the unexplained part of each target goes with."""
-    return [
-        dry_friction_hint(targets[m.target], m.cause, m.correlation)
-        if m.friction
-        else delay_hint(targets[m.target], m.cause, m.correlation)
-        for m in lacking(process.space, process.fit)
-    ]
+    space, sentences = process.space, list[str]()
+    for m in lacking(space, process.fit):
+        if m.friction:
+            known = has_dry_friction(space.mechanisms, m.cause)
+            sentences.append(dry_friction_hint(targets[m.target], m.cause, m.correlation, known))
+        else:
+            sentences.append(delay_hint(targets[m.target], m.cause, m.correlation))
+    return sentences

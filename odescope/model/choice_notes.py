@@ -22,7 +22,7 @@ SUSPECTED = {
     "pair": "{target} may hold a function of two variables together",
     "sine": "{target} may hold sines of angles",
     "angle": "{variable} may be an angle",
-    "temperature": "{variable} is a temperature by its unit, or by name and size: rates may go with it as Arrhenius has it",
+    "temperature": "{variable} is a temperature by its unit, or by name and size: rates may go with it by Arrhenius",
     "periodic": "what is unexplained of {target} goes at {low:.4g} to {high:.4g} rad/s, as under a forcing that was"
     " not recorded",
     "recurring": "what is unexplained of {target} repeats along {variable}, at {low:.4g} to {high:.4g} rad a unit"

@@ -322,17 +322,19 @@ def _size(left: float, target: str, unit: str, whole: float) -> str:
     return f"{left:.2g}{f' {unit}' if unit else ''} of {target}{of}"
 
 
-def dry_friction_hint(target: str, velocity: str, correlation: float) -> str:
+def dry_friction_hint(target: str, velocity: str, correlation: float, known: bool) -> str:
     """Return what to say where what is unexplained of a target goes with the sign of a velocity.
 
     Args:
         target: whose equation it is.
         velocity: a state.
         correlation: of the two, others taken out.
+        known: whether the library has dry friction of that velocity.
     """
+    told = "the library has it, and it is not worth a term" if known else f"try sign({velocity}) in the library's basis"
     return (
         f"what is unexplained of {target} goes with the sign of {velocity} (correlation {correlation:.2g}), as"
-        f" dry friction does: try sign({velocity}) in the library's basis"
+        f" dry friction does: {told}"
     )
 
 

@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -212,6 +213,14 @@ def test_dry_friction_stays_where_what_is_unexplained_without_it_shows_it():
     invented = [without_friction(seed).keeping_friction.chosen == 0 for seed in range(5)]
     assert sum(kept) >= 4
     assert not any(invented)
+
+
+def test_friction_that_the_library_has_is_not_asked_for():
+    path = without_friction(0, friction=0.8)
+    (told,) = missing_physics(SimpleNamespace(space=path.space, fit=path.choice.fit), ["th_ddot"])
+    assert SIGN in told
+    assert "the library has it" in told
+    assert "try sign" not in told
 
 
 RUNS = {
