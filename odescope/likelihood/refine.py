@@ -33,7 +33,7 @@ from odescope.likelihood.process_noise import (
     search_with_process_noise,
 )
 from odescope.likelihood.program import Frame
-from odescope.likelihood.search import CHANCE, WHITE, LikelihoodSearch, Outcome, fitted_again, in_whole
+from odescope.likelihood.search import CHANCE, WHITE, LikelihoodSearch, Outcome, fitted_again, full, in_whole
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.searches import FOLLOWED, JOINED_SHARE, joined, searches
 from odescope.likelihood.segments import SEGMENT, Segments
@@ -103,6 +103,11 @@ class Refinement:
     def lacks_nothing(self) -> bool:
         """Whether what such a model leaves is no more than the noise and chance."""
         return self.process is None and _leaves_noise(self.space, self.outcome)
+
+    @property
+    def wanting(self) -> bool:
+        """Whether such a model leaves more than noise, or has so many terms that it imitates what is not there."""
+        return not self.lacks_nothing or full(self.space, self.fit)
 
     @property
     def free_run_error(self) -> float:

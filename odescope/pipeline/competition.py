@@ -219,12 +219,12 @@ def _with_more(
     suspicions, warm = tuple[SuspicionScore, ...](), tuple[SuspicionScore, ...]()
     refinement = with_modulated(work, filtered, regressed, refinement)  # products are simpler than functions
     # Too many terms imitate a rate that goes with a temperature for one function at a time to be seen in their place.
-    lacks = refinement is None or not refinement.lacks_nothing
-    if lacks:
+    wanting = refinement is None or refinement.wanting
+    if wanting:
         refinement, warm = with_arrhenius(work, filtered, refinement, ())
     if refinement is not None and not warm:
         refinement, suspicions = with_suspected(work, filtered, posed, refinement)
-    if not lacks:
+    if not wanting:
         refinement, warm = with_arrhenius(work, filtered, refinement, suspicions)
     suspicions = warm or suspicions
     higher = with_higher_degree(work, filtered, regressed, refinement, any(s.found for s in suspicions))

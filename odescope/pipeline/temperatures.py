@@ -32,8 +32,8 @@ def with_arrhenius(
     """Return the model with rates that go with a temperature, where that is evidently better, and what was found.
 
     Where a reaction gives off heat the same rate stands in several relations, beside much else that depends on the
-    temperature. One reactant or two are tried. Nothing is where the model follows the record and leaves no suspicion,
-    or has the law already and nothing else is in doubt, or a library was written by hand.
+    temperature. One reactant or two are tried. Nothing is where the model follows the record with few terms and
+    leaves no suspicion, or has the law already and nothing else is in doubt, or a library was written by hand.
 
     Args:
         work: whose study says of which variables functions may be looked for.
@@ -44,7 +44,7 @@ def with_arrhenius(
     study, signals, settled = work.study, filtered.signals, all(s.found for s in suspicions)
     if study.library.by_hand or not filtered.sample.complete:
         return refinement, ()
-    if refinement is not None and refinement.lacks_nothing and (not suspicions or (settled and _holds(refinement))):
+    if refinement is not None and not refinement.wanting and (not suspicions or (settled and _holds(refinement))):
         return refinement, ()
     factors = _factors(work, filtered)
     amounts = [n for n in signals.states if n in study.suspects and n not in factors]
