@@ -139,11 +139,11 @@ class ModelPath:
         A small friction moves a free run by little. But what is unexplained goes with the sign of a velocity then.
         """
         here = self
-        while (k := here._without_friction()) is not None:
+        while (k := here._last_with_friction()) is not None:
             here = replace(self, chosen=k)
         return here
 
-    def _without_friction(self) -> int | None:
+    def _last_with_friction(self) -> int | None:
         """Return the number of the last model that has a friction that the chosen one is seen to lack."""
         shown = {m.cause for m in lacking(self.space, self.choice.fit) if m.friction}
         having = (

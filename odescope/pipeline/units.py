@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import re
-
-from odescope.arrays import FloatArray
 from odescope.pipeline.filtering import Filtered
-
-NAMED = re.compile(r"t(_?\w{1,2}|_\w+)?|temp\w*", re.IGNORECASE)  # T, T1, Tc, T_in, temp, temperature
-KELVINS = (200.0, 3000.0)  # what is called so and stays between these is in kelvins
+from odescope.recordings.checks import may_be_kelvins
 
 
 def units_of(filtered: Filtered) -> dict[str, str | None]:
-    """Return the units of states and inputs by name, kelvins where none is given but name and values say so."""
+    """Return the units of states and inputs by name, None of what has none and is no temperature by name and size."""
     signals = filtered.signals
     given = {c.name: c.unit for c in signals.coordinates} | {i.name: i.unit for i in filtered.inputs}
-    return {name: unit or _kelvins(name, signals.joined()[signals.row(name)]) for name, unit in given.items()}
-
-
-def _kelvins(name: str, values: FloatArray) -> str | None:
-    warm = KELVINS[0] < values.min() and values.max() < KELVINS[1]
-    return "K" if warm and NAMED.fullmatch(name) else None
+    bare = {name for name, unit in given.items() if unit is None}
+    warm = {name for name in bare if may_be_kelvins(name, signals.joined()[signals.row(name)])}
+    return {name: "K" if name in warm else unit for name, unit in given.items()}

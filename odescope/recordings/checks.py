@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,6 +18,8 @@ LENGTHS = frozenset(
 )
 RADIANS = frozenset({"", "1", "-", "rad", "rads", "radian", "radians"})
 DEGREES = frozenset({"deg", "degs", "degree", "degrees", "°"})
+TEMPERATURES = re.compile(r"t(_?\w{1,2}|_\w+)?|temp\w*", re.IGNORECASE)  # T, T1, Tc, T_in, temp, temperature
+KELVINS = (200.0, 3000.0)  # what is called so and stays between these is in kelvins
 ISOLATED = 3  # samples in a row, at most, that are taken for outliers
 TO_AND_FRO = 1.5  # of its range, that what swings goes altogether: to one side and half of it back
 SMALL_TURN = 0.1  # of its range: where a column turns by less, that may be noise
@@ -137,6 +140,11 @@ def _in_degrees(what: str, name: str) -> str:
 def is_angular(unit: str | None) -> bool:
     """Say whether what has this unit may be an angle in radians: a concentration is none, however far it moves."""
     return unit is None or unit.strip().casefold() in RADIANS
+
+
+def may_be_kelvins(name: str, values: FloatArray) -> bool:
+    """Say whether values (N,) are called a temperature and stay where kelvins do."""
+    return bool(TEMPERATURES.fullmatch(name) and KELVINS[0] < values.min() and values.max() < KELVINS[1])
 
 
 def is_degrees(unit: str | None) -> bool:

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.recordings.checks import degrees_hints, is_degrees
+from odescope.recordings.checks import degrees_hints, is_degrees, may_be_kelvins
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.headings import Heading
 from odescope.recordings.record import Records
@@ -51,6 +51,7 @@ SWINGS = 1.5  # times its range: a smooth column that goes so far in all has tur
 NOISE = "noise from sample to sample, as an excitation may be; what drives nothing is to be removed"
 A_CONDITION = "constant within each recording, not across them"
 AN_UNKNOWN = "an amount? order 2 for a position; what drives goes to [inputs]"
+A_TEMPERATURE = "a temperature in kelvins, by its name and size; what drives goes to [inputs]"
 BY_NAME = "a position, by its name; order 1 for an amount"
 A_SPECIES = "an amount, by its capital; order 2 for a position"
 VELOCITIES = re.compile(r"(.*_)?(v|vel|velocity|speed|omega|rate|dot)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE)
@@ -130,6 +131,8 @@ def look(records: Records, headings: Mapping[str, Heading]) -> tuple[Seen, ...]:
                 seen = replace(seen, order=1, why="an amount: its rate follows from the values; order 2 for a position")
             if seen.why == AN_UNKNOWN and len(moving) == 1 and _swings(name, filtered):
                 seen = replace(seen, order=2, why="it swings by itself, as nothing of order 1 does")
+            if seen.why == AN_UNKNOWN and may_be_kelvins(heading.name, np.concatenate(moving[name])):
+                seen = replace(seen, why=A_TEMPERATURE)
             slow = ", read more often than it is measured" if is_slow(moving[name]) and _follows(moving[name]) else ""
             unclear = seen.angle and degrees_hints(records, [Coordinate(name, 2, True, unit=heading.unit)])
             doubt = ', in degrees? Then add unit = "deg"' if unclear else ""

@@ -137,6 +137,12 @@ def test_batches_of_a_few_samples_are_told_apart_where_time_goes_back(here):
     assert "60 samples in 5 recordings" in text
 
 
+def test_what_is_called_a_temperature_is_one_where_kelvins_are(here):
+    for label, middle, warm in (("T_jacket", 330.0, True), ("T_jacket", 30.0, False), ("level", 330.0, False)):
+        _, text = drafted({"t": T, "c": motion(8), label: middle + 10.0 * motion(9) / np.ptp(motion(9))})
+        assert ("a temperature in kelvins" in text) == warm
+
+
 def test_without_a_time_the_period_is_to_be_changed(here):
     study, text = drafted({"u": motion(8), "y": motion(9)})
     assert study.data.sample_period == 1.0
