@@ -216,17 +216,17 @@ def _with_more(
         regressed: what regression on these found.
         refinement: the model so far, if there is one.
     """
-    suspicions, warm = tuple[SuspicionScore, ...](), tuple[SuspicionScore, ...]()
+    suspicions = tuple[SuspicionScore, ...]()
     refinement = with_modulated(work, filtered, regressed, refinement)  # products are simpler than functions
     # Too many terms imitate a rate that goes with a temperature for one function at a time to be seen in their place.
     wanting = refinement is None or refinement.wanting
     if wanting:
-        refinement, warm = with_arrhenius(work, filtered, refinement, ())
-    if refinement is not None and not warm:
+        refinement, suspicions = with_arrhenius(work, filtered, refinement, ())
+    if refinement is not None and not suspicions:
         refinement, suspicions = with_suspected(work, filtered, posed, refinement)
     if not wanting:
         refinement, warm = with_arrhenius(work, filtered, refinement, suspicions)
-    suspicions = warm or suspicions
+        suspicions = warm or suspicions
     higher = with_higher_degree(work, filtered, regressed, refinement, any(s.found for s in suspicions))
     angular, angles = with_angles(work, filtered, regressed, higher, bool(suspicions))
     # What was suspected of a model that is gone says nothing of the one that came instead.
