@@ -17,6 +17,7 @@ from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import refine_form
+from odescope.pipeline.units import units_of
 from odescope.pipeline.wider import (
     LEAST,
     TIMES,
@@ -50,8 +51,8 @@ def with_angles(
         suspected: whether there was a suspicion against its terms, settled or not.
     """
     study, signals = work.study, filtered.signals
-    no_angles = {c.name for c in signals.coordinates if not is_angular(c.unit)}
-    moving = [n for n in study.suspects if n in signals.states and n not in no_angles]
+    units = units_of(filtered)
+    moving = [n for n in study.suspects if n in signals.states and is_angular(units.get(n))]
     angles = [n for n in moving if may_be_angle(signals.joined()[signals.row(n)])]
     if study.library.by_hand or not angles or not filtered.sample.complete:
         return refinement, ()
