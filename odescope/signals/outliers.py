@@ -32,9 +32,10 @@ PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
 ROUNDS = 8
 MANY = 300  # samples of a log, which is then fast beside its motion
+SIDE = 4  # samples on one side of a kink, through which a line is drawn,
+KINK = 0.35  # and of what a sample is off the filtered signal, that it may be off that line,
 AROUND = 3  # samples on either side of where a held input jumps,
-BENT = 8.0  # and how many times as far off the filtered signal a sample may be there
-SELDOM = 0.1  # of all samples
+BENT = 2.0  # and times as far off either that a sample may be there
 IN_A_ROW = 4  # spikes: of two beside each other the nearer to the others is clipped first
 SHARP = 0.4  # of what a spike is off, that it is at least off the mean of the two samples beside it
 NEIGHBOURS = (1, 2, 3, 4, 5, 7, 9)  # samples away, on either side: of four spikes in a row most say what the others are
@@ -179,11 +180,11 @@ def gate_outliers(records: Records, coordinates: Sequence[Coordinate], different
         NoModelError: so many samples are far off that none is usual.
     """
     inputs = [name for name in records.names if name not in {c.name for c in coordinates}]
-    bent = [_bent(run, inputs) for run in records]
+    jumps = [_about_jumps(run, inputs) for run in records]
     gone = list[dict[str, BoolArray]]({} for _ in records)
     for c in coordinates:
         measured = [run.counted(c.name) > 0.0 for run in records]
-        far = [f & m for f, m in zip(_far(records, c, differentiator, bent), measured, strict=True)]
+        far = [f & m for f, m in zip(_far(records, c, differentiator, jumps), measured, strict=True)]
         found = sum(int(f.sum()) for f in far)
         if found >= MOST * sum(int(m.sum()) for m in measured):
             raise NoModelError(
@@ -198,20 +199,17 @@ def gate_outliers(records: Records, coordinates: Sequence[Coordinate], different
     return filled(Records.of(map(taken_out, records, gone)), coordinates, differentiator)
 
 
-def _bent(run: Record, inputs: Sequence[str]) -> BoolArray:
-    """Return which samples (N,) are about where a held input jumps, so that what follows it may bend.
-
-    None where these are not few: what is usual then holds of bends, too, and wrong samples would be let pass.
-    """
+def _about_jumps(run: Record, inputs: Sequence[str]) -> BoolArray:
+    """Return which samples (N,) are about where a held input jumps, so that what follows it has a kink."""
     jumps = np.zeros(len(run), dtype=np.bool_)
     for column in filter(looks_held, map(run.column, inputs)):
         jumps |= np.diff(column, prepend=column[0]) != 0.0
     found: BoolArray = np.convolve(jumps, np.ones(2 * AROUND), mode="full")[AROUND : AROUND + len(run)] > 0.0
-    return found if found.mean() < SELDOM else np.zeros_like(found)
+    return found
 
 
 def _far(
-    records: Records, coordinate: Coordinate, differentiator: Differentiator, bent: Sequence[BoolArray]
+    records: Records, coordinate: Coordinate, differentiator: Differentiator, jumps: Sequence[BoolArray]
 ) -> list[BoolArray]:
     """Return which samples (N,) of every record are far from the signal, or at an end of the sensor's range.
 
@@ -219,10 +217,11 @@ def _far(
         records: uniformly sampled, at one period.
         coordinate: what was measured.
         differentiator: filters it.
-        bent: where signals may bend more than they do elsewhere.
+        jumps: where (N,) a kink is likely.
     """
     recorded = [run.column(coordinate.name) for run in records]
-    saturated = _saturated(recorded, [run.counted(coordinate.name) > 0.0 for run in records])
+    measured = [run.counted(coordinate.name) > 0.0 for run in records]
+    saturated = _saturated(recorded, measured)
     # A wrong sample pulls a filter that is not robust: where even then none is off its share, none is far.
     first = _without_spikes(recorded)
     _, limits, rest = _residuals(records, coordinate, differentiator, 1, PULLED * STEPS, first)
@@ -231,8 +230,39 @@ def _far(
     bound, limits, rest = _residuals(records, coordinate, differentiator, ROUNDS, STEPS, first)
     if _left_signal([np.clip(r, -bound, bound) for r in rest]) > SIGNAL_LEFT:
         return saturated
-    allowed = [np.where(b, BENT * limit, limit) for b, limit in zip(bent, limits, strict=True)]
-    return [f | (np.abs(r) > limit) for f, r, limit in zip(saturated, rest, allowed, strict=True)]
+    more = [np.where(j, BENT, 1.0) for j in jumps]
+    far = [np.abs(r) > limit * m for r, limit, m in zip(rest, limits, more, strict=True)]
+    near = [KINK * m * np.abs(r) for r, m in zip(rest, more, strict=True)]
+    kinks = map(_kinks, recorded, near, far, measured)
+    return [s | (f & ~k) for s, f, k in zip(saturated, far, kinks, strict=True)]
+
+
+def _kinks(y: FloatArray, near: FloatArray, far: BoolArray, measured: BoolArray) -> BoolArray:
+    """Return which samples (N,) far from the filtered signal lie on the line of those before or after them.
+
+    There the signal has a kink, as where an input jumps, which a filter rounds; a wrong sample is off either line.
+
+    Args:
+        y: (N,) the samples of one record.
+        near: (N,) what they may be off that line.
+        far: (N,) whether they are.
+        measured: (N,) whether they were.
+    """
+    found = np.zeros(len(y), dtype=np.bool_)
+    usual, asked = np.flatnonzero(measured & ~far), np.flatnonzero(measured & far)
+    if len(usual) < SIDE:
+        return found
+    after = np.searchsorted(usual, asked)
+    for first in (after - SIDE, after):
+        there = (first >= 0) & (first + SIDE <= len(usual))
+        at = usual[first[there][:, None] + np.arange(SIDE)]
+        away = (at - asked[there][:, None]).astype(float)
+        centred = away - away.mean(axis=1, keepdims=True)
+        slope = (centred * y[at]).sum(axis=1) / (centred**2).sum(axis=1)
+        line = y[at].mean(axis=1) - slope * away.mean(axis=1)
+        on_line = np.abs(y[asked[there]] - line) < near[asked[there]]
+        found[asked[there]] |= on_line & (np.abs(away).max(axis=1) <= 2 * SIDE)
+    return found
 
 
 def _residuals(
