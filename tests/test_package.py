@@ -59,6 +59,16 @@ def test_errors_are_light_too():
     assert python(code) == "False"
 
 
+def test_arrays_are_read_without_pandas():
+    """Arrow's own conversion imports it where it is installed, half a second or more for nothing."""
+    code = (
+        "import sys; import numpy as np; from odescope import Layout, records_from; t = np.arange(9)[::2];"
+        " (run,) = records_from({'t': t, 'x': np.sqrt(t).astype('>f4')}, Layout(time='t', columns=(('x', 'x'),)));"
+        " print('pandas' in sys.modules, run.t.tolist(), (run.column('x') ** 2).round(5).tolist())"
+    )
+    assert python(code) == "False [0.0, 2.0, 4.0, 6.0, 8.0] [0.0, 2.0, 4.0, 6.0, 8.0]"
+
+
 def test_identify_stays_a_function_after_its_module_is_imported():
     modules = "pipeline.identification", "study.options", "model.simulation", "commands.cli"
     code = "".join(f"import odescope.{module}; " for module in modules) + "import odescope as o; "

@@ -15,7 +15,7 @@ from odescope.recordings.layout import Layout
 from odescope.recordings.text_files import NUMBER
 
 if TYPE_CHECKING:
-    from pyarrow import ChunkedArray, Table
+    from pyarrow import Array, ChunkedArray, Table
 
 ROUNDED = 1e-6  # of the range of whole numbers, by which floats may be off them
 Columns: TypeAlias = "Mapping[str, ChunkedArray]"
@@ -74,12 +74,22 @@ def _arrow_column(data: object, label: str, source: str) -> ChunkedArray:
         array = np.asarray(data)
         array = array.ravel() if array.ndim == 2 and 1 in array.shape else array
         native = array.astype(array.dtype.newbyteorder("="), copy=False)
-        column = pa.chunked_array([pa.array(native)]) if array.ndim == 1 else None
+        column = pa.chunked_array([_arrow_array(native)]) if array.ndim == 1 else None
     except (pa.ArrowException, ValueError, TypeError) as error:
         raise InputError(f"{label!r} in {source} is not a column of numbers: {first_line(error)}") from error
     if column is None:
         raise InputError(f"{label!r} in {source} is an array of shape {array.shape}, expected a single column")
     return column
+
+
+def _arrow_array(array: np.ndarray) -> Array:
+    """Return an array (N,) in Arrow, numbers by their memory: pa.array imports pandas where it is installed."""
+    import pyarrow as pa
+
+    if array.dtype.kind not in "iuf":
+        return pa.array(array)
+    memory = pa.py_buffer(np.ascontiguousarray(array))
+    return pa.Array.from_buffers(pa.from_numpy_dtype(array.dtype), len(array), [None, memory])
 
 
 def numbers(column: ChunkedArray, label: str, source: str) -> FloatArray:
