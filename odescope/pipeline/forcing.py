@@ -36,6 +36,7 @@ class OfRecords(Protocol):
 
 
 Result = TypeVar("Result", bound=OfRecords)
+Ended = TypeVar("Ended", bound=Event)
 
 
 def with_forcing(
@@ -173,7 +174,7 @@ def _named(study: Study, forcing: Forcing, rate: str, waves: tuple[str, ...]) ->
     return msgspec.structs.replace(study, library=library)
 
 
-def without(monitor: Monitor, kind: type[Event], ended: list[Event]) -> Callable[[Event], None]:
+def without(monitor: Monitor, kind: type[Ended], ended: list[Ended]) -> Callable[[Event], None]:
     """Return what tells a monitor all but one kind of events, which it collects.
 
     Args:

@@ -20,34 +20,25 @@ from odescope.library.product import Product
 from odescope.likelihood.refine import Refinement
 from odescope.model.coefficients import CoefficientRow, rows_with_errors
 from odescope.model.display import equations_html
-from odescope.model.gate import gated_scores
 from odescope.model.given import GivenInputs, GivenState
 from odescope.model.model import SHOWN_DIGITS, Model
 from odescope.model.notes import notes_of, trust, uncertain, warnings_of
 from odescope.model.relation import Relation, RelationTerm
-from odescope.model.scores import Doubts, ModelScores, Streamed
+from odescope.model.scores import Doubts, ModelScores
 from odescope.model.screen import screen
 from odescope.model.simulation import Trajectory
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.adopted import Adopted, adopted
 from odescope.pipeline.coarse_inputs import with_held_cells
-from odescope.pipeline.competition import Contender, Winner, compete, regress
-from odescope.pipeline.evaluation import (
-    domain,
-    doubts_of,
-    free_run_scores,
-    provenance,
-    require_model,
-    scores,
-    time_score,
-)
+from odescope.pipeline.competition import Contender, compete, regress
+from odescope.pipeline.evaluation import doubts_of, free_run_scores, require_model
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
-from odescope.pipeline.forcing import with_forcing
-from odescope.pipeline.found_settings import delay_scores, hold_scores, offset_scores, present_mechanisms
+from odescope.pipeline.forcing import with_forcing, without
 from odescope.pipeline.joint_models import Search, to_relation
+from odescope.pipeline.judged import judged
 from odescope.pipeline.late_inputs import with_late_inputs
-from odescope.pipeline.path_models import path_models, path_scores
-from odescope.pipeline.physics import constants_of, energy_of
+from odescope.pipeline.outside import moved_from_outside
+from odescope.pipeline.path_models import path_models
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.run_freely import run_freely
 from odescope.pipeline.versions import best_version
@@ -279,13 +270,7 @@ def identify(
         def once(posed: Study, monitor: Monitor) -> tuple[Identification, Contender]:
             return _identified(Work(with_time(posed), monitor, workers, deadline), own, store)
 
-        def held_or_not(posed: Study, monitor: Monitor) -> tuple[Identification, Contender]:
-            found, contender, held = with_held_cells(posed, monitor, once, NothingFound)
-            return _with_scores(found, holds=_scores(found).holds | held), contender
-
-        late = partial(with_late_inputs, run=held_or_not, in_vain=NothingFound)
-        result, contender, suspected = with_forcing(settled, monitor, late, NothingFound)
-        return _with_scores(result, suspicions=(*_scores(result).suspicions, *suspected)), contender
+        return _settled_on(settled, monitor, once)
 
     # Matrices here are small: threads of BLAS would only contend with those of the sweep and the likelihood.
     with threadpool_limits(1, "blas"), open_workers(cluster) as workers:
@@ -296,6 +281,34 @@ def identify(
     for note in result.notes:
         monitor.tell(Note(note, note in warned))
     return result
+
+
+def _settled_on(
+    study: Study, monitor: Monitor, once: Callable[[Study, Monitor], tuple[Identification, Contender]]
+) -> tuple[Identification, Contender]:
+    """Return the best of the identifications that the first one asks for.
+
+    Args:
+        study: the options, which name one column of every input.
+        monitor: told what goes on.
+        once: identifies by a study, once through the stages.
+    """
+
+    def held_or_not(posed: Study, monitor: Monitor) -> tuple[Identification, Contender]:
+        found, contender, held = with_held_cells(posed, monitor, once, NothingFound)
+        return _with_scores(found, holds=_scores(found).holds | held), contender
+
+    late = partial(with_late_inputs, run=held_or_not, in_vain=NothingFound)
+    ended = list[NothingFound]()
+    try:
+        told = replace(monitor, tell=without(monitor, NothingFound, ended))
+        result, contender, suspected = with_forcing(study, told, late, NothingFound)
+    except NoModelError:
+        for event in ended:
+            more = moved_from_outside(study, event.result.searches, monitor, once)
+            monitor.tell(replace(event, advice=(*event.advice, *more)))
+        raise
+    return _with_scores(result, suspicions=(*_scores(result).suspicions, *suspected)), contender
 
 
 def _scores(result: Identification) -> ModelScores:
@@ -349,7 +362,7 @@ def _identified(
         winner = compete(replace(work, study=prepared.study), prepared, filtered, regressed)
         seen = settled(work, filtered, winner.model)
         with work.stage("model"):
-            model = _judged(work.study, seen, regressed, winner)
+            model = judged(work.study, seen, regressed, winner)
             require_model(model, winner.follows, winner.best.exact)
             model, runs = run_freely(work, seen, model)
     except NoModelError as failure:
@@ -372,29 +385,3 @@ def _nothing_found(work: Work, filtered: Filtered, regressed: Regressed, failure
         work.study, records, signals, searches, chosen, model, None, work.seconds, work.memory, gated=filtered.gated
     )
     return NothingFound(failure, result, advice(records, signals, regressed.problems))
-
-
-def _judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winner) -> Model:
-    """Return the model with its scores, its domain and what it was made from."""
-    model, refinement = winner.model, winner.refinement
-    signals, sample, whole = filtered.signals, filtered.sample, regressed.whole
-    told = scores(model, signals, *adopted(regressed.searches, model), refinement, study.random.seed)
-    present = present_mechanisms(model, refinement)
-    told = msgspec.structs.replace(
-        told,
-        left_out=filtered.left_out,
-        outliers=filtered.outliers,
-        gated=gated_scores(filtered.undelayed, filtered.gated),
-        time=time_score(sample.records, study.measured(), model.inputs),
-        delays=delay_scores(filtered.delays, model, refinement),
-        offsets=offset_scores(model, refinement),
-        holds=hold_scores(model, refinement),
-        streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
-        forms=winner.forms,
-        suspicions=winner.suspicions,
-        path=path_scores(refinement),
-        energy=energy_of(model, signals),
-        conserved=() if whole is not None else constants_of(filtered.records, signals, present),
-    )
-    made_from = provenance(study, signals, whole)
-    return replace(model, scores=told, domain=domain(filtered, model, whole), provenance=made_from)

@@ -172,6 +172,8 @@ def _refusal(problem: Problem, support: Support, guesses: tuple[int, ...], optio
         return "without the target"
     if len(support) > options.terms:
         return f"with more than {options.terms} terms"
+    if len(support) > problem.factor.rows:
+        return "with a coefficient for every independent value of the record"
     if len(guesses) < options.consensus:
         return f"found from fewer than {options.consensus} guesses"
     return ""

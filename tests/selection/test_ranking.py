@@ -225,6 +225,20 @@ def test_every_relation_is_kept_or_counted_among_the_discarded(problem, found, r
         assert set(candidate.support) & set(problem.own)
 
 
+def test_a_relation_that_fits_any_record_as_short_is_refused():
+    """As many free coefficients as independent values: nothing is left, whatever the terms."""
+    short = pose(signals_of(lengths=(60,), cutoff=2.0), "phi_ddot", 2, LIBRARY, NoiseWeighted())
+    rows = short.factor.rows
+    assert rows < 15
+    plain = [j for j in range(len(short.terms)) if j not in short.own]
+    most, few = (tuple(sorted([short.left, *plain[: n - 1]])) for n in (rows + 1, rows))
+    solved = score(short.in_one_fold, [most], [short.left])
+    assert solved.weighted[0] < 1e-9 * solved.total
+    result = rank(short, given_supports(short, most, few), LOOSE)
+    assert [c.support for c in result.candidates] == [few]
+    assert result.discarded == (("with a coefficient for every independent value of the record", 1),)
+
+
 def test_a_pole_inside_the_data_is_counted(problem):
     truth = support_of(problem, *TRUTH)
     pole = support_of(problem, "u", "phi_ddot*sin(phi)", "phi_ddot*cos(phi)")
