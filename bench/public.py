@@ -119,7 +119,7 @@ def r2(system: System, model: Model, start: Sequence[float]) -> tuple[list[float
     """Return R^2 of a free run from a start, by state, and over all states weighted by variance; -inf if it ends."""
     t = np.linspace(0.0, SECONDS, SAMPLES)
     truth = solved(system, start, t, **AS_PUBLISHED)
-    free = simulate(model, t, np.zeros((SAMPLES, 0)), np.array(start))
+    free = simulate(model, t, {i.name: t for i in model.inputs}, np.array(start))  # a forcing has the time as its input
     if free.ended is not None:
         return [-np.inf] * truth.shape[1], -np.inf
     off, spread = np.sum((free.states - truth) ** 2, axis=0), np.sum((truth - truth.mean(axis=0)) ** 2, axis=0)

@@ -30,11 +30,13 @@ class Beginnings(Saturating):
     def first(self, found: Fit) -> Standing | None:
         """Return the model with functions that come near to it in the place of what is suspected.
 
-        Those of least penalised cost: few terms and functions, functions with a saturation, or functions beside what is
-        no imitation alone, or beside all variables and a constant, too.
+        Those of least penalised cost: few terms and functions, functions with a saturation, functions in the place of
+        all that a relation has, or functions beside what is no imitation alone, or beside all variables and a constant,
+        too.
         """
         price = self.moves().penalised
-        standings = [s for s in (self.sparse(found), self.saturating(found)) if s is not None]
+        ways = (self.sparse(found), self.saturating(found), self.substituted(found))
+        standings = [s for s in ways if s is not None]
         for variables in (None, self.space.frame.variables):
             bar = min((price(s.fit) for s in standings), default=np.inf)
             near = self.beside(found, variables, bar)
@@ -68,6 +70,34 @@ class Beginnings(Saturating):
             return best
         standing = self.one_by_one(replace(standing, fit=fit), {r: e[1:] for r, e in ends.items()})
         return standing if best is None or price(standing.fit) < price(best.fit) else best
+
+    def substituted(self, found: Fit) -> Standing | None:
+        """Return the model with functions without constants in the place of all that relations have; None if worse.
+
+        What a short record knows of a relation is told by its expansion: a root may be as far from its imitation as
+        the record lets it be, and no function is near that beside nothing else.
+
+        Args:
+            found: the model before.
+        """
+        begun, moves, expansion = self.tightened(found.theta), self.moves(), self.judge().expansion
+        fit = begun
+        while fit is not None and not self.space.budget.over:
+            better = moves.substitute(fit, expansion)
+            if better is None:
+                break
+            fit = better
+        if fit is None or fit is begun:
+            return None
+        placed = tuple(self.placed_in(fit, k) for k in range(len(self.suspected)))
+        return Standing(fit, placed, found if self.exact else None) if any(p.choice.terms for p in placed) else None
+
+    def placed_in(self, fit: Fit, k: int) -> Placed:
+        """Return the function without constants that stands for a suspicion in a fit, one without terms for none."""
+        relation = self.suspected[k].relation
+        plain = (c for c in self.choices[k] if len(c.terms) == 1 and not c.constants)
+        there = (c for c in plain if self.number[relation, Product(None, c.terms[0])] in fit.present)
+        return Placed(next(there, Choice()))
 
     def one_by_one(self, standing: Standing, ends: Mapping[int, Sequence[End]]) -> Standing:
         """Return the model with other ends of relations, each taken where it is better with the others as they are.

@@ -225,10 +225,13 @@ class FunctionSpace:
         following = list(self.space.frame.following)
         return self.space.frame.variables[following.index(-1 - relation)]
 
+    def judge(self) -> WhiteResiduals:
+        """Return what judges moves at the width."""
+        return WhiteResiduals(self.space, self.space.segments.spread * self.width)
+
     def moves(self) -> Moves:
         """Return the moves at the width."""
-        judge = WhiteResiduals(self.space, self.space.segments.spread * self.width)
-        return Moves(self.space, judge, self.width, 1.0, [])
+        return Moves(self.space, self.judge(), self.width, 1.0, [])
 
     def pruned(self, fit: Fit, functions: Collection[int] = ()) -> Fit:
         """Return the fit without the plain terms that are not worth their price, nor those of some functions."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.search import Outcome
+from odescope.likelihood.search import CHANCE, Outcome
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.searches import SHORT_RECORD, joined, searches
 from odescope.likelihood.segments import Segments
@@ -31,7 +31,9 @@ def with_noise_settled(
 
     Of few samples no filter tells noise from signal well. With too much noise terms are missed, with too little, or
     with the same everywhere where it grows with the readings, others come in to follow it. Where no model follows the
-    record under noise that grows, what the filter left may not have been noise: it is then the same everywhere.
+    record under noise that grows, what the filter left may not have been noise: it is then the same everywhere. Where
+    the filter let noise pass, the right law does not follow the record either: what a model then leaves is noise where
+    it is white with all segments joined.
 
     Args:
         space: with the noise that the filter left.
@@ -44,6 +46,8 @@ def with_noise_settled(
     if best is None or not joined(best):
         even = with_even_noise(space)
         other, again = (space, None) if even is None else _searched(space.on(even), begun, workers)
+        if again is None and best is not None:
+            other, again = _searched_with_more_noise(space, best, begun, workers)
         if again is None:
             return space, best
         space, best = other, again
@@ -67,6 +71,34 @@ def _searched(space: SearchSpace, begun: Sequence[FloatArray], workers: Workers)
     return space.with_constants(best.constants), best
 
 
+def _searched_with_more_noise(
+    space: SearchSpace, best: Outcome, begun: Sequence[FloatArray], workers: Workers
+) -> tuple[SearchSpace, Outcome | None]:
+    """Return space and end of searches with the noise that a model leaves, None where what is then left is no noise.
+
+    Args:
+        space: with less noise.
+        best: the end of the searches in it, which does not follow the record.
+        begun: (mechanisms,) coefficients of each start.
+        workers: where it is searched.
+    """
+    segments = None if space.budget.over else with_noise_left(space, best.fit, sure=0.0)
+    if segments is None or np.any(segments.noise < space.segments.noise):
+        return space, None
+    louder, found = _searched(space.on(segments), [best.fit.theta, *begun], workers)
+    return (louder, found) if found is not None and _leaves_white_noise(louder, found.fit) else (space, None)
+
+
+def _leaves_white_noise(space: SearchSpace, found: Fit) -> bool:
+    """Say whether neighbours in what a fit leaves of each channel go together no more than by chance."""
+    segments, (signal, seen) = space.segments, followed(space, found)
+    share = np.ones_like(segments.measured) if segments.share is None else segments.share
+    there = seen[:, None] & (share > 0.0)
+    rest = np.where(there, share * (segments.measured - signal), 0.0)
+    together, power = np.sum(rest[1:] * rest[:-1], axis=0), np.sum(rest**2, axis=0)
+    return bool(np.all(together <= CHANCE * power / np.sqrt(np.maximum(there.sum(axis=0), 1))))
+
+
 def with_even_noise(space: SearchSpace) -> Segments | None:
     """Return the segments with noise that is the same everywhere, None where it is."""
     segments, share, weight = space.segments, space.segments.share, space.segments.weight
@@ -87,12 +119,13 @@ def _spread(space: SearchSpace, ratio: FloatArray) -> FloatArray:
     return spread
 
 
-def with_noise_left(space: SearchSpace, found: Fit) -> Segments | None:
+def with_noise_left(space: SearchSpace, found: Fit, sure: float = SURE) -> Segments | None:
     """Return the segments with the noise that a fit leaves, None where they are as likely with that which they have.
 
     Args:
         space: of the fit.
-        found: it follows the record.
+        found: what leaves it.
+        sure: fall of -2 ln(likelihood) that is asked for.
     """
     segments, (signal, seen) = space.segments, followed(space, found)
     share = np.ones_like(segments.measured) if segments.share is None else segments.share
@@ -117,7 +150,7 @@ def with_noise_left(space: SearchSpace, found: Fit) -> Segments | None:
         weights[there, c] = share[there, c] * noise[c] / after
         ratio[c] = after.max() / before.max()
         gain += float(np.sum(2.0 * np.log(before / after) + (rest[there] / before) ** 2 - (rest[there] / after) ** 2))
-    if gain < SURE:
+    if gain < sure:
         return None
     return replace(segments, noise=noise, weight=weights, spread=_spread(space, ratio))
 

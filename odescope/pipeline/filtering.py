@@ -88,6 +88,7 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         fixed = study.library.terms is not None or study.library.preset == "paper"
         shafts = () if fixed else turning_together(sample.records, study.measured())
         posed = _without_angles(study, {name for pair in shafts for name in pair})
+        posed = _with_few_candidates(posed, sample.records.samples)
         mechanisms: dict[Form, Mechanisms] = {
             form: posed.mechanisms(form) for form in study.forms() if form != "relations"
         }
@@ -100,6 +101,22 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
                     f" {c.target}: record longer, or shrink the library: [library] degree, rules or a basis"
                 )
     return Prepared(posed, shafts, sample, libraries, mechanisms)
+
+
+def _with_few_candidates(study: Study, samples: int) -> Study:
+    """Return a study whose default library is of degree 2 where the usual one has more candidates than samples.
+
+    Of amounts: so few samples say nothing of the acceleration of a position. As it is where that is not enough.
+    """
+    coordinates = study.measured()
+
+    def decidable(posed: Study) -> bool:
+        return all(len(posed.candidates(c.target)) <= samples for c in coordinates)
+
+    if study.library.by_hand or any(c.order > 1 for c in coordinates) or decidable(study):
+        return study
+    lower = msgspec.structs.replace(study, library=msgspec.structs.replace(study.library, degree=2))
+    return lower if decidable(lower) else study
 
 
 def _without_angles(study: Study, names: Collection[str]) -> Study:

@@ -68,7 +68,7 @@ class Identification:
     they were known before the likelihood stage, which may find delays; `gated` says why a sample of a record does not
     count; `free_runs` are those of the model from the starts of the recordings; a draft has none. `cleaned` are the
     recordings that these are over: without what does not count, otherwise as they were recorded. `shafts` are pairs of
-    angles that go round together.
+    angles that go round together, `degree` is that of the default library where few samples asked for a lower one.
     """
 
     study: Study
@@ -86,6 +86,7 @@ class Identification:
     free_runs: tuple[FreeRunOf, ...] = ()
     cleaned: Records | None = None
     shafts: tuple[tuple[str, str], ...] = ()
+    degree: int | None = None
 
     @property
     def coefficients(self) -> tuple[CoefficientRow, ...]:
@@ -173,7 +174,16 @@ class Identification:
             searches = self.searches
             dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
         told = notes_of(self.model.scores, dependent, self._doubts)
-        return tuple(dict.fromkeys((*told, *converted(self.study), *map(shaft_note, self.shafts), *self.warnings)))
+        read = (*converted(self.study), *map(shaft_note, self.shafts), *self._few_candidates)
+        return tuple(dict.fromkeys((*told, *read, *self.warnings)))
+
+    @property
+    def _few_candidates(self) -> tuple[str, ...]:
+        """What is to be said of a default library of lower degree than the usual."""
+        if self.degree == self.study.library.own_degree:
+            return ()
+        few = f"{self.records.samples} samples cannot decide between all of the default library"
+        return (f"{few}: its candidates are of degree {self.degree} at most",)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -354,6 +364,7 @@ def _identified(
             runs,
             seen.undelayed,
             prepared.shafts,
+            prepared.study.library.own_degree,
         )
 
     if regressed.model is not None:

@@ -214,16 +214,16 @@ def test_states_are_mixed_as_matrices_say():
     rng = np.random.default_rng(0)
     gradient, hessian, jacobian = rng.random((5, 7)), rng.random((5, 4, 7)), rng.random((5, 4, 7))
     sums = Sums(rng.random(5), gradient, hessian, rng.random((3, 3)), rng.random((5, 4)), jacobian)
-    # Rounding leaves ones that are not quite ones.
+    # Rounding leaves ones that are not quite ones, and 1e-15 where terms of size 1 cancel.
     for parts in (APART, APART + np.diag([0.0, -1e-16, 2e-16, 0.5])):
         mixed, x0 = decorrelated(sums, sums.last, parts)
         back = np.linalg.inv(parts)
         states = np.block([[back, np.zeros((4, 3))], [np.zeros((3, 4)), np.eye(3)]])
-        np.testing.assert_allclose(mixed.gradient, gradient @ states, rtol=1e-13)
-        np.testing.assert_allclose(mixed.hessian, back.T @ hessian @ states, rtol=1e-13)
-        np.testing.assert_allclose(mixed.jacobian, parts @ jacobian @ states, rtol=1e-13)
-        np.testing.assert_allclose(mixed.last, sums.last @ parts.T, rtol=1e-13)
-        np.testing.assert_allclose(x0, sums.last @ parts.T, rtol=1e-13)
+        np.testing.assert_allclose(mixed.gradient, gradient @ states, rtol=1e-13, atol=1e-15)
+        np.testing.assert_allclose(mixed.hessian, back.T @ hessian @ states, rtol=1e-13, atol=1e-15)
+        np.testing.assert_allclose(mixed.jacobian, parts @ jacobian @ states, rtol=1e-13, atol=1e-15)
+        np.testing.assert_allclose(mixed.last, sums.last @ parts.T, rtol=1e-13, atol=1e-15)
+        np.testing.assert_allclose(x0, sums.last @ parts.T, rtol=1e-13, atol=1e-15)
 
 
 def test_where_nothing_but_rounding_is_left_of_the_squares_there_is_no_marginal_cost():

@@ -1,0 +1,53 @@
+"""Logs of a few dozen samples, as of a first experiment, from which no filter tells the noise."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from odescope import Data, Measured, Study, identify
+
+
+def identified(name, t, y):
+    return identify(Study(data=Data(time="t"), coordinates={name: Measured(order=1)}), {"t": t, name: y})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_that_a_filter_let_pass_is_no_noise_of_the_process(seed):
+    """A capacitor: of seed 0 the filter leaves two fifths of the noise, and the law seemed to miss the record."""
+    t = np.linspace(0.0, 20.0, 41)
+    y = np.round(9.0 * np.exp(-t / 4.7) + 0.05 * np.random.default_rng(seed).standard_normal(41), 2)
+    result = identified("V", t, y)
+    assert result.refinement.process is None
+    assert result.refinement.space.segments.noise[0] == pytest.approx(0.05, rel=0.3)
+    (rate,) = (q for q in result.coefficients if q.term == "V")
+    assert abs(rate.coefficient + 1.0 / 4.7) < 3.0 * rate.std_error
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_root_is_told_from_61_samples(seed):
+    """h' = -.02 sqrt(h), .5 m to .01 m: a fraction of three numbers is as near as the record lets it be."""
+    t = np.linspace(0.0, 60.0, 61)
+    y = np.round((np.sqrt(0.5) - 0.01 * t) ** 2 + 0.002 * np.random.default_rng(seed).standard_normal(61), 3)
+    result = identified("h", t, y)
+    (relation,) = result.model.relations
+    assert [q.text for q in relation.terms] == ["h_dot", "sqrt(h)"]
+    assert relation.terms[1].coefficient == pytest.approx(0.02, abs=3.0 * relation.terms[1].std_error)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_epidemic_of_15_days_has_its_law(seed):
+    """A boarding school in 1978, about: of degree 3 there are 20 candidates for S and as many for I."""
+    t = np.arange(15.0)
+    run = solve_ivp(
+        lambda _, x: (-0.0022 * x[0] * x[1], 0.0022 * x[0] * x[1] - 0.44 * x[1]),
+        (0.0, 14.0),
+        (762.0, 1.0),
+        t_eval=t,
+        rtol=1e-9,
+    ).y
+    susceptible, infected = np.round(run + 4.0 * np.random.default_rng(seed).standard_normal(run.shape))
+    study = Study(data=Data(time="t"), coordinates={"S": Measured(), "I": Measured()})
+    result = identify(study, {"t": t, "S": susceptible, "I": infected})
+    laws = [{q.text for q in relation.terms} for relation in result.model.relations]
+    assert laws == [{"S_dot", "I*S"}, {"I_dot", "I", "I*S"}]
+    assert any("15 samples cannot decide between all of the default library" in note for note in result.notes)
