@@ -83,7 +83,7 @@ def _searched_with_more_noise(
         workers: where it is searched.
     """
     segments = None if space.budget.over else with_noise_left(space, best.fit, sure=0.0)
-    if segments is None or np.any(segments.noise < space.segments.noise):
+    if segments is None or np.all(segments.noise <= space.segments.noise):
         return space, None
     louder, found = _searched(space.on(segments), [best.fit.theta, *begun], workers)
     return (louder, found) if found is not None and _leaves_white_noise(louder, found.fit) else (space, None)

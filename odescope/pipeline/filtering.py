@@ -113,7 +113,8 @@ def _with_few_candidates(study: Study, samples: int) -> Study:
     def decidable(posed: Study) -> bool:
         return all(len(posed.candidates(c.target)) <= samples for c in coordinates)
 
-    if study.library.by_hand or any(c.order > 1 for c in coordinates) or decidable(study):
+    usual = not study.library.by_hand and "relations" in study.forms()
+    if not usual or any(c.order > 1 for c in coordinates) or decidable(study):
         return study
     lower = msgspec.structs.replace(study, library=msgspec.structs.replace(study.library, degree=2))
     return lower if decidable(lower) else study

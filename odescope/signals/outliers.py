@@ -244,8 +244,8 @@ def _kinks(y: FloatArray, near: FloatArray, far: BoolArray, measured: BoolArray)
 
     Args:
         y: (N,) the samples of one record.
-        near: (N,) what they may be off that line.
-        far: (N,) whether they are.
+        near: (N,) how near to such a line is on it.
+        far: (N,) which samples are far from the filtered signal.
         measured: (N,) whether they were.
     """
     found = np.zeros(len(y), dtype=np.bool_)
