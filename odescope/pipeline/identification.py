@@ -68,7 +68,7 @@ class Identification:
     they were known before the likelihood stage, which may find delays; `gated` says why a sample of a record does not
     count; `free_runs` are those of the model from the starts of the recordings; a draft has none. `cleaned` are the
     recordings that these are over: without what does not count, otherwise as they were recorded. `shafts` are pairs of
-    angles that go round together, `degree` is that of the default library where few samples asked for a lower one.
+    angles that go round together, `degree` is that which the study, or few samples, asked for of the default library.
     """
 
     study: Study

@@ -45,6 +45,7 @@ POSITIONS = re.compile(
 )
 SPECIES = re.compile(r"[A-Z](_?\d+|_[A-Za-z]{1,3})?")  # one capital, as chemists and biologists call an amount
 ANGLES = re.compile(r".*(theta|phi|psi|angle|winkel|yaw|pitch|roll|heading)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE)
+LEVELS = re.compile(r"(.*_)?(level|filling|liquid|water)(_.*|\d.*)?", re.IGNORECASE)  # of a tank: lengths, no positions
 LENGTHS = frozenset({"m", "mm", "cm", "um", "µm", "μm", "nm", "km", "in", "ft", "meter", "metre", "meters", "metres"})
 FORCES = re.compile(r"[kmM]?N\s?[*·.]?\s?(m|cm|mm)?|lbf")
 SWINGS = 1.5  # times its range: a smooth column that goes so far in all has turned back
@@ -53,6 +54,7 @@ A_CONDITION = "constant within each recording, not across them"
 AN_UNKNOWN = "an amount? order 2 for a position; what drives goes to [inputs]"
 A_TEMPERATURE = "a temperature in kelvins, by its name and size; what drives goes to [inputs]"
 BY_NAME = "a position, by its name; order 1 for an amount"
+A_LEVEL = "the level of a liquid, by its name; order 2 for a position"
 A_SPECIES = "an amount, by its capital; order 2 for a position"
 VELOCITIES = re.compile(r"(.*_)?(v|vel|velocity|speed|omega|rate|dot)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE)
 A_TIME = re.compile(r".*(/ ?(s|sec|min|h|hr|d|day)|\b(s|min|h|d)(\^?-1|⁻¹)|rpm|Hz)")
@@ -284,6 +286,8 @@ def _coordinate(name: str, heading: Heading, turn: float | None, with_rate: set[
         wraps = "it wraps by 360" if degrees else "it wraps by 2 pi"
         why = wraps if turn is not None else "by its name" if unit is None else "by its unit"
         return Seen(name, heading, "coordinate", f"an angle, {why}", 2, True, degrees)
+    if unit in LENGTHS and LEVELS.fullmatch(heading.name) is not None:
+        return Seen(name, heading, "coordinate", A_LEVEL)
     if unit in LENGTHS and _is_geometric(heading):
         return Seen(name, heading, "coordinate", "a position, by its unit", 2)
     if name in with_rate:

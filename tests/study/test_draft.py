@@ -50,6 +50,16 @@ def test_a_velocity_whose_heading_ends_in_half_a_unit_is_neither_angle_nor_posit
     assert "by its unit" not in text
 
 
+@pytest.mark.parametrize(
+    ("label", "order"), [("level [m]", 1), ("tank_level2 (cm)", 1), ("lever [m]", 2), ("y [cm]", 2)]
+)
+def test_the_level_of_a_liquid_is_an_amount_in_metres_too(here, label, order):
+    study, text = drafted({"t": T, label: 0.5 + 0.1 * motion(1)})
+    (found,) = study.coordinates.values()
+    assert found.order == order
+    assert ("the level of a liquid" in text) is (order == 1)
+
+
 def test_an_angle_that_goes_far_may_be_in_degrees(here):
     _, text = drafted({"t": T, "theta": 40.0 * np.sin(T * 2.0 * np.pi / 5.0)})
     assert 'in degrees? Then add unit = "deg"' in text
