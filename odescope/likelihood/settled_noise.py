@@ -91,12 +91,9 @@ def _searched_with_more_noise(
 
 def _leaves_white_noise(space: SearchSpace, found: Fit) -> bool:
     """Say whether neighbours in what a fit leaves of each channel go together no more than by chance."""
-    segments, (signal, seen) = space.segments, followed(space, found)
-    share = np.ones_like(segments.measured) if segments.share is None else segments.share
-    there = seen[:, None] & (share > 0.0)
-    rest = np.where(there, share * (segments.measured - signal), 0.0)
-    together, power = np.sum(rest[1:] * rest[:-1], axis=0), np.sum(rest**2, axis=0)
-    return bool(np.all(together <= CHANCE * power / np.sqrt(np.maximum(there.sum(axis=0), 1))))
+    _, rest, there = _left(space, found)
+    columns = (r[t] for r, t in zip(rest.T, there.T, strict=True))
+    return all(_correlation(r) <= CHANCE / np.sqrt(max(len(r), 1)) for r in columns)
 
 
 def with_even_noise(space: SearchSpace) -> Segments | None:
@@ -127,8 +124,8 @@ def with_noise_left(space: SearchSpace, found: Fit, sure: float = SURE) -> Segme
         found: what leaves it.
         sure: fall of -2 ln(likelihood) that is asked for.
     """
-    segments, (signal, seen) = space.segments, followed(space, found)
-    share = np.ones_like(segments.measured) if segments.share is None else segments.share
+    segments, (signal, rests, seen) = space.segments, _left(space, found)
+    share = _share(segments)
     weight = np.ones_like(share) if segments.weight is None else segments.weight
     # A log that was solved for and not measured may be off by so much, and a filter has hidden that.
     least = np.maximum(0.0 if segments.floor is None else segments.floor, SOLVER * segments.measured.std(axis=0))
@@ -136,8 +133,7 @@ def with_noise_left(space: SearchSpace, found: Fit, sure: float = SURE) -> Segme
     free = max(segments.samples - taken, 1) / segments.samples
     noise, weights, ratio, gain = segments.noise.copy(), weight.copy(), np.ones(len(segments.noise)), 0.0
     for c in range(len(noise)):
-        there = seen & (share[:, c] > 0.0)
-        rest = share[:, c] * (segments.measured[:, c] - signal[:, c])
+        rest, there = rests[:, c], seen[:, c]
         before = segments.noise[c] * share[there, c] / weight[there, c]
         level = max(float(np.sqrt(np.mean(rest[there] ** 2) / free)), float(least[c]))
         if level < segments.noise[c] and _smooth(rest[there]):
@@ -157,7 +153,30 @@ def with_noise_left(space: SearchSpace, found: Fit, sure: float = SURE) -> Segme
 
 def _smooth(rest: FloatArray) -> bool:
     """Say whether a residual (n,) is no noise: what solvers, filters and steps of integration err by is smooth."""
-    return bool(rest[1:] @ rest[:-1] > SMOOTH * (rest @ rest))
+    return _correlation(rest) > SMOOTH
+
+
+def _correlation(rest: FloatArray) -> float:
+    """Return the correlation of neighbours in a residual (n,)."""
+    return float(rest[1:] @ rest[:-1]) / max(float(rest @ rest), 1e-300)
+
+
+def _share(segments: Segments) -> FloatArray:
+    """Return the share (N, c) of the weight of every average that follows from its number of samples."""
+    return np.ones_like(segments.measured) if segments.share is None else segments.share
+
+
+def _left(space: SearchSpace, found: Fit) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return what a fit says of every average (N, c), what it leaves of it, and whether it was measured and followed.
+
+    What it leaves is in units of what the number of samples lets expect.
+
+    Args:
+        space: of the fit.
+        found: it.
+    """
+    (signal, seen), share = followed(space, found), _share(space.segments)
+    return signal, share * (space.segments.measured - signal), seen[:, None] & (share > 0.0)
 
 
 def followed(space: SearchSpace, found: Fit) -> tuple[FloatArray, BoolArray]:
