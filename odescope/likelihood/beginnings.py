@@ -34,8 +34,8 @@ class Beginnings(Saturating):
         all that a relation has, or functions beside what is no imitation alone, or beside all variables and a constant,
         too.
         """
-        price = self.moves().penalised
-        ways = (self.sparse(found), self.saturating(found), self.substituted(found))
+        price, plain = self.moves().penalised, self.tightened(found.theta)
+        ways = (self.sparse(found, plain), self.saturating(found), self.substituted(found, plain))
         standings = [s for s in ways if s is not None]
         for variables in (None, self.space.frame.variables):
             bar = min((price(s.fit) for s in standings), default=np.inf)
@@ -43,13 +43,14 @@ class Beginnings(Saturating):
             standings += [] if near is None else [near]
         return min(standings, key=lambda s: price(s.fit), default=None)
 
-    def sparse(self, found: Fit) -> Standing | None:
+    def sparse(self, found: Fit, plain: Fit | None) -> Standing | None:
         """Return the model with few terms and functions that come near to it: of those that do the likeliest.
 
         None where the model does not follow the record: what it says is then no more than a beginning.
 
         Args:
             found: the model before.
+            plain: the same, fitted at the width, if it could be followed.
         """
         if not self.exact:
             return None
@@ -58,7 +59,7 @@ class Beginnings(Saturating):
         ends = {r: e for r in relations if (e := self.sparse_ends(found, r))}
         if not ends:
             return None
-        plain, price, best = self.tightened(found.theta), self.moves().penalised, None
+        price, best = self.moves().penalised, None
         if plain is not None:
             few = {r: e[:ONE_BY_ONE] for r, e in ends.items()}
             best = self.one_by_one(replace(standing, fit=plain), few)
@@ -71,7 +72,7 @@ class Beginnings(Saturating):
         standing = self.one_by_one(replace(standing, fit=fit), {r: e[1:] for r, e in ends.items()})
         return standing if best is None or price(standing.fit) < price(best.fit) else best
 
-    def substituted(self, found: Fit) -> Standing | None:
+    def substituted(self, found: Fit, plain: Fit | None) -> Standing | None:
         """Return the model with functions without constants in the place of all that relations have; None if worse.
 
         What a short record knows of a relation is told by its expansion: a root may be as far from its imitation as
@@ -79,15 +80,15 @@ class Beginnings(Saturating):
 
         Args:
             found: the model before.
+            plain: the same, fitted at the width, if it could be followed.
         """
-        begun, moves, expansion = self.tightened(found.theta), self.moves(), self.judge().expansion
-        fit = begun
+        fit, moves, expansion = plain, self.moves(), self.judge().expansion
         while fit is not None and not self.space.budget.over:
             better = moves.substitute(fit, expansion)
             if better is None:
                 break
             fit = better
-        if fit is None or fit is begun:
+        if fit is None or fit is plain:
             return None
         placed = tuple(self.placed_in(fit, k) for k in range(len(self.suspected)))
         return Standing(fit, placed, found if self.exact else None) if any(p.choice.terms for p in placed) else None
