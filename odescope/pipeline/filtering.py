@@ -88,36 +88,37 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         fixed = study.library.terms is not None or study.library.preset == "paper"
         shafts = () if fixed else turning_together(sample.records, study.measured())
         posed = _without_angles(study, {name for pair in shafts for name in pair})
-        posed = _with_few_candidates(posed, sample.records.samples)
+        libraries: tuple[Library, ...] = ()
+        if "relations" in study.forms():
+            posed, libraries = _decidable(posed, sample.records.samples)
         mechanisms: dict[Form, Mechanisms] = {
             form: posed.mechanisms(form) for form in study.forms() if form != "relations"
         }
-        wanted = "relations" in study.forms()
-        libraries = tuple(posed.candidates(c.target) for c in study.measured()) if wanted else ()
-        for c, library in zip(study.measured(), libraries, strict=wanted):
-            if sample.records.samples < len(library):
-                raise InputError(
-                    f"{sample.records.samples} samples cannot decide between {len(library)} candidate terms for"
-                    f" {c.target}: record longer, or shrink the library: [library] degree, rules or a basis"
-                )
     return Prepared(posed, shafts, sample, libraries, mechanisms)
 
 
-def _with_few_candidates(study: Study, samples: int) -> Study:
-    """Return a study whose default library is of degree 2 where the usual one has more candidates than samples.
+def _decidable(study: Study, samples: int) -> tuple[Study, tuple[Library, ...]]:
+    """Return a study and the library of each target, between whose candidates so many samples can decide.
 
-    Of amounts: so few samples say nothing of the acceleration of a position. As it is where that is not enough.
+    Where the default library of amounts has too many, it is of degree 2. So few samples say nothing of the acceleration
+    of a position.
+
+    Raises:
+        InputError: a library has more candidates than there are samples.
     """
     coordinates = study.measured()
-
-    def decidable(posed: Study) -> bool:
-        return all(len(posed.candidates(c.target)) <= samples for c in coordinates)
-
-    usual = not study.library.by_hand and "relations" in study.forms()
-    if not usual or any(c.order > 1 for c in coordinates) or decidable(study):
-        return study
-    lower = msgspec.structs.replace(study, library=msgspec.structs.replace(study.library, degree=2))
-    return lower if decidable(lower) else study
+    libraries = tuple(study.candidates(c.target) for c in coordinates)
+    many = next((pair for pair in zip(coordinates, libraries, strict=True) if samples < len(pair[1])), None)
+    if many is None:
+        return study, libraries
+    if not study.library.by_hand and all(c.order == 1 for c in coordinates):
+        return _decidable(
+            msgspec.structs.replace(study, library=msgspec.structs.replace(study.library, degree=2)), samples
+        )
+    raise InputError(
+        f"{samples} samples cannot decide between {len(many[1])} candidate terms for {many[0].target}: record longer,"
+        " or shrink the library: [library] degree, rules or a basis"
+    )
 
 
 def _without_angles(study: Study, names: Collection[str]) -> Study:
