@@ -51,6 +51,16 @@ class Factor:
         xi[others] = -least_squares(self.r, others, left)[0] * (self.scale[left] / self.scale[others])
         return xi
 
+    def unexplained(self, support: Sequence[int], left: int) -> float:
+        """Return the root mean square over the rows of the relation that `solve` returns.
+
+        Args:
+            support: columns of the relation, `left` among them.
+            left: the column on the left-hand side.
+        """
+        others = np.array([j for j in support if j != left], dtype=np.int64)
+        return float(self.scale[left] * np.sqrt(least_squares(self.r, others, left)[1] / self.rows))
+
     def first_fit(self, columns: tuple[int, ...], left: int) -> FloatArray | None:
         """Return the coefficients (m,) of scaled column `left` on the other columns, None where they are dependent.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import compress
 from typing import Annotated, Protocol
 
 import msgspec
@@ -45,7 +46,8 @@ def _thresholded(
     low = options.low if options.low < high else float(np.nextafter(high, 0.0))
     index, first = np.array(columns, dtype=np.int64), factor.first_fit(tuple(columns), left)
     found = threshold_supports(factor.r, index, left, weight, relative, low, high, options.terms, first)
-    yield from dict.fromkeys(tuple(np.flatnonzero(row).tolist()) for row in found)
+    every = range(factor.width)
+    yield from dict.fromkeys(tuple(compress(every, row)) for row in found.tolist())
 
 
 class EnergyThreshold(
@@ -135,32 +137,40 @@ def exchanged(factor: Factor, left: int, columns: Support, support: Support) -> 
         support: to begin with.
     """
     here, least = tuple(sorted(support)), np.inf
-    while True:
-        found = min(_exchanges(factor.r, left, columns, here), default=(np.inf, here))
-        if not found[0] < least * (1.0 - 1e-9):
-            return here
-        least, here = found
+    while here:
+        rest, found = _best_exchange(factor.r, left, columns, here)
+        if not rest < least * (1.0 - 1e-9):
+            break
+        least, here = rest, found
+    return here
 
 
-def _exchanges(r: FloatArray, left: int, columns: Support, support: Support) -> Iterator[tuple[float, Support]]:
-    """Yield, for every column that goes, the least residual and the support with the best in its place, itself or not.
+def _best_exchange(r: FloatArray, left: int, columns: Support, support: Support) -> tuple[float, Support]:
+    """Return the least squared residual that one column in the place of another leaves, and the support with it.
+
+    What a support explains without one of its columns is what it explains less what lies along the part of that column
+    that is orthogonal to the others: one factorisation serves all that may go.
 
     Args:
         r: (k, m) triangle of all columns.
         left: the column that is explained.
-        columns: those that may come.
-        support: now.
+        columns: those that may come, those of the support among them.
+        support: now, not empty.
     """
-    for gone in support:
-        kept = [j for j in support if j != gone]
-        able = [j for j in columns if j != left and j not in kept]
-        q = np.linalg.qr(r[:, kept])[0]
-        others, y = r[:, able] - q @ (q.T @ r[:, able]), r[:, left] - q @ (q.T @ r[:, left])
-        norms = np.linalg.norm(others, axis=0)
-        explained = np.where(norms > 1e-9, (y @ others) ** 2 / np.maximum(norms**2, 1e-300), 0.0)
-        best = int(np.argmax(explained))
-        # Of an exact fit rounding leaves either sign, and what is below zero is less than a share of itself.
-        yield max(float(y @ y - explained[best]), 0.0), tuple(sorted((*kept, able[best])))
+    able, gone = np.array([j for j in columns if j != left]), np.array(support)
+    q, triangle = np.linalg.qr(r[:, gone])
+    alone = q @ np.linalg.pinv(triangle).T  # its k-th column is orthogonal to all of the support but its k-th
+    alone /= np.maximum(np.linalg.norm(alone, axis=0), 1e-300)
+    others, y = r[:, able] - q @ (q.T @ r[:, able]), r[:, left] - q @ (q.T @ r[:, left])
+    along, y_along = alone.T @ r[:, able], alone.T @ r[:, left]
+    squares, products = np.sum(others**2, axis=0) + along**2, y @ others + y_along[:, None] * along
+    explained = np.where(squares > 1e-18, products**2 / np.maximum(squares, 1e-300), 0.0)
+    explained[np.isin(able, gone) & (able != gone[:, None])] = -np.inf
+    rests = y @ y + y_along**2 - explained.max(axis=1)
+    k = int(np.argmin(rests))
+    kept, comes = np.delete(gone, k).tolist(), int(able[np.argmax(explained[k])])
+    # Of an exact fit rounding leaves either sign, and what is below zero is less than a share of itself.
+    return max(float(rests[k]), 0.0), tuple(sorted((*kept, comes)))
 
 
 def _independent(factor: Factor, columns: list[int]) -> list[int]:

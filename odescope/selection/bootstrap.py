@@ -115,7 +115,7 @@ def _best(times: IntArray, drawn: _Drawn) -> Support:
     dear = float(penalty(factor.rows, 1.0 / factor.width))
 
     def criterion(support: Support) -> float:
-        rest = max(factor.residual(factor.solve(support, guess)), 1e-10 * float(factor.scale[guess]))
+        rest = max(factor.unexplained(support, guess), 1e-10 * float(factor.scale[guess]))
         return 2.0 * factor.rows * float(np.log(rest)) + dear * len(support)
 
     best = min((s for s in sorted(found) if set(s) & drawn.own), key=criterion, default=())

@@ -247,7 +247,7 @@ def _candidate(
 ) -> Candidate:
     """Return one of the relations that were scored."""
     support, guesses, factor = kept.supports[k], kept.guesses[k], problem.factor
-    implicit = {g: factor.residual(factor.solve(support, g)) for g in guesses}
+    implicit = {g: factor.unexplained(support, g) for g in guesses}
     guess = min(implicit, key=lambda g: implicit[g] / factor.scale[g])
     return Candidate(
         target=problem.target,

@@ -1,3 +1,5 @@
+from itertools import combinations
+
 import msgspec
 import numpy as np
 import pytest
@@ -289,3 +291,18 @@ def test_exchanges_end_where_a_fit_is_exact_but_for_rounding():
         factor = factorise([rng.standard_normal((rows, 8)) @ np.diag(10.0 ** rng.uniform(-3.0, 3.0, 8))])
         support = exchanged(factor, 0, tuple(range(1, 8)), (1, 2, 3, 4))
         assert len(support) == 4
+
+
+def test_an_exchange_is_the_best_of_all_exchanges():
+    """Of columns that are alike to a ten-thousandth, beside a fit of every support by itself."""
+    columns = tuple(range(1, 12))
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        base = rng.standard_normal((200, 4))
+        alike = [base[:, rng.integers(4)] + 10.0 ** rng.uniform(-4, 0) * rng.standard_normal(200) for _ in range(12)]
+        factor = factorise([np.column_stack(alike)])
+        here = tuple(sorted(rng.choice(columns, 3, replace=False).tolist()))
+        end = exchanged(factor, 0, columns, here)
+        left = {s: factor.residual(factor.solve((0, *s), 0)) for s in combinations(columns, 3) if len({*s, *end}) <= 4}
+        assert left[end] <= min(left.values()) * (1.0 + 1e-6)
+        assert left[end] <= factor.residual(factor.solve((0, *here), 0))
