@@ -13,9 +13,9 @@ from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.likelihood.evidence import TOLD_APART
 from odescope.likelihood.expansion import Expansion, scaled
 from odescope.likelihood.gauge import inverse
+from odescope.parallel.kernels import kernel
 
 LARGEST = 3  # of these sets
-MANY = 150  # candidates: of more, sets of three are too many
 LOST = 1e-12  # of what the present mechanisms explain: rounding, where others say the same
 
 
@@ -49,7 +49,7 @@ def subsets(
     numbers, here = np.flatnonzero(own), present[own]
     explained = float(pull[here] @ inverse(left[np.ix_(here, here)]) @ pull[here])
     paid, found = prices[own], list[tuple[float, IntArray]]()
-    for members, worth in _of_every_size(left, pull, min(int(here.sum()), LARGEST if len(here) <= MANY else 2)):
+    for members, worth in _of_every_size(left, pull, min(int(here.sum()), LARGEST)):
         lost = (explained * (1.0 - LOST) - worth) / scale
         earned = paid[here].sum() - paid[members].sum(axis=1) - lost
         best = int(np.argmax(earned))
@@ -80,16 +80,39 @@ def _of_every_size(information: FloatArray, pull: FloatArray, largest: int) -> I
         one, other = np.triu_indices(c, 1)
         yield np.column_stack([one, other]), _pairs(information, pull)[one, other]
     if largest >= 3 and c >= 3:
-        members, worth = list[tuple[int, int, int]](), list[float]()
-        for first in range(c - 2):
-            rest = slice(first + 1, None)
-            known = information[rest, first]
-            left, lacking = information[rest, rest] - np.outer(known, known), pull[rest] - known * pull[first]
-            pairs = _pairs(*_unit(left, lacking))
-            i, j = np.unravel_index(int(np.argmax(pairs)), pairs.shape)
-            members.append((first, first + 1 + int(min(i, j)), first + 1 + int(max(i, j))))
-            worth.append(float(pull[first] ** 2 + pairs[i, j]))
-        yield np.array(members), np.array(worth)
+        yield _threes(information, pull, TOLD_APART)
+
+
+@kernel()
+def _threes(information: FloatArray, pull: FloatArray, apart: float) -> tuple[IntArray, FloatArray]:
+    """Return, with every first candidate, the best set of three (c - 2, 3), and what each explains (c - 2,).
+
+    Args:
+        information: (c, c) with ones on the diagonal.
+        pull: (c,) on each candidate.
+        apart: share of a candidate's information that others leave to it, at least, where it is told apart from them.
+    """
+    c = pull.shape[0]
+    members, worth = np.empty((c - 2, 3), dtype=np.int64), np.empty(c - 2)
+    left, alone = np.empty(c), np.empty(c)  # pull on a candidate beside the first, and 1 over its standard deviation
+    for i in range(c - 2):
+        for j in range(i + 1, c):
+            rest = 1.0 - information[i, j] ** 2
+            alone[j] = 1.0 / np.sqrt(rest) if rest > apart else 0.0
+            left[j] = (pull[j] - information[i, j] * pull[i]) * alone[j]
+        best, second, third = 0.0, i + 1, i + 2
+        for j in range(i + 1, c - 1):
+            known, one, weight = information[i, j], left[j], alone[j]
+            for k in range(j + 1, c):
+                cosine = (information[j, k] - known * information[i, k]) * weight * alone[k]
+                own = 1.0 - cosine * cosine
+                if own > apart:
+                    both = (one * one - 2.0 * cosine * one * left[k] + left[k] * left[k]) / own
+                    if both > best:
+                        best, second, third = both, j, k
+        members[i, 0], members[i, 1], members[i, 2] = i, second, third
+        worth[i] = pull[i] ** 2 + best
+    return members, worth
 
 
 def _pairs(information: FloatArray, pull: FloatArray) -> FloatArray:
