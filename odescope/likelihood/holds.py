@@ -14,7 +14,7 @@ import numpy as np
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.evidence import between, in_blocks
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.search import WHITE
+from odescope.likelihood.search import WHITE, WIDTHS
 from odescope.likelihood.search_space import SearchSpace
 from odescope.recordings.coordinate import Hold
 
@@ -52,11 +52,11 @@ def holds_of(space: SearchSpace) -> tuple[Hold, ...]:
 def choose_holds(space: SearchSpace, found: Fit, open_: Mapping[str, Hold], width: float = float("inf")) -> HoldChoice:
     """Return the holds under which the structure that was found fits best, each input's in turn.
 
-    All are judged on the same averages, in segments of their own: joined ones cannot be followed from one hold to
-    another in a few steps. An input that is held looks late to one that runs linearly, by half a sample: where the
-    delay is open, another hold has to be better than a delay, too. With such a delay joined segments can be followed to
-    another hold, and tell more: it has to be better there as well. One that was chosen before that delay was found has
-    to be better again: what the log shows needs no evidence, whatever else does.
+    All are judged on the same averages, in segments of their own. An input that is held looks late to one that runs
+    linearly, by half a sample: where the delay is open, another hold has to be better than a delay, too, and better in
+    joined segments, which tell more, each joined step by step from where it fits best. One that was chosen before that
+    delay was found has to be better again: what the log shows needs no evidence, whatever else does, but for a hold
+    that says at once what would else take a delay.
 
     Args:
         space: whose segments know the samples of their inputs.
@@ -87,8 +87,13 @@ def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold, width: float) -> 
     usual = seen if seen in trials else now
     if best != usual and not _credible(trials[best], trials[usual]):
         best = usual
-    if best != usual and late and np.isfinite(width) and not _better_joined(space, found, j, later, best, usual, width):
-        best = usual
+    if late and np.isfinite(width):
+        if best != usual and not _better_joined(trials[best], trials[usual], width):
+            best = usual
+        if best != "zero" and (delayed or now == "zero"):
+            held, running = _tried(space, found, j, at_once, "zero"), _tried(space, found, j, later, best)
+            if held is not None and running is not None and _says_as_much(held, running, width):
+                best, trials["zero"] = "zero", held
     gains = dict(choice.gains)
     if best != "linear" and "linear" in trials:
         (_, linear), (there, fitted) = trials["linear"], trials[best]
@@ -110,37 +115,61 @@ def _trials(
     trials = dict(known)
     for hold in get_args(Hold):
         for structure in structures:
-            trial = _tried(space, found, j, structure, hold, np.inf)
+            trial = _tried(space, found, j, structure, hold)
             if trial is not None and (hold not in trials or _fall(trial, trials[hold]) > 0.0):
                 trials[hold] = trial
     return trials
 
 
-def _tried(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: Hold, width: float) -> Trial | None:
-    """Return the fit of a structure under a hold of input j, with defects of this width; None where it is lost."""
+def _tried(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: Hold) -> Trial | None:
+    """Return the fit of a structure under a hold of input j, in segments of their own; None where it is lost."""
     holds, (theta, present) = holds_of(space), structure
     other = space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
-    begun, defect_std = _as_late(space, j, theta, present, hold), space.segments.spread * width
-    again = other.fit(begun, present, found.x0, defect_std, found.strength, TRIAL_STEPS)
+    loose = np.full_like(space.segments.spread, np.inf)
+    again = other.fit(_as_late(space, j, theta, present, hold), present, found.x0, loose, found.strength, TRIAL_STEPS)
     return None if again is None else (other, again)
 
 
-def _better_joined(
-    space: SearchSpace, found: Fit, j: int, late: Structure, best: Hold, usual: Hold, width: float
-) -> bool:
-    """Say whether one hold of input j is better than another in joined segments, too, or lost in them.
+def _joined(trial: Trial, width: float) -> Trial | None:
+    """Return the same in joined segments, which are joined step by step; None where it is lost.
 
     Args:
-        space: with the hold that it has now.
-        found: a model under that.
-        j: the number of the input.
-        late: structure with its delay, which takes the model to another hold where it stands.
+        trial: fitted in segments of their own.
+        width: of the defects.
+    """
+    space, here = trial
+    for tighter in (w for w in WIDTHS[1:] if w >= width):
+        again = space.again(here, here.x0, space.segments.spread * tighter)
+        if again is None:
+            return None
+        here = again
+    return space, here
+
+
+def _better_joined(best: Trial, usual: Trial, width: float) -> bool:
+    """Say whether one hold is better than another in joined segments, too, or lost in them.
+
+    Args:
         best: the hold that is better in segments of their own.
         usual: the other.
         width: of the defects.
     """
-    better, worse = (_tried(space, found, j, late, hold, width) for hold in (best, usual))
+    better, worse = _joined(best, width), _joined(usual, width)
     return better is None or worse is None or _fall(better, worse) > DEAREST
+
+
+def _says_as_much(held: Trial, running: Trial, width: float) -> bool:
+    """Say whether an input that is held and at once is no worse in joined segments than one that runs on and is late.
+
+    Half a sample late is what a held input is to one that runs linearly: there the hold alone says as much.
+
+    Args:
+        held: in segments of their own.
+        running: the other.
+        width: of the defects.
+    """
+    simple, other = _joined(held, width), _joined(running, width)
+    return simple is not None and other is not None and _fall(simple, other) > 0.0
 
 
 def _as_late(space: SearchSpace, j: int, theta: FloatArray, present: IntArray, hold: Hold) -> FloatArray:

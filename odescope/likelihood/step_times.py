@@ -98,6 +98,8 @@ class StepTimes:
     def settled(self, cut: Cut, space: SearchSpace, found: Fit, holds: Sequence[Hold]) -> StepTimes | None:
         """Return the steps when they come by a model, None where the record does not ask for other times than these.
 
+        Where it no longer asks for any, each comes at the sample that shows it.
+
         Around each step, from the one before it to the one after, the cost is a parabola of its time; what it leaves
         once the state is free is compared with that at these times and with lines between samples. Times that are
         anywhere between two samples have a price, the share of this that the record leaves.
@@ -126,12 +128,18 @@ class StepTimes:
         early = (ANYWHERE * 0.5 + known * least) / (ANYWHERE + known)
         left = first + early * (slope + early * bend)
         scale = max(float(left[fine].sum()) / max(int(windows.counted.sum()) - found.x0.shape[1] * len(at), 1), 1.0)
+        dear = np.log1p(known / (2.0 * np.pi * scale))
+
+        def beyond_chance(before: FloatArray) -> float:
+            """Return what these times are worth where none were, less what few of them say, which may be by chance."""
+            worth = np.sort(((before - left) / scale - dear)[fine])
+            return float(worth[: -1 - len(worth) // 10].sum())
+
         placed = bool(self.early.any())
-        before = now if placed or now[fine].sum() < linear[fine].sum() else linear
-        worth = (before - left)[fine] / scale
-        if not placed:  # and what few of them say may be by chance
-            worth = np.sort(worth - np.log1p(known[fine] / (2.0 * np.pi * scale)))[: -1 - len(worth) // 10]
-        if worth.sum() < DEAREST:
+        if placed and beyond_chance(first) < DEAREST:  # a model that lacked something had asked for them
+            return replace(self, early=np.zeros(len(self.early)))
+        without = linear if linear[fine].sum() < now[fine].sum() else now
+        if (float((now - left)[fine].sum()) / scale if placed else beyond_chance(without)) < DEAREST:
             return None
         times = self.early.copy()
         times[np.flatnonzero(able)[fine]] = early[fine]

@@ -145,6 +145,15 @@ def test_a_hold_that_was_chosen_before_a_delay_was_found_stays_only_where_the_lo
     assert choice.fit.theta[late] == pytest.approx(0.45 - 0.5 * PERIOD * (seen == "zero"), abs=0.01)
 
 
+@pytest.mark.parametrize(("late", "hold"), [(0.0, "linear"), (0.5 * PERIOD, "zero")])
+def test_half_a_sample_late_is_held(late, hold):
+    """What a controller holds from sample to sample looks late; a hold says that without a number to estimate."""
+    for seed in range(3):
+        result = identify(study(), oscillator("slow", seed, late))
+        assert (result.model.inputs[0].hold, result.model.inputs[0].delay) == (hold, 0.0)
+        assert max(np.abs(list(off(result.model).values()))) < 4.0
+
+
 @pytest.mark.slow
 def test_segments_that_were_lost_under_the_wrong_delay_are_found_again():
     model = identify(study(), oscillator("band-limited", 4, 0.1)).model

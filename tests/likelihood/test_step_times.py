@@ -118,3 +118,28 @@ def test_steps_at_samples_stay_there():
     result = identify(STUDY, boost(0, whole=True)[0])
     assert exact(result)
     assert "d" not in result.model.scores.holds or result.model.scores.holds["d"].steps == 0
+
+
+@pytest.mark.parametrize("seeds", [3, pytest.param(10, marks=pytest.mark.slow)])
+def test_times_that_a_model_without_its_drag_asked_for_go_with_the_drag(seeds):
+    """A vehicle under water whose thrust steps at samples: without its quadratic drag, steps seem to come early."""
+    for seed in range(seeds):
+        rng, t = np.random.default_rng(seed), 0.05 * np.arange(1800)
+        logs = []
+        for _ in range(2):
+            thrust = np.repeat(rng.uniform(-40.0, 40.0, 16), 120)[: len(t)]
+            z, v, run = 0.0, 0.0, []
+            for u in thrust.tolist():
+                run.append(z)
+                for _ in range(10):  # the drag is slow beside a tenth of a period
+                    half = v + 0.0025 * (u - 6.0 * v - 30.0 * abs(v) * v - 2.5) / 45.0
+                    z, v = z + 0.005 * half, v + 0.005 * (u - 6.0 * half - 30.0 * abs(half) * half - 2.5) / 45.0
+            logs.append({"t": t, "z": np.array(run), "tau": thrust})
+        size = 0.01 * np.concatenate([log["z"] for log in logs]).std()
+        for log in logs:
+            log["z"] += size * rng.standard_normal(len(t))
+        study = Study(data=Data(time="t"), coordinates={"z": Measured(order=2)}, inputs={"tau": Driven()})
+        model = identify(study, logs).model
+        assert {t.text for t in model.relations[0].terms} == {"z_ddot", "1", "z_dot", "z_dot*abs(z_dot)", "tau"}
+        assert model.inputs[0].delay == 0.0
+        assert "tau" not in model.scores.holds or model.scores.holds["tau"].steps == 0
