@@ -10,6 +10,7 @@ from odescope.library.candidates import Library
 from odescope.library.friction import default_friction, friction_rule
 from odescope.library.parse import Scope
 from odescope.library.rules import Exclusive, Identity, MaximumDegree, Rule
+from odescope.library.spatial import spatial_forces
 from odescope.recordings.coordinate import Coordinate, Input
 
 COMFORTABLE = 60  # polynomial degree is lowered until a default has no more products of states and inputs than this
@@ -58,7 +59,8 @@ def default_library(
     With angles: {1, velocities, products of two velocities, inputs, positions that are neither angle nor cyclic,
     targets} x products of sines and cosines to degree 2. Without: monomials of states and inputs to degree 3 (less
     where that would be too many) x {1, targets}. In both, dry and quadratic friction of the targets' coordinates of
-    order 2 and of the differences of their rates with like ones, which nothing multiplies.
+    order 2 and of the differences of their rates with like ones, and of positions that are components of one the drag
+    by their speed and forces from the origin by their distance (`spatial`), which nothing multiplies.
 
     Args:
         coordinates: give states, velocities and angles; an angle or a cyclic coordinate does not itself enter.
@@ -75,12 +77,12 @@ def default_library(
     ]
     driven = [i.name for i in inputs]
     angles = [c.name for c in coordinates if c.angle]
-    friction = Library.of(default_friction(coordinates, targets), scope)
+    alone = Library.of((*default_friction(coordinates, targets), *spatial_forces(coordinates, targets)), scope)
     if not angles:
         names = [*states, *driven]
         usual = next((d for d in (3, 2) if comb(len(names) + d, d) <= COMFORTABLE), 1)
         polynomial = Library.of(names, scope).powers(usual if degree is None else degree)
-        return polynomial * Library.of(("1", *targets), scope) + friction
+        return polynomial * Library.of(("1", *targets), scope) + alone
     own, waves = {c.name for c in coordinates}, [f"{f}({a})" for a in angles for f in ("sin", "cos")]
     velocities = Library.of([s for s in states if s not in own], scope).powers(degree or 2)
     positions = Library.of([s for s in states if s in own], scope)
@@ -88,7 +90,7 @@ def default_library(
     trigonometric = trigonometric.thin([Identity(f"sin({a})") for a in angles], scope)
     moving = velocities + Library.of([*driven], scope) + positions + Library.of(targets, scope)
     asked = [] if degree is None else [MaximumDegree((*states, *driven, *waves), degree)]
-    return (moving * trigonometric).thin(asked, scope) + friction
+    return (moving * trigonometric).thin(asked, scope) + alone
 
 
 def default_rules(

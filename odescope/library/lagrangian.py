@@ -57,11 +57,11 @@ def lagrangian(
                 f"Lagrange's equations are of order 2, but the coordinate {c.name!r} has order {c.order}:"
                 " set its order to 2, or use another form"
             )
-    default_kinetic, default_potential = default_energies(coordinates)
+    default_kinetic, default_potential = default_energies(coordinates, bool(inputs))
     functions: dict[Function, Sequence[str]] = {
         "kinetic": default_kinetic if kinetic is None else kinetic,
         "potential": default_potential if potential is None else potential,
-        "dissipation": default_dissipation(coordinates) if dissipation is None else dissipation,
+        "dissipation": default_dissipation(coordinates, bool(inputs)) if dissipation is None else dissipation,
     }
     terms = {kind: dict.fromkeys(parse_term(text, scope) for text in texts) for kind, texts in functions.items()}
     found = [_of_function(kind, term, coordinates, inputs) for kind in functions for term in terms[kind]]

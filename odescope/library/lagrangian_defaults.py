@@ -9,10 +9,11 @@ coordinates do not enter.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, combinations_with_replacement, islice, product
 
 from odescope.library.friction import alike, friction_rates
+from odescope.library.spatial import spatial_dissipation, spatial_potentials, together
 from odescope.recordings.coordinate import Coordinate, Input
 
 COMFORTABLE = 250  # degrees are lowered until a default has no more kinetic and potential terms than this
@@ -21,7 +22,7 @@ COMFORTABLE = 250  # degrees are lowered until a default has no more kinetic and
 _LADDER = ((2, False, 4), (2, True, 4), (2, True, 3), (2, True, 2), (1, True, 2), (0, True, 2), (0, True, 1))
 
 
-def default_energies(coordinates: Sequence[Coordinate]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def default_energies(coordinates: Sequence[Coordinate], driven: bool = True) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the default terms of the kinetic energy and of the potential.
 
     Kinetic: every product of two rates times every h to degree 2. Potential: every h to degree 2 but the constant,
@@ -29,27 +30,40 @@ def default_energies(coordinates: Sequence[Coordinate]) -> tuple[tuple[str, ...]
     x**3*y of two positions in one unit stand the second and the fourth power of their difference, as springs between
     them have it. Where these are more than 250, the degrees are lowered step by step: first the products of two rates
     keep the functions of their own two coordinates only, then the powers of the potential fall to 3 and 2, then the
-    functions of the kinetic energy to degree 1 and 0, at last the potential to 1.
+    functions of the kinetic energy to degree 1 and 0, at last the potential to 1. Potentials of the distance from the
+    origin (`spatial`) come on top, and where no input drives each coordinate by itself, the sum of the squares of all
+    components of a position or of its velocity stands for the square of the last.
+
+    Args:
+        coordinates: generalized coordinates.
+        driven: whether there are inputs.
     """
+    sums = [dict[str, str]() if driven else together(coordinates, k) for k in (0, 1)]
     kinetic, potential = tuple[str, ...](), tuple[str, ...]()
     for degree, own, powers in _LADDER:
         # Not one more than needed to see that they are too many, but for the last rung, which has to do.
         most = None if (degree, own, powers) == _LADDER[-1] else COMFORTABLE + 1
-        kinetic = tuple(islice(_kinetic(coordinates, degree, own), most))
-        potential = tuple(islice(_potential(coordinates, powers), most))
+        kinetic = tuple(islice(_kinetic(coordinates, degree, own, sums[1]), most))
+        potential = tuple(islice(_potential(coordinates, powers, sums[0]), most))
         if len(kinetic) + len(potential) <= COMFORTABLE:
             break
-    return kinetic, potential
+    return kinetic, (*potential, *spatial_potentials(coordinates))
 
 
-def default_dissipation(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+def default_dissipation(coordinates: Sequence[Coordinate], driven: bool = True) -> tuple[str, ...]:
     """Return the default terms of the dissipation function: viscous, dry and quadratic friction.
 
-    Each is of every rate and of the differences of two rates of like kind, as in the default relations.
+    Each is of every rate and of the differences of two rates of like kind, as in the default relations; quadratic
+    friction is of the speed, too, where positions are components of one, and so is viscous friction where nothing
+    drives them.
+
+    Args:
+        coordinates: generalized coordinates.
+        driven: whether there are inputs.
     """
-    of = friction_rates(coordinates, coordinates)
-    viscous = [f"{v}**2" if v.isidentifier() else f"({v})**2" for v in of]
-    return (*viscous, *(f"abs({v})" for v in of), *(f"abs({v})**3" for v in of))
+    of, sums = friction_rates(coordinates, coordinates), {} if driven else together(coordinates, 1)
+    viscous = [sums.get(v) or (f"{v}**2" if v.isidentifier() else f"({v})**2") for v in of]
+    return (*viscous, *(f"abs({v})" for v in of), *(f"abs({v})**3" for v in of), *spatial_dissipation(coordinates))
 
 
 def default_forces(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> dict[str, tuple[str, ...]]:
@@ -62,17 +76,21 @@ def default_forces(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -
     return {c.name: (*driven, "1") if driven and (c.angle or c.cyclic) else driven for c in coordinates}
 
 
-def _kinetic(coordinates: Sequence[Coordinate], degree: int, own: bool) -> Iterator[str]:
+def _kinetic(coordinates: Sequence[Coordinate], degree: int, own: bool, sums: Mapping[str, str]) -> Iterator[str]:
     everywhere = tuple(_configuration(coordinates, degree))
     for a, b in combinations_with_replacement(coordinates, 2):
         rates = f"{a.derivative(1)}*{b.derivative(1)}"
         pair = (a,) if a is b else (a, b)
         for h in _configuration(pair, degree) if own else everywhere:
-            yield rates if h == "1" else f"{rates}*{h}"
+            if h != "1":
+                yield f"{rates}*{h}"
+            else:
+                yield sums.get(a.derivative(1), rates) if a is b else rates
 
 
-def _potential(coordinates: Sequence[Coordinate], powers: int) -> Iterator[str]:
-    low, between = tuple(h for h in _configuration(coordinates, min(2, powers)) if h != "1"), _between(coordinates)
+def _potential(coordinates: Sequence[Coordinate], powers: int, sums: Mapping[str, str]) -> Iterator[str]:
+    low = tuple(h for h in _configuration(coordinates, min(2, powers)) if h != "1")
+    between = _between(coordinates) | {f"{name}**2": text for name, text in sums.items()}
     yield from (between.get(h, h) for h in low)
     positions = [c for c in coordinates if not c.angle]
     yield from (between.get(h, h) for h in _configuration(positions, powers) if h != "1" and h not in low)

@@ -58,12 +58,17 @@ def _name(name: str, power: Power) -> str:
 def _call(function: str, argument: str, power: Power) -> str:
     up = _up(power)
     if function == "sqrt":
-        return rf"\sqrt{{{argument}}}{up}"
+        return rf"\sqrt{{{argument}}}" if power == 1 else rf"\left({argument}\right)^{{{_halved(power)}}}"
     head = FUNCTIONS[function].latex
     if power > 0:
         return rf"{head}{up}\left({argument}\right)"
     # cos^{-1}(x) would read as the inverse function.
     return rf"\left({head}\left({argument}\right)\right){up}"
+
+
+def _halved(power: Power) -> str:
+    """Return half of a power, as a fraction where it is of a whole number."""
+    return f"{power:g}/2" if power % 2 else f"{power / 2:g}"
 
 
 def _up(power: Power) -> str:

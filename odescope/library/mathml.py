@@ -111,12 +111,20 @@ def _name(name: str, power: Power) -> str:
 
 def _call(function: str, argument: str, power: Power) -> str:
     if function == "sqrt":
-        return _raised(f"<msqrt>{argument}</msqrt>", power)
+        return f"<msqrt>{argument}</msqrt>" if power == 1 else _halved(argument, power)
     head = f"<mi>{escape(function)}</mi>"
     head = _raised(head, power) if power > 1 else head
     body = f"<mrow>{head}{APPLY}{_bracketed(argument)}</mrow>"
     # cos with the exponent -1 would read as the inverse function.
     return body if power >= 1 else _raised(_bracketed(body), power)
+
+
+def _halved(argument: str, power: Power) -> str:
+    """Return what is under a root, raised to half of the root's power."""
+    if power % 2 == 0:
+        return _raised(_bracketed(argument), int(power / 2))
+    sign, half = "<mo>−</mo>" if power < 0 else "", mathml_fraction(f"<mn>{abs(power):g}</mn>", "<mn>2</mn>")
+    return f"<msup>{_bracketed(argument)}<mrow>{sign}{half}</mrow></msup>"
 
 
 def _bracketed(body: str) -> str:

@@ -75,8 +75,8 @@ def stated(
     """Return the mechanisms of a model as people read them, in one scale a group of relations.
 
     Where an input drives a group the coefficient of its force is 1, so that masses are masses; without one the first
-    square of a rate has 1/2. Reactions and whatever is known keep their scale. Plain candidates are left to the
-    relations.
+    square of a rate, or of a speed, has 1/2. Reactions and what is known keep their scale. Plain candidates are left
+    to the relations.
 
     Args:
         mechanisms: those of the model.
@@ -139,12 +139,12 @@ def _reference(mechanisms: Sequence[Mechanism], group: Sequence[int]) -> tuple[i
     if forces:
         return min(forces, key=lambda k: mechanisms[k].size), 1.0
     squares = [k for k in group if mechanisms[k].kind == "kinetic" and _square(mechanisms[k])]
-    return (squares[0], 0.5) if squares else None
+    return (max(squares, key=lambda k: len(mechanisms[k].parts)), 0.5) if squares else None
 
 
 def _square(mechanism: Mechanism) -> bool:
-    """Say whether a mechanism is the kinetic energy of a rate alone, squared."""
-    return len(mechanism.parts) == 1 and mechanism.parts[0].product.bare
+    """Say whether a mechanism is the kinetic energy of squared rates: that of a product adds half as much."""
+    return all(part.product.bare and part.share == 2.0 for part in mechanism.parts)
 
 
 def coefficients_of(mechanisms: Sequence[Mechanism], relations: Sequence[Relation]) -> FloatArray:

@@ -62,7 +62,7 @@ def mechanisms_latex(mechanisms: Sequence[FoundMechanism], names: Sequence[str])
     scope, lines = Scope.of(names, constants=names), list[str]()
 
     def product(m: FoundMechanism) -> tuple[bool, str]:
-        term = _read(m.term, scope)
+        term = read_term(m.term, scope)
         body = r"\mathtt{" + _escaped(m.term) + "}" if term is None else print_term(LATEX, term)
         size = latex_size(m)
         parts = [size] if term == ONE else [body] if size == "1" else [size, body]
@@ -91,7 +91,7 @@ def mechanisms_mathml(mechanisms: Sequence[FoundMechanism], names: Sequence[str]
 
     def product(m: FoundMechanism) -> tuple[bool, str]:
         size = _mathml_size(m, errors)
-        body, one = term_mathml(m.term, scope), _read(m.term, scope) == ONE
+        body, one = term_mathml(m.term, scope), read_term(m.term, scope) == ONE
         return m.coefficient < 0.0, size if one else body if size == "<mn>1</mn>" else size + TIMES + body
 
     for left, members in _sums(mechanisms):
@@ -116,7 +116,7 @@ def reaction_mathml(name: str, rate: str = "") -> str:
 
 def term_mathml(text: str, scope: Scope) -> str:
     """Return the term of a mechanism in MathML; one that cannot be read as text."""
-    term = _read(text, scope)
+    term = read_term(text, scope)
     return f"<mtext>{escape(text)}</mtext>" if term is None else print_term(MATHML, term)
 
 
@@ -131,7 +131,8 @@ def _sums(mechanisms: Sequence[FoundMechanism]) -> Iterator[tuple[tuple[str, ...
         yield ("F", name), members
 
 
-def _read(text: str, scope: Scope) -> Term | None:
+def read_term(text: str, scope: Scope) -> Term | None:
+    """Return the term of a mechanism, None where it cannot be read."""
     try:
         return parse_term(text, scope)
     except InputError:  # of a file that anyone may have written

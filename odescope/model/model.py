@@ -23,6 +23,7 @@ from odescope.model.display import equations_html, equations_latex
 from odescope.model.equations import Equation, Named, relation_with_names, shown_equations, with_names
 from odescope.model.explicit import Quotient, explicit
 from odescope.model.given import GivenInputs, GivenState
+from odescope.model.mechanism_display import read_term
 from odescope.model.notes import trust, uncertain
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation, in_order
 from odescope.model.scores import ModelScores
@@ -120,8 +121,10 @@ class Model:
 
     @cached_property
     def shown_mechanisms(self) -> tuple[FoundMechanism, ...]:
-        """The mechanisms as people are shown them, with the names of constants."""
+        """The mechanisms as people are shown them, with the names of constants, and quotients with a bar."""
         written = {term.text: readable(named) for term, (share, named) in self._written.items() if share == 1.0}
+        terms = (read_term(m.term, Scope.of(self.variables)) for m in self.mechanisms)
+        written = {t.text: readable(t) for t in terms if t is not None} | written
         return tuple(
             msgspec.structs.replace(m, term=written.get(m.term, m.term), name=written.get(m.name, m.name))
             for m in self.mechanisms

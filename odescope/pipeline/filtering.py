@@ -19,6 +19,7 @@ from odescope.model.model import Model
 from odescope.pipeline.fingerprint import fingerprint
 from odescope.pipeline.inputs import first_holds
 from odescope.pipeline.sample import Sample, open_recordings
+from odescope.pipeline.space import mechanisms_without_poles, near_origin, without_poles
 from odescope.pipeline.store import Store
 from odescope.pipeline.work import Work, swept
 from odescope.recordings.checks import check_channels
@@ -94,6 +95,8 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         mechanisms: dict[Form, Mechanisms] = {
             form: posed.mechanisms(form) for form in study.forms() if form != "relations"
         }
+        if not fixed and (near := near_origin(posed.measured(), sample.records)):
+            libraries, mechanisms = without_poles(libraries, near), mechanisms_without_poles(mechanisms, near)
     return Prepared(posed, shafts, sample, libraries, mechanisms)
 
 

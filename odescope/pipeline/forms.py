@@ -181,17 +181,20 @@ def _little(mechanisms: Sequence[Mechanism], signals: Signals) -> FloatArray:
 
 
 def _simplest(mechanisms: Sequence[Mechanism], signals: Signals) -> dict[int, tuple[int, float]]:
-    """Return, by relation, the number of the simplest kinetic term of its coordinate, and its share there."""
+    """Return, by relation, the number of the simplest kinetic term of its coordinate, and its share there.
+
+    The squares of the rates of several coordinates together are simpler than each by itself.
+    """
     found = dict[int, tuple[int, float]]()
     for r, target in enumerate(signals.targets):
         own = [
-            (m.size, m.term != f"{signals.coordinates[r].derivative(1)}**2", k, p.share)
+            (m.size, -len(m.parts), m.term != f"{signals.coordinates[r].derivative(1)}**2", k, p.share)
             for k, m in enumerate(mechanisms)
             for p in m.parts
             if m.kind == "kinetic" and p.relation == r and p.product.factor == target
         ]
         if own:
-            found[r] = min(own)[2:]
+            found[r] = min(own)[3:]
     return found
 
 

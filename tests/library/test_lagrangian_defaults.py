@@ -2,7 +2,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from mechanics import ARMS, CART, ELASTIC, FORCE, MASSES, arms, names_of, positions, scope_of, values_of
+from mechanics import ARMS, CART, ELASTIC, FORCE, arms, names_of, positions, scope_of, values_of
 
 from odescope.library.candidates import Library
 from odescope.library.expansion import expanded
@@ -15,6 +15,8 @@ from odescope.library.tape import evaluate, write_tape
 from odescope.recordings.coordinate import Coordinate
 
 CONFIGURATIONS = ("1", "cos(phi)", "sin(phi)", "cos(2*phi)", "sin(2*phi)")
+
+MASSES = (Coordinate("p", 2), Coordinate("q", 2))  # on one line
 
 
 def sizes(coordinates):
@@ -60,7 +62,7 @@ def test_positions_enter_by_powers_beside_harmonics():
         "phi**2",
     }  # fmt: skip
     _, potential = default_energies(MASSES)
-    assert {"x", "(x - y)**2", "x**2*y**2", "(x - y)**4", "x*y**3", "y**4"} <= set(potential)
+    assert {"p", "(p - q)**2", "p**2*q**2", "(p - q)**4", "p*q**3", "q**4"} <= set(potential)
     assert len(potential) == 14
 
 
@@ -69,7 +71,7 @@ def test_springs_between_positions_span_what_their_products_do():
     _, potential = default_energies(MASSES)
     apart = [Coordinate(c.name, 2, unit=unit) for c, unit in zip(MASSES, ("m", "C"), strict=True)]
     _, products = default_energies(apart)
-    assert {"x*y", "x**3*y"} == set(products) - set(potential)
+    assert {"p*q", "p**3*q"} == set(products) - set(potential)
     terms = [[parse_term(text, scope_of(MASSES)) for text in texts] for texts in (potential, products)]
     columns = [evaluate(write_tape(names_of(MASSES), own), values_of(MASSES)).T for own in terms]
     ranks = [np.linalg.matrix_rank(c) for c in (*columns, np.hstack(columns))]
@@ -127,8 +129,8 @@ def test_of_what_looks_alike_the_likelier_costs_less():
     arms_, masses = sizes_of(ARMS), sizes_of(MASSES)
     assert arms_["cos(phi1)"] < arms_["phi1**2"]
     assert arms_["(phi1 - phi2)**2"] < arms_["cos(phi1 - phi2)"]
-    assert arms_["(phi1 - phi2)**2"] == masses["(x - y)**2"]
-    (gas,) = (m for m in lagrangian(MASSES, (), scope_of(MASSES), potential=["exp(x - y)"]) if m.kind == "potential")
+    assert arms_["(phi1 - phi2)**2"] == masses["(p - q)**2"]
+    (gas,) = (m for m in lagrangian(MASSES, (), scope_of(MASSES), potential=["exp(p - q)"]) if m.kind == "potential")
     assert gas.size == 1.0
 
 

@@ -35,13 +35,20 @@ write = to_text
 def equation_lines(model: Model, digits: int | None = None) -> list[str]:
     """Return the equations, one a line, and the constants in them; see `to_text`."""
     equations = model.equations if digits is None else tuple(_rounded(e, digits) for e in model.equations)
-    lines = map(equation_text, equations)
-    return [*(_readable(line, model.named_terms) for line in lines), *parameters_text(model.parameters)]
+    typed = list(dict.fromkeys((*model.named_terms, *(t for e in equations for t in _terms(e)))))
+    return [*(_readable(equation_text(e), typed) for e in equations), *parameters_text(model.parameters)]
+
+
+def _terms(equation: Equation) -> list[Term]:
+    """Return the terms of an equation, less the targets that they multiply."""
+    if isinstance(equation, Quotient):
+        return [t for c in (equation.numerator, equation.denominator) for _, t in c.parts]
+    return [t.term for t in equation.terms]
 
 
 def _readable(line: str, terms: Iterable[Term]) -> str:
-    """Return a line with terms that name constants as a person would type them."""
-    for term in sorted(terms, key=lambda t: -len(t.text)):
+    """Return a line with terms as a person would type them, those that name constants and quotients."""
+    for term in sorted((t for t in terms if readable(t) != t.text), key=lambda t: -len(t.text)):
         line = line.replace(term.text, readable(term))
     return line
 

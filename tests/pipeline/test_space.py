@@ -1,0 +1,107 @@
+"""Motion in a plane and in space, by default settings: what is thrown, what orbits, a weight on a spring."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from odescope.pipeline.identification import identify
+from odescope.pipeline.space import near_origin
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Record, Records
+from odescope.study.options import Data, Measured, Study
+
+G = 9.81
+
+
+def thrown(x, v):
+    return -0.05 * v * np.linalg.norm(v) - G * np.eye(len(x))[-1]
+
+
+def orbiting(x, v):
+    return -x / np.linalg.norm(x) ** 3
+
+
+def on_a_spring(x, v):
+    r = np.linalg.norm(x)
+    return -40.0 * (r - 1.0) * x / r - 0.1 * v - np.array([0.0, G])
+
+
+def relations(coordinates, **coefficients):
+    """Return the coefficients of the relations, by target and term, of forces by name."""
+    speed, distance = (" + ".join(f"{c}{d}**2" for c in coordinates) for d in ("_dot", ""))
+    known = {
+        "drag": "{c}_dot*sqrt({speed})",
+        "viscous": "{c}_dot",
+        "gravitation": "{c}*sqrt({distance})**-3",
+        "stiff": "{c}",
+        "stretched": "{c}*sqrt({distance})**-1",
+    }
+    law = {
+        (f"{c}_ddot", known[name].format(c=c, speed=speed, distance=distance)): value
+        for name, value in coefficients.items()
+        for c in coordinates
+        if name != "weight"
+    }
+    return law | {(f"{coordinates[-1]}_ddot", "1"): coefficients[name] for name in coefficients if name == "weight"}
+
+
+# The law, the coordinates, how long, where from, and the forces.
+SYSTEMS = {
+    "thrown in a plane": (thrown, "xy", 4.0, ([0.0, 1.0], [12.0, 15.0]), {"weight": G, "drag": 0.05}),
+    "thrown in space": (thrown, "xyz", 4.0, ([0.0, 0.0, 1.0], [12.0, 8.0, 15.0]), {"weight": G, "drag": 0.05}),
+    "orbit": (orbiting, "xy", 20.0, ([1.0, 0.0], [0.0, 0.9]), {"gravitation": 1.0}),
+    "spring": (
+        on_a_spring, "xy", 12.0, ([0.6, -0.9], [0.0, 0.0]),
+        {"weight": G, "stiff": 40.0, "stretched": -40.0, "viscous": 0.1},
+    ),
+}  # fmt: skip
+
+
+def log(system, seed, noise):
+    """Return two recordings from starts about the usual one, with noise."""
+    law, coordinates, duration, (x, v), _ = SYSTEMS[system]
+    rng, t, n = np.random.default_rng(seed), np.linspace(0.0, duration, 1500), len(coordinates)
+    runs = []
+    for _ in range(2):
+        start = np.concatenate([x, v]) * rng.uniform(0.85, 1.15, 2 * n)
+        rate = lambda _, s: np.concatenate([s[n:], law(s[:n], s[n:])])  # noqa: E731
+        run = solve_ivp(rate, (0.0, duration), start, t_eval=t, rtol=1e-9, atol=1e-11).y[:n]
+        runs.append(run)
+    size = noise * np.concatenate(runs, axis=1).std(axis=1)
+    noisy = [run + size[:, None] * rng.standard_normal(run.shape) for run in runs]
+    return [{"t": t, **dict(zip(coordinates, run, strict=True))} for run in noisy]
+
+
+def found(result):
+    """Return the terms of the relations, by target and term: in whatever form they were found."""
+    return {(r.terms[0].factor, t.term.text): t for r in result.model.relations for t in r.terms[1:]}
+
+
+@pytest.mark.parametrize("seeds", [2, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_the_forces_are_found(system, seeds):
+    coordinates, truth = SYSTEMS[system][1], relations(SYSTEMS[system][1], **SYSTEMS[system][4])
+    study = Study(data=Data(time="t"), coordinates={c: Measured(order=2) for c in coordinates})
+    right = 0
+    for seed in range(seeds):
+        terms = found(identify(study, log(system, seed, 0.003)))
+        right += terms.keys() == truth.keys() and all(
+            abs(t.coefficient - truth[key]) <= 4.0 * t.std_error for key, t in terms.items()
+        )
+    assert right >= 0.9 * seeds
+
+
+def test_what_comes_near_the_origin_has_no_forces_from_there():
+    """They have a pole there: what is thrown from the origin is found without, its drag as elsewhere."""
+    t, plane = np.linspace(0.0, 3.0, 900), tuple(Coordinate(c, 2) for c in "xy")
+    states = solve_ivp(
+        lambda _, s: np.concatenate([s[2:], thrown(s[:2], s[2:])]), (0.0, 3.0), [0.0, 0.0, 12.0, 15.0], t_eval=t,
+        rtol=1e-9, atol=1e-11,
+    ).y[:2]  # fmt: skip
+    apart = states + np.array([[0.0], [2.0]])
+    for of, near in ((states, (frozenset("xy"),)), (apart, ())):
+        assert near_origin(plane, Records((Record(t, of.T.copy(), ("x", "y")),))) == near
+    states += 0.01 * np.random.default_rng(0).standard_normal(states.shape)
+    study = Study(data=Data(time="t"), coordinates={c: Measured(order=2) for c in "xy"})
+    result = identify(study, {"t": t, "x": states[0], "y": states[1]})
+    assert found(result).keys() == relations("xy", weight=G, drag=0.05).keys()
