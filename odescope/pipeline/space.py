@@ -1,6 +1,6 @@
 """Candidates that go by the distance from the origin: they have a pole there, and stay where the motion stays away.
 
-docs/method.md, Default libraries.
+docs/method.md, Library.
 """
 
 from __future__ import annotations
