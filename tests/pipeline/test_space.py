@@ -77,7 +77,7 @@ def found(result):
     return {(r.terms[0].factor, t.term.text): t for r in result.model.relations for t in r.terms[1:]}
 
 
-@pytest.mark.parametrize("seeds", [2, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [1, pytest.param(10, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_the_forces_are_found(system, seeds):
     coordinates, truth = SYSTEMS[system][1], relations(SYSTEMS[system][1], **SYSTEMS[system][4])
