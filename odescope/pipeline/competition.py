@@ -177,7 +177,12 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
             # with negative inertia is none: forces that do no work, as of a magnet or a flywheel, are no mechanisms.
             asis = [] if regressed.model is None else [_contender(posed, regressed.model, None, done, filtered.signals)]
             bar = min((a.free_run for a in asis), default=WELL)
-            if any(c.inertial and (c.clear or c.says_all or (c.follows and c.free_run <= bar)) for c in contenders):
+            least = bar if asis and bar < WELL else np.inf  # what runs well, and better, needs no such noise
+            if any(
+                c.inertial
+                and (c.clear or (c.says_all and c.free_run <= SPREAD * least) or (c.follows and c.free_run <= bar))
+                for c in contenders
+            ):
                 contenders += asis
                 continue
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None

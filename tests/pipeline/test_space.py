@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import PchipInterpolator
 
 from odescope.pipeline.identification import identify
 from odescope.pipeline.space import near_origin
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records
-from odescope.study.options import Data, Measured, Study
+from odescope.study.options import Data, Driven, Measured, Study
 
 G = 9.81
 
@@ -105,3 +106,37 @@ def test_what_comes_near_the_origin_has_no_forces_from_there():
     study = Study(data=Data(time="t"), coordinates={c: Measured(order=2) for c in "xy"})
     result = identify(study, {"t": t, "x": states[0], "y": states[1]})
     assert found(result).keys() == relations("xy", weight=G, drag=0.05).keys()
+
+
+@pytest.mark.slow
+def test_a_quadrotor_in_a_plane_is_not_left_to_noise_of_the_process():
+    """Its thrust turns with it, which no force of Lagrange's equations does: what they lack is as good as white."""
+    t, rng = np.linspace(0.0, 6.0, 1800), np.random.default_rng(0)
+    knots = np.arange(0.0, 7.0, 0.3)
+    thrust, torque = (
+        PchipInterpolator(knots, rng.uniform(*span, len(knots)))(t) for span in ((8.0, 12.0), (-0.3, 0.3))
+    )
+
+    def rate(now, s):
+        f, m = (np.interp(now, t, u) for u in (thrust, torque))
+        v = s[3:5]
+        return [
+            *s[3:],
+            *(f * np.array([-np.sin(s[2]), np.cos(s[2])]) - [0.0, G] - 0.3 * v * np.hypot(*v)),
+            20.0 * m - 0.4 * s[5],
+        ]
+
+    states = solve_ivp(rate, (0.0, 6.0), np.zeros(6), t_eval=t, rtol=1e-9, atol=1e-11, max_step=t[1]).y[:3]
+    states += 3e-4 * states.std(axis=1)[:, None] * rng.standard_normal(states.shape)
+    study = Study(
+        data=Data(time="t"),
+        coordinates={c: Measured(order=2, angle=c == "th") for c in ("x", "z", "th")},
+        inputs={"f": Driven(), "m": Driven()},
+    )
+    speed = "sqrt(x_dot**2 + z_dot**2)"
+    result = identify(study, {"t": t, **dict(zip(("x", "z", "th"), states, strict=True)), "f": thrust, "m": torque})
+    assert found(result).keys() == {
+        ("x_ddot", "f*sin(th)"), ("x_ddot", f"x_dot*{speed}"),
+        ("z_ddot", "1"), ("z_ddot", "f*cos(th)"), ("z_ddot", f"z_dot*{speed}"),
+        ("th_ddot", "m"), ("th_ddot", "th_dot"),
+    }  # fmt: skip
