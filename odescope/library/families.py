@@ -26,6 +26,7 @@ ARC, TURNS = 0.4, 60.0  # radians that an angle moves over: over less its functi
 BEYOND = 1.0  # of the range of its variable: how far outside of it the middle of a step may be
 FLAT = 0.3  # least one
 POLE = 2.0  # times as far below zero as noise takes what has no sign the pole of a saturation is, at least
+EDGES = (0.05, 0.95)  # of a limit to both sides, over the smaller of what its variable reaches on either side
 OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
 ABOVE_ZERO = {"K": 0.0, "kelvin": 0.0, "°C": 273.15, "degC": 273.15, "celsius": 273.15}  # kelvins, at 0 of each unit
@@ -79,10 +80,11 @@ def families_of(
     """Return the functions of a variable that have values on the data, those without constants first.
 
     Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power, saturation and the
-    rates of Hill and Haldane, of what is always negative (a depth) those of its size; of what changes its sign the size
-    and the square with its sign; of all exponentials, tanh, the logistic function and sines, those of the variable
-    itself where it may be an angle. Of a temperature, by its unit, there are Arrhenius' law, about the middle of its
-    range, and the fourth power of what it is above absolute zero, as it radiates. What hardly moves beside its size has
+    rates of Hill and Haldane, of what is always negative (a depth) those of its size; of what changes its sign the
+    size, the square with its sign, and twice what is left of it between two limits; of all exponentials, tanh, the
+    logistic function and sines, those of the variable itself where it may be an angle. Of a temperature, by its unit,
+    there are Arrhenius' law, about the middle of its range, and the fourth power of what it is above absolute zero, as
+    it radiates. What hardly moves beside its size has
     no tanh, and further still no exponentials, which would be lines.
 
     Args:
@@ -167,6 +169,8 @@ def _by_sign(
         )
     else:
         yield from ((f"abs({variable})", ()), (f"{variable}*abs({variable})", ()))
+        edge = constant("edge", EDGES[0] * -least, EDGES[1] * -least)
+        yield f"(abs({edge.name} + {variable}) - abs({edge.name} - {variable}))**1", (edge,)
 
 
 def _kelvins(variable: str, unit: str | None, low: float, high: float) -> Iterator[tuple[str, float, float]]:

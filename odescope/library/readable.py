@@ -7,7 +7,12 @@ from odescope.library.expression import Atom, Call, Combination, Name, Power, Te
 
 def readable(term: Term) -> str:
     """Return a term as text that reads back as the same: x_dot/v0 for v0**-1*x_dot, x**n for exp(n*log(x))."""
-    top = [_raised(atom, power) for atom, power in term.factors if power > 0]
+    # Without a power a sum would be multiplied out when it is read back.
+    top = [
+        _raised(atom, power) + ("**1" if power == 1 and isinstance(atom, Call) and not atom.function else "")
+        for atom, power in term.factors
+        if power > 0
+    ]
     bottom = [_raised(atom, -power) for atom, power in term.factors if power < 0]
     below = "*".join(bottom)
     over = f"/({below})" if len(bottom) > 1 else f"/{below}" if bottom else ""

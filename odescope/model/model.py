@@ -124,9 +124,9 @@ class Model:
         """The mechanisms as people are shown them, with the names of constants, and quotients with a bar."""
         written = {term.text: readable(named) for term, (share, named) in self._written.items() if share == 1.0}
         terms = (read_term(m.term, Scope.of(self.variables)) for m in self.mechanisms)
-        written = {t.text: readable(t) for t in terms if t is not None} | written
+        typed = {t.text: readable(t).removesuffix("**1") for t in terms if t is not None} | written
         return tuple(
-            msgspec.structs.replace(m, term=written.get(m.term, m.term), name=written.get(m.name, m.name))
+            msgspec.structs.replace(m, term=written.get(m.term, m.term), name=typed.get(m.name, m.name))
             for m in self.mechanisms
         )
 

@@ -38,6 +38,18 @@ def test_a_saturation_of_what_noise_takes_below_nothing_has_its_pole_beyond_that
         assert halves[0].low >= max(-2.0 * low, 0.03)
 
 
+@pytest.mark.parametrize(("low", "high"), [(-1.0, 2.0), (-2.0, 1.0)])
+def test_what_has_a_sign_may_have_limits_which_it_reaches_on_both_sides(low, high):
+    values = np.linspace(low, high, 500)
+    (limited,) = (f for f in families_of("z", values, ()) if [c.name for c in f.constants] == ["edge_z"])
+    (edge,) = limited.constants
+    assert 0.0 < edge.low < edge.high < 1.0
+    for at in (edge.low, edge.high):
+        (found,) = evaluate(write_tape(["z", "edge_z"], [limited.term]), np.array([values, np.full_like(values, at)]))
+        np.testing.assert_allclose(found, 2.0 * np.clip(values, -at, at), atol=1e-12)
+    assert not any(c.name == "edge_z" for f in families_of("z", np.linspace(0.2, 3.0, 500), ()) for c in f.constants)
+
+
 HILL, HALDANE = "z**order_z/(level_z**order_z + z**order_z)", "z/(affinity_z + z + z**2/inhibition_z)"
 
 

@@ -188,6 +188,46 @@ def test_functions_replace_what_does_not_follow_the_record_only_if_they_run_free
     assert replaces(after, before) is replaced
 
 
+def swinging(t, rng):
+    f, phase = rng.uniform(0.02, 0.2, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
+    return 0.8 * np.sin(2.0 * np.pi * np.multiply.outer(t, f) + phase).sum(axis=1)
+
+
+@pytest.mark.parametrize("seeds", [1, pytest.param(5, marks=pytest.mark.slow)])
+def test_what_is_limited_to_both_sides_is_found_with_its_limits(seeds):
+    for seed in range(seeds):
+        t = np.arange(0.0, 60.0, 0.05)
+        logs = recorded(lambda x, u: u - 0.3 * x - 1.5 * np.clip(x, -0.7, 0.7), [1.0, -2.0], t, seed, swinging)
+        model = identify(study(), logs).model
+        (edge,) = model.parameters
+        assert abs(edge.value - 0.7) < 4.0 * edge.std_error
+        assert {t.text for t in model.shown_relations[0].terms} == {
+            "x_dot", "x", "u", "(abs(edge_x + x) - abs(edge_x - x))**1",
+        }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_chuas_circuit_has_its_diode():
+    """Chua, Komuro and Matsumoto (1986), doi:10.1109/TCS.1986.1085869: a resistance with two kinks, at +-1."""
+    rate = lambda _, s: [  # noqa: E731
+        9.0 * (s[1] - 0.286 * s[0] + 0.2145 * (abs(s[0] + 1.0) - abs(s[0] - 1.0))), s[0] - s[1] + s[2], -14.3 * s[1],
+    ]  # fmt: skip
+    t, three = np.linspace(0.0, 40.0, 2500), {name: Measured() for name in "xyz"}
+    states = [
+        solve_ivp(rate, (0.0, 40.0), [x, 0.0, -0.1], t_eval=t, rtol=1e-9, atol=1e-11, max_step=0.01).y
+        for x in (0.1, 0.3)
+    ]
+    size = 0.003 * np.concatenate(states, axis=1).std(axis=1)[:, None]
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        noisy = [s + size * rng.standard_normal(s.shape) for s in states]
+        logs = [{"t": t, **dict(zip("xyz", s, strict=True))} for s in noisy]
+        model = identify(Study(data=Data(time="t"), coordinates=three), logs).model
+        (edge,) = model.parameters
+        assert abs(edge.value - 1.0) < 4.0 * edge.std_error
+        assert [len(r.terms) for r in model.relations] == [4, 4, 2]
+
+
 @pytest.mark.slow
 def test_what_holds_a_constant_of_the_library_stands_beside_no_other_function():
     """Two powers of u beside one: a function of u may stand there, but none of u and of the constant."""
