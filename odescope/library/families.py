@@ -84,8 +84,7 @@ def families_of(
     size, the square with its sign, and twice what is left of it between two limits; of all exponentials, tanh, the
     logistic function and sines, those of the variable itself where it may be an angle. Of a temperature, by its unit,
     there are Arrhenius' law, about the middle of its range, and the fourth power of what it is above absolute zero, as
-    it radiates. What hardly moves beside its size has
-    no tanh, and further still no exponentials, which would be lines.
+    it radiates. What hardly moves beside its size has no tanh, and further still no exponentials, which would be lines.
 
     Args:
         variable: its name.

@@ -95,7 +95,8 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         mechanisms: dict[Form, Mechanisms] = {
             form: posed.mechanisms(form) for form in study.forms() if form != "relations"
         }
-        if not fixed and (near := near_origin(posed.measured(), sample.records)):
+        named = study.library.by_hand or study.library.potential is not None
+        if not named and (near := near_origin(posed.measured(), sample.records)):
             libraries, mechanisms = without_poles(libraries, near), mechanisms_without_poles(mechanisms, near)
     return Prepared(posed, shafts, sample, libraries, mechanisms)
 

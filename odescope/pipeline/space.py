@@ -9,11 +9,12 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from odescope.arrays import FloatArray
 from odescope.library.candidates import Library
 from odescope.library.expression import Term
 from odescope.library.spatial import from_origin, in_space
 from odescope.recordings.coordinate import Coordinate
-from odescope.recordings.record import Records
+from odescope.recordings.record import Record, Records
 from odescope.study.library_options import Form
 from odescope.study.options import Mechanisms
 
@@ -29,12 +30,18 @@ def near_origin(coordinates: Sequence[Coordinate], records: Records) -> tuple[fr
         records: what was measured of them.
     """
     found = list[frozenset[str]]()
-    for group in in_space(coordinates):
-        distances = np.concatenate([np.sqrt(sum(run.column(c.name) ** 2 for c in group)) for run in records])
-        low, high = np.quantile(distances, (NEARLY, 1.0 - NEARLY))
+    for names in ([c.name for c in group] for group in in_space(coordinates)):
+        distances = np.concatenate([_distances(run, names) for run in records])
+        low, high = np.quantile(distances, (NEARLY, 1.0 - NEARLY)) if len(distances) else (0.0, 0.0)
         if not low > AWAY * high:
-            found.append(frozenset(c.name for c in group))
+            found.append(frozenset(names))
     return tuple(found)
+
+
+def _distances(run: Record, names: Sequence[str]) -> FloatArray:
+    """Return the distances from the origin where all components were measured."""
+    there = np.all([run.counted(name) > 0.0 for name in names], axis=0)
+    return np.linalg.norm([run.column(name)[there] for name in names], axis=0)
 
 
 def without_poles(libraries: Sequence[Library], near: Collection[frozenset[str]]) -> tuple[Library, ...]:
