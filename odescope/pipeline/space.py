@@ -41,7 +41,8 @@ def near_origin(coordinates: Sequence[Coordinate], records: Records) -> tuple[fr
 def _distances(run: Record, names: Sequence[str]) -> FloatArray:
     """Return the distances from the origin where all components were measured."""
     there = np.all([run.counted(name) > 0.0 for name in names], axis=0)
-    return np.linalg.norm([run.column(name)[there] for name in names], axis=0)
+    distances: FloatArray = np.linalg.norm([run.column(name)[there] for name in names], axis=0)
+    return distances
 
 
 def without_poles(libraries: Sequence[Library], near: Collection[frozenset[str]]) -> tuple[Library, ...]:
