@@ -42,6 +42,7 @@ from odescope.study.options import Mechanisms, Study
 from odescope.study.pieces import versions
 
 LEAST = 150  # samples that regression keeps of a short record: a default library has nearly as many candidates
+OF_POSITIONS = 1.5  # samples for every candidate of a library of degree 2
 SHORTEST = 1.0  # periods of the lowest cutoff: shorter recordings are left out, unless all are
 
 
@@ -104,8 +105,7 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
 def _decidable(study: Study, samples: int) -> tuple[Study, tuple[Library, ...]]:
     """Return a study and the library of each target, between whose candidates so many samples can decide.
 
-    Where the default library of amounts has too many, it is of degree 2. So few samples say nothing of the acceleration
-    of a position.
+    Where the default library has too many, it is of degree 2, of which the acceleration of a position asks for more.
 
     Raises:
         InputError: a library has more candidates than there are samples.
@@ -115,10 +115,12 @@ def _decidable(study: Study, samples: int) -> tuple[Study, tuple[Library, ...]]:
     many = next((pair for pair in zip(coordinates, libraries, strict=True) if samples < len(pair[1])), None)
     if many is None:
         return study, libraries
-    if not study.library.by_hand and all(c.order == 1 for c in coordinates):
-        return _decidable(
-            msgspec.structs.replace(study, library=msgspec.structs.replace(study.library, degree=2)), samples
-        )
+    if not study.library.by_hand:
+        low = msgspec.structs.replace(study, library=msgspec.structs.replace(study.library, degree=2))
+        fewer = tuple(low.candidates(c.target) for c in coordinates)
+        asked = 1.0 if all(c.order == 1 for c in coordinates) else OF_POSITIONS
+        if samples >= asked * max(map(len, fewer)):
+            return low, fewer
     raise InputError(
         f"{samples} samples cannot decide between {len(many[1])} candidate terms for {many[0].target}: record longer,"
         " or shrink the library: [library] degree, rules or a basis"
