@@ -44,6 +44,8 @@ class Experiment:
 
 
 AMOUNT, POSITION, ANGLE = Measured(), Measured(order=2), Measured(order=2, angle=True)
+PLANE = {"x": POSITION, "y": POSITION}
+SPEED, DISTANCE = "sqrt(x_dot**2 + y_dot**2)", "sqrt(x**2 + y**2)"
 DRAGS = ({"1", "y_dot**2"}, {"1", "y_dot*abs(y_dot)"})  # of what only falls
 EXPERIMENTS = {
     "cooling": Experiment(
@@ -145,6 +147,28 @@ EXPERIMENTS = {
     ),
     "fall": Experiment(
         lambda _, x: [x[1], -9.81 + 0.5 * x[1] ** 2], ((2.5, 0.0),), 1.2, 60, 0.004, {"y": POSITION}, (DRAGS,)
+    ),
+    "throw": Experiment(
+        lambda _, x: [x[2], x[3], 0.0, -9.81], ((0.3, 1.2, 5.0, 6.0),), 1.2, 73, 0.003, PLANE, ((set(),), ({"1"},)), 3
+    ),
+    "throw in air": Experiment(
+        lambda _, x: [x[2], x[3], *(np.array([0.0, -9.81]) - 0.03 * x[2:] * np.hypot(x[2], x[3]))],
+        ((0.3, 1.2, 9.0, 12.0),),
+        2.5,
+        151,
+        0.004,
+        PLANE,
+        (({f"x_dot*{SPEED}"},), ({"1", f"y_dot*{SPEED}"},)),
+        3,
+    ),
+    "planet": Experiment(
+        lambda _, x: [x[2], x[3], *(-4.0 * np.pi**2 * x[:2] / np.hypot(x[0], x[1]) ** 3)],
+        ((1.0, 0.0, 0.0, 5.5),),
+        3,
+        300,
+        0.003,
+        PLANE,
+        (({f"x*{DISTANCE}**-3"},), ({f"y*{DISTANCE}**-3"},)),
     ),
 }
 
