@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -31,9 +31,13 @@ def shown(also: Callable[[Event], None] = unheard) -> Iterator[Callable[[Event],
         status = Console(stderr=True).status("starting")
         status.start()
 
+    told = set[str]()
+
     def tell(event: Event) -> None:
         also(event)
-        line, out, err = standing(event), found(event), remark(event)
+        line, out, err = standing(event), found(event), remark(event, told)
+        if isinstance(event, Note):
+            told.add(event.text)
         if status is not None and line:
             status.update(line)
         if out or err:
@@ -70,12 +74,17 @@ def found(event: Event) -> str:
     return "\n".join([*made_of, heading, *(f"  {line}" for line in equations)])
 
 
-def remark(event: Event) -> str:
-    """Return what is worth a line of its own that stays; before equations, whether they are uncertain."""
+def remark(event: Event, told: Collection[str] = ()) -> str:
+    """Return what is worth a line of its own that stays; before equations, whether they are uncertain.
+
+    Args:
+        event: of a run.
+        told: what has been said before: advice says no more than is new.
+    """
     from odescope.pipeline.identification import EquationsReady, NothingFound
 
     if isinstance(event, NothingFound):
-        return "\n".join(f"advice: {sentence}" for sentence in event.advice)
+        return "\n".join(f"advice: {sentence}" for sentence in event.advice if sentence not in told)
     if isinstance(event, EquationsReady):
         return uncertain(event.result.model.scores)
     if isinstance(event, Note):

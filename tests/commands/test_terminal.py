@@ -13,8 +13,9 @@ from logs import OSCILLATOR_OPTIONS, oscillator, write
 
 from odescope.commands import cli
 from odescope.commands.terminal import found, remark, shown
+from odescope.errors import NoModelError
 from odescope.events import FilesWritten, Note, Progress, StageBegan, span, standing
-from odescope.pipeline.identification import EquationsReady
+from odescope.pipeline.identification import EquationsReady, NothingFound
 
 ROOT = Path(cli.__file__).parents[2]
 
@@ -75,6 +76,13 @@ def test_what_stays_is_on_standard_error_alone(capsys):
     assert out == ""
     assert err == "note: a gap was bridged\nwarning: mind the gap\nwrote out/: model.json, figures/\n"
     assert remark(StageBegan("signals")) == ""
+
+
+def test_advice_that_has_been_a_warning_is_not_said_again(capsys):
+    with shown() as tell:
+        tell(Note("give order = 2", warns=True))
+        tell(NothingFound(NoModelError("selection", "none"), None, ("give order = 2", "record longer")))
+    assert capsys.readouterr().err == "warning: give order = 2\nadvice: record longer\n"
 
 
 def read_all(terminal):
