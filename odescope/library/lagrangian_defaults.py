@@ -38,13 +38,13 @@ def default_energies(coordinates: Sequence[Coordinate], driven: bool = True) -> 
         coordinates: generalized coordinates.
         driven: whether there are inputs.
     """
-    sums = [dict[str, str]() if driven else together(coordinates, k) for k in (0, 1)]
+    distances, speeds = ({} if driven else together(coordinates, k) for k in (0, 1))
     kinetic, potential = tuple[str, ...](), tuple[str, ...]()
     for degree, own, powers in _LADDER:
         # Not one more than needed to see that they are too many, but for the last rung, which has to do.
         most = None if (degree, own, powers) == _LADDER[-1] else COMFORTABLE + 1
-        kinetic = tuple(islice(_kinetic(coordinates, degree, own, sums[1]), most))
-        potential = tuple(islice(_potential(coordinates, powers, sums[0]), most))
+        kinetic = tuple(islice(_kinetic(coordinates, degree, own, speeds), most))
+        potential = tuple(islice(_potential(coordinates, powers, distances), most))
         if len(kinetic) + len(potential) <= COMFORTABLE:
             break
     return kinetic, (*potential, *spatial_potentials(coordinates))
@@ -78,14 +78,12 @@ def default_forces(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -
 
 def _kinetic(coordinates: Sequence[Coordinate], degree: int, own: bool, sums: Mapping[str, str]) -> Iterator[str]:
     everywhere = tuple(_configuration(coordinates, degree))
+    squares = {f"{rate}*{rate}": text for rate, text in sums.items()}
     for a, b in combinations_with_replacement(coordinates, 2):
         rates = f"{a.derivative(1)}*{b.derivative(1)}"
         pair = (a,) if a is b else (a, b)
         for h in _configuration(pair, degree) if own else everywhere:
-            if h != "1":
-                yield f"{rates}*{h}"
-            else:
-                yield sums.get(a.derivative(1), rates) if a is b else rates
+            yield squares.get(rates, rates) if h == "1" else f"{rates}*{h}"
 
 
 def _potential(coordinates: Sequence[Coordinate], powers: int, sums: Mapping[str, str]) -> Iterator[str]:
