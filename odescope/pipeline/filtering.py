@@ -90,34 +90,46 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         fixed = study.library.terms is not None or study.library.preset == "paper"
         shafts = () if fixed else turning_together(sample.records, study.measured())
         posed = _without_angles(study, {name for pair in shafts for name in pair})
-        libraries: tuple[Library, ...] = ()
+        near, libraries = _near_origin(study, sample.records), tuple[Library, ...]()
         if "relations" in study.forms():
-            posed, libraries = _decidable(posed, sample.records.samples)
+            posed, libraries = _decidable(posed, near, sample.records.samples)
         mechanisms: dict[Form, Mechanisms] = {
             form: posed.mechanisms(form) for form in study.forms() if form != "relations"
         }
-        named = study.library.by_hand or study.library.potential is not None
-        if not named and (near := near_origin(posed.measured(), sample.records)):
-            libraries, mechanisms = without_poles(libraries, near), mechanisms_without_poles(mechanisms, near)
-    return Prepared(posed, shafts, sample, libraries, mechanisms)
+    return Prepared(posed, shafts, sample, libraries, mechanisms_without_poles(mechanisms, near))
 
 
-def _decidable(study: Study, samples: int) -> tuple[Study, tuple[Library, ...]]:
+def _near_origin(study: Study, records: Records) -> tuple[frozenset[str], ...]:
+    """Return the components of positions that come near the origin; what a user names by hand stays there, too."""
+    named = study.library.by_hand or study.library.potential is not None
+    return () if named else near_origin(study.measured(), records)
+
+
+def _libraries(study: Study, near: Collection[frozenset[str]]) -> tuple[Library, ...]:
+    """Return the library of each target, without what has a pole where the motion is."""
+    return without_poles([study.candidates(c.target) for c in study.measured()], near)
+
+
+def _decidable(study: Study, near: Collection[frozenset[str]], samples: int) -> tuple[Study, tuple[Library, ...]]:
     """Return a study and the library of each target, between whose candidates so many samples can decide.
 
     Where the default library has too many, it is of degree 2, of which the acceleration of a position asks for more.
 
+    Args:
+        study: says what the candidates are.
+        near: components of positions that come near the origin.
+        samples: how many there are.
+
     Raises:
         InputError: a library has more candidates than there are samples.
     """
-    coordinates = study.measured()
-    libraries = tuple(study.candidates(c.target) for c in coordinates)
+    coordinates, libraries = study.measured(), _libraries(study, near)
     many = next((pair for pair in zip(coordinates, libraries, strict=True) if samples < len(pair[1])), None)
     if many is None:
         return study, libraries
     if not study.library.by_hand:
         low = msgspec.structs.replace(study, library=msgspec.structs.replace(study.library, degree=2))
-        fewer = tuple(low.candidates(c.target) for c in coordinates)
+        fewer = _libraries(low, near)
         asked = 1.0 if all(c.order == 1 for c in coordinates) else OF_POSITIONS
         if samples >= asked * max(map(len, fewer)):
             return low, fewer
@@ -200,7 +212,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     if wanted:
         with work.stage("delays"):
             # Delays are found with relations, whatever form the model is to have.
-            libraries = prepared.libraries or tuple(prepared.study.candidates(c.target) for c in study.measured())
+            libraries = prepared.libraries or _libraries(prepared.study, _near_origin(study, sample.records))
             libraries = tuple(library.without(study.parameters) for library in libraries)
             delays = _delays(work, records, libraries, wanted)
             if study.likelihood.enabled:
