@@ -87,26 +87,9 @@ def first_state_of(model: Model, piece: DrivenRecord, differentiator: Differenti
     enough = np.flatnonzero(np.cumsum(np.count_nonzero(counts, axis=1)) >= LEAST_SAMPLES)
     shortest = max(shortest, int(enough[0]) + 1 if len(enough) else len(record))
     least = np.where(np.isin(model.states, amounts), 0.0, -np.inf)
-    stretch = _Stretch(model, record.t, piece.driven, measured, np.sqrt(counts) / deviations, moves)
-
-    def fit(length: int, state: FloatArray, evaluations: int) -> tuple[FloatArray, float]:
-        begin = stretch.first(length)
-
-        def misfit(trial: FloatArray) -> FloatArray:
-            return begin.misfit(begin.placed(state, trial))
-
-        better, error = _fit(misfit, state[moves], least[moves], max(sizes), evaluations, updated=length > shortest)
-        return begin.placed(state, better), error
-
-    length = shortest
-    state, error = fit(length, start, EVALUATIONS)
-    # A longer stretch says more about the first sample for as long as the model follows it to within the noise.
-    while error <= FOLLOWED and length < min(LONGEST * shortest, len(record)):
-        length = min(2 * length, len(record))
-        better, error = fit(length, state, FURTHER)
-        if error <= FOLLOWED:
-            state = better
-    return state
+    weights = np.sqrt(counts) / deviations
+    whole = _Stretch(model, record.t, piece.driven, measured, weights, moves, least, max(sizes))
+    return whole.fitted(start, shortest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +97,7 @@ class _Stretch:
     """What a free run is fitted to.
 
     Shapes: t (N,) seconds; measured (N, c); weights (N, c) by which misfits count, 0 where nothing was measured; moves
-    (n,) which states are fitted.
+    (n,) which states are fitted; least (n,) that they may be; size is that of the coordinates.
     """
 
     model: Model
@@ -123,13 +106,48 @@ class _Stretch:
     measured: FloatArray
     weights: FloatArray
     moves: BoolArray
+    least: FloatArray
+    size: float
+
+    def fitted(self, start: FloatArray, shortest: int) -> FloatArray:
+        """Return the state (n,) that longer and longer stretches tell, from a start and the shortest of them on.
+
+        A longer one says more for as long as the model follows it to within the noise, and where the run from what is
+        known so far leaves more of it than chance would.
+        """
+        length = shortest
+        begin = self.first(length)
+        state, error = begin.fit(start, begin.misfit(start), EVALUATIONS)
+        while error <= FOLLOWED and length < min(LONGEST * shortest, len(self.t)):
+            by_chance = error * (1.0 + 1.0 / np.sqrt(2.0 * np.count_nonzero(begin.weights)))
+            length = min(2 * length, len(self.t))
+            begin = self.first(length)
+            left = begin.misfit(state)
+            better, error = state, _root_mean_square(left)
+            if error > by_chance:
+                better, error = begin.fit(state, left, FURTHER, updated=True)
+            if error <= FOLLOWED:
+                state = better
+        return state
+
+    def fit(
+        self, state: FloatArray, left: FloatArray, evaluations: int, updated: bool = False
+    ) -> tuple[FloatArray, float]:
+        """Return the state (n,) of least misfit and its root mean square, see `_fit`."""
+
+        def misfit(moved: FloatArray) -> FloatArray:
+            return self.misfit(self._placed(state, moved))
+
+        moves = self.moves
+        better, error = _fit(misfit, state[moves], left, self.least[moves], self.size, evaluations, updated)
+        return self._placed(state, better), error
 
     def first(self, length: int) -> _Stretch:
         """Return the first samples alone."""
         t, driven, measured, weights = self.t[:length], self.driven.part(0, length), self.measured, self.weights
         return replace(self, t=t, driven=driven, measured=measured[:length], weights=weights[:length])
 
-    def placed(self, state: FloatArray, found: FloatArray) -> FloatArray:
+    def _placed(self, state: FloatArray, found: FloatArray) -> FloatArray:
         """Return a state (n,) with those of its values that are fitted set to what was found."""
         whole = state.copy()
         whole[self.moves] = found
@@ -163,6 +181,7 @@ def _rests(record: Record, c: Coordinate) -> bool:
 def _fit(
     misfit: Callable[[FloatArray], FloatArray],
     state: FloatArray,
+    left: FloatArray,
     least: FloatArray,
     size: float,
     evaluations: int,
@@ -173,18 +192,20 @@ def _fit(
     Args:
         misfit: of a state (n,), in standard deviations; not finite where the free run from there ends early.
         state: (n,) to start from.
+        left: its misfit.
         least: (n,) that it may be.
         size: of the coordinates.
         evaluations: of the misfit at most, besides those for its slopes.
         updated: whether slopes are difference quotients at the start alone, and what a step shows of them after it:
             Broyden (1965), https://doi.org/10.1090/S0025-5718-1965-0198670-6.
     """
-    last = misfit(state)
+    at, last = state, left
     known: tuple[FloatArray, FloatArray, FloatArray] | None = None  # where slopes were asked for, the misfit, they
 
     def followed(trial: FloatArray) -> FloatArray:
-        nonlocal last
-        last = misfit(trial)
+        nonlocal at, last
+        if not np.array_equal(trial, at):
+            at, last = trial.copy(), misfit(trial)
         return last
 
     def slopes(trial: FloatArray) -> FloatArray:
@@ -213,4 +234,8 @@ def _fit(
         )
     except _NotFollowedError:
         return state, np.inf
-    return found.x, float(np.sqrt(np.mean(found.fun**2)))
+    return found.x, _root_mean_square(found.fun)
+
+
+def _root_mean_square(misfit: FloatArray) -> float:
+    return float(np.sqrt(np.mean(misfit**2)))
