@@ -1,4 +1,4 @@
-"""Default studies on logs as machines write them: five rigs, clean, with every defect, and with all of them.
+"""Default studies on logs as machines write them: six rigs, clean, with every defect, and with all of them.
 
     ./run python bench/real_logs.py --seeds 10 --workers 2 --out table.md
     ./run python bench/real_logs.py --rigs stage motor --defects clean "late reads" all --levels 1 2 --detail

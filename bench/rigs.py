@@ -1,4 +1,4 @@
-"""Five machines as they stand in workshops, parameters drawn by seed, with their equations of motion by hand.
+"""Six machines as they stand in workshops, parameters drawn by seed, with their equations of motion by hand.
 
 | rig | drawn uniformly |
 |---|---|
@@ -13,11 +13,13 @@
 | | to 1.2 |
 | motor: q'' + b q' + F sign(q') + p = k v | b 1 to 4 /s, F 2 to 8 rad/s^2, k 20 to 60 rad/s^2/V; p by chance the |
 | | spring 30 to 80 q, or the disc 30 to 80 sin(q), q then an angle |
+| spindle: w' + b w + F sign(w) + d w abs(w) = k v, of which the speed w is read | b 0.3 to 2 /s, F 5 to 40 rad/s^2, |
+| | d 0.002 to 0.02, k 20 to 80 rad/s^2/V |
 
 The stage follows a reference of band-limited noise (0.3 to 0.6 Hz, 0.1 m) in closed loop, 1 to 2 Hz wide, damping 0.7
 to 1; the others run open loop under band-limited noise. Positions are read with white noise, sizes at level 1: stage
-20 to 100 um, cart 0.1 to 0.4 mm and 0.5 to 1.5 mrad, arm and motor 0.5 to 1.5 mrad, tanks 0.002 to 0.01; levels
-multiply it. Dry friction is tanh(v/w) with w a two hundredth of a usual speed, or less.
+20 to 100 um, cart 0.1 to 0.4 mm and 0.5 to 1.5 mrad, arm and motor 0.5 to 1.5 mrad, tanks 0.002 to 0.01, spindle 0.02
+to 0.1 rad/s; levels multiply it. Dry friction is tanh(v/w) with w a two hundredth of a usual speed, or less.
 """
 
 from __future__ import annotations
@@ -241,11 +243,29 @@ def motor(rng: np.random.Generator) -> Rig:
     )  # fmt: skip
 
 
+def spindle(rng: np.random.Generator) -> Rig:
+    b, dry, gain = rng.uniform(0.3, 2.0), rng.uniform(5.0, 40.0), rng.uniform(20.0, 80.0)
+    drag, width = rng.uniform(0.002, 0.02), 2e-3
+
+    def rate(s: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return np.array([gain * u[0] - b * s[0] - dry * tanh(s[0] / width) - drag * s[0] * abs(s[0])])
+
+    law = (
+        ("w_dot", "1", 1.0), (None, "w", b), (None, "sign(w)", dry), (None, "w*abs(w)", drag), (None, "v", -gain),
+    )  # fmt: skip
+    volts = 3.0 * dry / gain
+    return Rig(
+        {"w": Measured()}, {"w_dot": law}, rate, lambda rng, t: played([band(rng, t, 1.0, volts)]),
+        (0.0,), {"v": volts}, (rng.uniform(0.02, 0.1),), (0.05,), 0.01, 3001,
+    )  # fmt: skip
+
+
 RIGS: dict[str, Callable[[np.random.Generator], Rig]] = {
     "stage": stage,
     "cart": cart,
     "arm": arm,
     "tanks": tanks,
     "motor": motor,
+    "spindle": spindle,
 }
 LEVELS = {1: 1.0, 2: 5.0, 3: 20.0}  # times the noise of level 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations_with_replacement, product
 from math import comb
@@ -70,6 +70,10 @@ class Library:
                 f"the basis to degree {degree} holds a power of {steepest}, more than {MAXIMUM_POWER}: lower the degree"
             )
         return Library(tuple(terms), self.removed)
+
+    def that(self, stays: Callable[[Term], bool]) -> Library:
+        """Return the terms that stay, in order."""
+        return Library(tuple(t for t in self.terms if stays(t)), self.removed)
 
     def thin(self, rules: Sequence[Rule], scope: Scope) -> Library:
         """Return what the rules keep, in order; `removed` says how many each rule took from what reached it."""

@@ -38,15 +38,23 @@ def alike(a: Coordinate, b: Coordinate) -> bool:
 def default_friction(coordinates: Sequence[Coordinate], targets: Sequence[str]) -> tuple[str, ...]:
     """Return dry and quadratic friction for the relations of some targets.
 
-    Viscous friction is not among them: it is a rate.
+    Viscous friction is not among them: it is a rate. What is of order 1 may be a speed that was measured, and has the
+    friction of one.
 
     Args:
         coordinates: all.
         targets: their coordinates' rates, and differences with like ones, are meant.
     """
-    found = friction_rates(coordinates, [c for c in coordinates if c.target in targets])
+    speeds = (c.name for c in coordinates if c.target in targets and c.order == 1 and not (c.angle or c.cyclic))
+    found = (*friction_rates(coordinates, [c for c in coordinates if c.target in targets]), *speeds)
     # To the first power, which keeps a difference from being multiplied out.
     return (*(f"sign({v})" for v in found), *(f"({v})**1*abs({v})" for v in found))
+
+
+def rubs(term: Term) -> frozenset[str]:
+    """Return the names whose sign or size a term holds, as friction does."""
+    held = (a for a, _ in term.factors if isinstance(a, Call) and a.function in ("sign", "abs"))
+    return next((a.argument.names for a in held), frozenset())
 
 
 def friction_rule(coordinates: Sequence[Coordinate], basis: Sequence[str], scope: Scope) -> Unmultiplied | None:

@@ -1,5 +1,7 @@
 """Motion in a plane or in space: positions that are components of one have speed and distance in common.
 
+So have velocities that were measured themselves, as states of order 1, a speed.
+
 Quadratic drag is against the velocity, and its size is that of all components together; a force from the origin goes
 by the distance from there.
 """
@@ -32,6 +34,13 @@ def in_space(coordinates: Sequence[Coordinate]) -> tuple[tuple[Coordinate, ...],
     return tuple(group for group in groups if all(alike(group[0], c) for c in group[1:]))
 
 
+def _velocities(coordinates: Sequence[Coordinate]) -> tuple[tuple[Coordinate, ...], ...]:
+    """Return the states of order 1 that may be components of a velocity: what is called x, y or z alone is a place."""
+    first = {c.name: c for c in coordinates if c.order == 1 and len(c.name) > 1 and not (c.angle or c.cyclic)}
+    groups = (tuple(first[name] for name in group) for group in components(first))
+    return tuple(group for group in groups if all(alike(group[0], c) for c in group[1:]))
+
+
 def spatial_forces(coordinates: Sequence[Coordinate], targets: Sequence[str]) -> tuple[str, ...]:
     """Return quadratic drag, and forces from the origin by the square of the distance and of one size, as text.
 
@@ -45,6 +54,9 @@ def spatial_forces(coordinates: Sequence[Coordinate], targets: Sequence[str]) ->
         mine = [c for c in group if c.target in targets]
         found += [f"{c.derivative(1)}*sqrt({speed})" for c in mine]
         found += [f"{c.name}/sqrt({distance}){power}" for c in mine for power in ("**3", "")]
+    for group in _velocities(coordinates):
+        speed = _squares(c.name for c in group)
+        found += [f"{c.name}*sqrt({speed})" for c in group if c.target in targets]
     return tuple(found)
 
 

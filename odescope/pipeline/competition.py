@@ -27,6 +27,7 @@ from odescope.pipeline.joint_models import adopt, determined
 from odescope.pipeline.modulated import with_modulated
 from odescope.pipeline.physics import energy_of
 from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.roots import with_roots
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
 from odescope.pipeline.suspicion import with_suspected
 from odescope.pipeline.temperatures import with_arrhenius
@@ -232,7 +233,8 @@ def _with_more(
     if not wanting:
         refinement, warm = with_arrhenius(work, filtered, refinement, suspicions)
         suspicions = warm or suspicions
-    higher = with_higher_degree(work, filtered, regressed, refinement, any(s.found for s in suspicions))
+    rooted = with_roots(work, filtered, regressed, refinement)
+    higher = with_higher_degree(work, filtered, regressed, rooted, any(s.found for s in suspicions))
     angular, angles = with_angles(work, filtered, regressed, higher, bool(suspicions))
     # What was suspected of a model that is gone says nothing of the one that came instead.
     return angular, (*(suspicions if higher is refinement else ()), *angles)

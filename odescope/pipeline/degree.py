@@ -12,7 +12,16 @@ from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import refine_form
-from odescope.pipeline.wider import LEAST, basis_of, evidently_better, promises, regressed_with, with_basis, within
+from odescope.pipeline.wider import (
+    LEAST,
+    basis_of,
+    evidently_better,
+    promises,
+    quotients,
+    regressed_with,
+    with_basis,
+    within,
+)
 from odescope.pipeline.work import Work
 
 DEGREES = (6, 5, 4)  # the highest with no more than so many candidates is taken:
@@ -39,7 +48,7 @@ def with_higher_degree(
     angles = any(c.angle for c in signals.coordinates)
     if study.library.by_hand or angles or not study.suspects or not filtered.sample.complete:
         return refinement
-    if refinement is not None and refinement.exact and not (functions or _quotient(refinement)):
+    if refinement is not None and refinement.exact and not (functions or quotients(refinement)):
         return refinement
     wides, many = (with_basis(work, basis_of(study), degree) for degree in DEGREES), FEW if functions else FEW_ENOUGH
     wide, found = next(((w, f) for w in wides if (f := regressed_with(w, filtered, many)) is not None), (work, None))
@@ -50,9 +59,3 @@ def with_higher_degree(
     wide = within(wide, LEAST if refinement is None else max(LEAST, refinement.spent))
     other = refine_form(wide, filtered, relations_form(wide.study, (found,), lambda _: found))
     return other if other is not None and evidently_better(other, refinement) else refinement
-
-
-def _quotient(refinement: Refinement) -> bool:
-    """Say whether a relation of a model multiplies a target by more than a number."""
-    parts = (p for k in refinement.fit.present for p in refinement.space.mechanisms[k].parts)
-    return any(p.product.factor is not None and p.product.term.factors for p in parts)

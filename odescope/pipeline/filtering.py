@@ -18,8 +18,8 @@ from odescope.library.expression import Term
 from odescope.model.model import Model
 from odescope.pipeline.fingerprint import fingerprint
 from odescope.pipeline.inputs import first_holds
+from odescope.pipeline.ruled_out import Stays, mechanisms_that_stay, not_ruled_out
 from odescope.pipeline.sample import Sample, open_recordings
-from odescope.pipeline.space import mechanisms_without_poles, near_origin, without_poles
 from odescope.pipeline.store import Store
 from odescope.pipeline.work import Work, swept
 from odescope.recordings.checks import check_channels
@@ -90,46 +90,40 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         fixed = study.library.terms is not None or study.library.preset == "paper"
         shafts = () if fixed else turning_together(sample.records, study.measured())
         posed = _without_angles(study, {name for pair in shafts for name in pair})
-        near, libraries = _near_origin(study, sample.records), tuple[Library, ...]()
+        stays, libraries = not_ruled_out(study, sample.records), tuple[Library, ...]()
         if "relations" in study.forms():
-            posed, libraries = _decidable(posed, near, sample.records.samples)
+            posed, libraries = _decidable(posed, stays, sample.records.samples)
         mechanisms: dict[Form, Mechanisms] = {
             form: posed.mechanisms(form) for form in study.forms() if form != "relations"
         }
-    return Prepared(posed, shafts, sample, libraries, mechanisms_without_poles(mechanisms, near))
+    return Prepared(posed, shafts, sample, libraries, mechanisms_that_stay(mechanisms, stays))
 
 
-def _near_origin(study: Study, records: Records) -> tuple[frozenset[str], ...]:
-    """Return the components of positions that come near the origin; what a user names by hand stays there, too."""
-    named = study.library.by_hand or study.library.potential is not None
-    return () if named else near_origin(study.measured(), records)
+def _libraries(study: Study, stays: Stays) -> tuple[Library, ...]:
+    """Return the library of each target, of terms that stay."""
+    return tuple(study.candidates(c.target).that(stays) for c in study.measured())
 
 
-def _libraries(study: Study, near: Collection[frozenset[str]]) -> tuple[Library, ...]:
-    """Return the library of each target, without what has a pole where the motion is."""
-    return without_poles([study.candidates(c.target) for c in study.measured()], near)
-
-
-def _decidable(study: Study, near: Collection[frozenset[str]], samples: int) -> tuple[Study, tuple[Library, ...]]:
+def _decidable(study: Study, stays: Stays, samples: int) -> tuple[Study, tuple[Library, ...]]:
     """Return a study and the library of each target, between whose candidates so many samples can decide.
 
     Where the default library has too many, it is of degree 2, of which the acceleration of a position asks for more.
 
     Args:
         study: says what the candidates are.
-        near: components of positions that come near the origin.
+        stays: says of a candidate term whether the records rule it out.
         samples: how many there are.
 
     Raises:
         InputError: a library has more candidates than there are samples.
     """
-    coordinates, libraries = study.measured(), _libraries(study, near)
+    coordinates, libraries = study.measured(), _libraries(study, stays)
     many = next((pair for pair in zip(coordinates, libraries, strict=True) if samples < len(pair[1])), None)
     if many is None:
         return study, libraries
     if not study.library.by_hand:
         low = msgspec.structs.replace(study, library=msgspec.structs.replace(study.library, degree=2))
-        fewer = _libraries(low, near)
+        fewer = _libraries(low, stays)
         asked = 1.0 if all(c.order == 1 for c in coordinates) else OF_POSITIONS
         if samples >= asked * max(map(len, fewer)):
             return low, fewer
@@ -212,7 +206,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     if wanted:
         with work.stage("delays"):
             # Delays are found with relations, whatever form the model is to have.
-            libraries = prepared.libraries or _libraries(prepared.study, _near_origin(study, sample.records))
+            libraries = prepared.libraries or _libraries(prepared.study, not_ruled_out(study, sample.records))
             libraries = tuple(library.without(study.parameters) for library in libraries)
             delays = _delays(work, records, libraries, wanted)
             if study.likelihood.enabled:

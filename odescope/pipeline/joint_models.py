@@ -129,13 +129,19 @@ def rival(problem: Problem, candidates: Sequence[Candidate]) -> Relation | None:
         problem: of the target.
         candidates: what regression found for it; there may be nothing.
     """
+    found = by_target_term(problem)
+    least, best = min(found, key=lambda pair: pair[0])
+    beaten = best is found[0][1] or any(c.criterion <= least for c in candidates)
+    return None if beaten else best
+
+
+def by_target_term(problem: Problem) -> list[tuple[float, Relation]]:
+    """Return a forward selection that holds each of the target's terms, the simplest first, with what ranks it."""
     lefts = (problem.left, *(j for j in problem.own if j != problem.left))
     relations = [_selected(problem, left) for left in lefts]
     place = {term: j for j, term in enumerate(problem.terms)}
     found = criteria(problem, [tuple(sorted(place[t.product] for t in r.terms)) for r in relations])
-    best = int(np.argmin(found))
-    beaten = best == 0 or any(c.criterion <= found[best] for c in candidates)
-    return None if beaten else relations[best]
+    return list(zip(found.tolist(), relations, strict=True))
 
 
 def _selected(problem: Problem, left: int, terms: int = FORWARD_TERMS, among: Support | None = None) -> Relation:

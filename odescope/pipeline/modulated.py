@@ -6,9 +6,6 @@ docs/method.md, Suspicion.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
-
-import msgspec
 
 from odescope.events import Progress
 from odescope.library.candidates import Library
@@ -20,7 +17,7 @@ from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import refine_form
-from odescope.pipeline.wider import LEAST, regressed_with, within
+from odescope.pipeline.wider import LEAST, regressed_with, with_extra, within
 from odescope.pipeline.work import Work
 from odescope.study.options import Study
 
@@ -50,7 +47,7 @@ def with_modulated(
         return refinement
     if refinement is not None and refinement.exact:
         return refinement
-    wides = [_with_extra(work, extra) for extra in products_of(study)]
+    wides = [with_extra(work, extra) for extra in products_of(study)]
     regressions = [(wide, found) for wide in wides if (found := regressed_with(wide, filtered)) is not None]
     if not regressions:
         return refinement
@@ -72,12 +69,6 @@ def _replaces(other: Refinement, before: Refinement | None) -> bool:
 def _promise(found: Regressed) -> float:
     """Return what ranks the best that regression finds in a library, by whatever is left on the left-hand side."""
     return min(found.criterion, found.explicit)
-
-
-def _with_extra(work: Work, extra: tuple[str, ...]) -> Work:
-    """Return the work for a study with these candidates beside those of its library."""
-    library = msgspec.structs.replace(work.study.library, extra=extra)
-    return replace(work, study=msgspec.structs.replace(work.study, library=library))
 
 
 def products_of(study: Study) -> Iterator[tuple[str, ...]]:

@@ -15,7 +15,7 @@ from odescope.model.assembled import coefficients_of
 from odescope.model.model import Model
 from odescope.model.relation import Relation
 from odescope.pipeline.constants import Substituted
-from odescope.pipeline.joint_models import Search, forward, of_degree, plain, rival
+from odescope.pipeline.joint_models import Search, by_target_term, forward, of_degree, plain, rival
 from odescope.pipeline.reduce import Whole
 from odescope.regression.problem import Problem
 from odescope.selection.ranking import Candidate, criteria
@@ -77,6 +77,12 @@ class Regressed:
             for p, r in zip(self.problems, self.forward, strict=True)
         ]
         return sum(float(criteria(p, [s])[0]) for p, s in zip(self.problems, supports, strict=True))
+
+    @property
+    def implicit(self) -> float:
+        """What ranks the best that regression finds, proposed or selected beside whatever term of the target."""
+        selected = sum(min(found for found, _ in by_target_term(p)) for p in self.problems)
+        return min(self.criterion, selected)
 
     @property
     def short(self) -> list[Relation]:

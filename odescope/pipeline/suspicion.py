@@ -57,7 +57,7 @@ def with_suspected(
     rest = suspected if better is None else suspicions(better, work.study.suspects)
     left = {(s.relation, s.variable): s.terms for s in rest}
     scores = (
-        _scored(replace(s, terms=left.get((s.relation, s.variable), 0)), k, found, kept)
+        _scored(replace(s, terms=left.get((s.relation, s.variable), 0)), k, found, kept, better is not None)
         for k, s in enumerate(suspected)
     )
     return kept, tuple(s for s in scores if s.found or s.reason not in JOINT)
@@ -85,7 +85,9 @@ def replaces(other: Refinement, refinement: Refinement) -> bool:
     return other.free_run_error <= refinement.free_run_error
 
 
-def _scored(suspicion: Suspicion, number: int, found: Alternative | None, kept: Refinement) -> SuspicionScore:
+def _scored(
+    suspicion: Suspicion, number: int, found: Alternative | None, kept: Refinement, instead: bool
+) -> SuspicionScore:
     """Return what was made of a suspicion.
 
     Args:
@@ -93,11 +95,12 @@ def _scored(suspicion: Suspicion, number: int, found: Alternative | None, kept: 
         number: which of all.
         found: the model with functions, where there was one.
         kept: the model in the end.
+        instead: whether that is the one with functions; what the other holds of them was in its library before.
     """
     seen = values_of_variables(kept.space).get(suspicion.variable, np.zeros(1))
     tried = () if found is None else found.tried[number]
     present = [p for k in kept.fit.present for p in kept.space.mechanisms[k].parts]
-    terms = (readable(p.product.term) for p in present if p.relation == suspicion.relation)
+    terms = [readable(p.product.term) for p in present if p.relation == suspicion.relation]
     return SuspicionScore(
         target=kept.space.frame.targets[suspicion.relation],
         variable=suspicion.variable,
@@ -105,7 +108,7 @@ def _scored(suspicion: Suspicion, number: int, found: Alternative | None, kept: 
         terms=suspicion.terms,
         low=float(seen.min()),
         high=float(seen.max()),
-        tried=tried,
-        found=tuple(t for t in terms if t in tried),
+        tried=tuple(t for t in tried if instead or t not in terms),
+        found=tuple(t for t in terms if instead and t in tried),
         gain=None if found is None else found.gain,
     )

@@ -17,6 +17,7 @@ from odescope.likelihood.search import WIDTHS
 from odescope.pipeline.constants import constants_of, substitute
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.ruled_out import not_ruled_out
 from odescope.pipeline.stages import regress_at_all
 from odescope.pipeline.suspicion import replaces
 from odescope.pipeline.work import Work
@@ -50,6 +51,18 @@ def with_basis(work: Work, basis: Sequence[str], degree: int) -> Work:
     return replace(work, study=msgspec.structs.replace(work.study, library=library))
 
 
+def with_extra(work: Work, extra: tuple[str, ...]) -> Work:
+    """Return the work for a study with these candidates beside those of its library."""
+    library = msgspec.structs.replace(work.study.library, extra=extra)
+    return replace(work, study=msgspec.structs.replace(work.study, library=library))
+
+
+def quotients(refinement: Refinement) -> frozenset[str]:
+    """Return the names in what multiplies a target of a model, where that is more than a number."""
+    parts = (p.product for k in refinement.fit.present for p in refinement.space.mechanisms[k].parts)
+    return frozenset[str]().union(*(p.term.names for p in parts if p.factor is not None))
+
+
 def within(work: Work, budget: float) -> Work:
     """Return the work for a study with no more than this budget."""
     options = work.study.likelihood
@@ -66,7 +79,8 @@ def regressed_with(work: Work, filtered: Filtered, many: int = MANY) -> Regresse
         many: candidates of a target at most.
     """
     study: Study = work.study
-    libraries = tuple(study.candidates(c.target) for c in study.measured())
+    stays = not_ruled_out(study, filtered.sample.records)
+    libraries = tuple(study.candidates(c.target).that(stays) for c in study.measured())
     if max(map(len, libraries)) > min(many, filtered.signals.samples):
         return None
     terms = [t for library in libraries for t in library]

@@ -131,10 +131,14 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             )
 
     @property
+    def by_default(self) -> bool:
+        """Whether the candidates are those of the default library, with or without some more."""
+        return self.basis is None and self.terms is None and self.preset == "default"
+
+    @property
     def by_hand(self) -> bool:
         """Whether a user chose candidates: what was left out is not to be put in again."""
-        named = self.basis is not None or self.terms is not None or self.own_degree is not None
-        return named or bool(self.extra) or self.preset != "default"
+        return not self.by_default or self.own_degree is not None or bool(self.extra)
 
     @property
     def own_degree(self) -> int | None:

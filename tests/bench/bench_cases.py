@@ -34,7 +34,8 @@ def unexplained(rig, suffered, run, acting=None):
     columns = np.column_stack([run.states, run.inputs if acting is None else acting]).T[:, 1:-1]
     numeric = (run.states[2:] - run.states[:-2]).T / (run.t[2:] - run.t[:-2])
     wanted = accelerations(truth.model, shifted(columns, suffered.zero))
-    rates = [k for k, name in enumerate(truth.model.states) if name.endswith("_dot")]
+    rubbed = {text for law in rig.laws.values() for _, text, _ in law}
+    rates = [k for k, n in enumerate(truth.model.states) if n.endswith("_dot") or f"sign({n})" in rubbed]
     slides = (np.abs(columns[rates]) > 0.05).all(axis=0)
     off = numeric[-len(truth.targets) :] - wanted
     return off[:, slides] / np.sqrt(np.mean(wanted**2, axis=1, keepdims=True))

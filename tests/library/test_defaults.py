@@ -105,9 +105,10 @@ def test_the_default_without_angles_is_monomials_with_and_without_a_target():
     library, names = default(coordinates, inputs, ("x_dot",))
     monomials = Library.of(("x", "y", "y_dot", "u"), names).powers(3)
     target = parse_term("x_dot", names)
-    # The relation of x, which is of order 1: the friction of y is not in it.
-    assert set(library) == {*monomials, *(target * m for m in monomials)}
-    assert len(library) == 2 * 35
+    # The relation of x, which is of order 1 and may be a speed: the friction of y is not in it.
+    friction = Library.of(("sign(x)", "x*abs(x)"), names)
+    assert set(library) == {*monomials, *(target * m for m in monomials), *friction}
+    assert len(library) == 2 * 35 + 2
     library, _ = default(coordinates, inputs, ("y_ddot",))
     assert set(Library.of(("sign(y_dot)", "y_dot*abs(y_dot)"), names)) == {t for t in library if "(" in t.text}
 
@@ -121,12 +122,20 @@ def test_friction_is_of_the_targets_rates_and_their_differences_with_like_ones()
     assert len(library) == len({*library})
 
 
+def test_an_angle_of_order_1_is_no_speed_that_could_have_friction():
+    library, _ = default((Coordinate("heading", angle=True), Coordinate("way", cyclic=True)), FORCE)
+    assert not [t for t in library if "sign" in t.text or "abs" in t.text]
+
+
 @pytest.mark.parametrize(("count", "degree", "monomials"), [(5, 3, 56), (6, 2, 28), (9, 2, 55), (10, 1, 11)])
 def test_the_degree_falls_where_there_would_be_too_many(count, degree, monomials):
     coordinates = tuple(Coordinate(f"c{k}") for k in range(count))
-    library, _ = default(coordinates, (), ("c0_dot",))
-    assert len(library) == 2 * monomials
-    assert max(product.degree for product in library.products(("c0_dot",))) == degree
+    library, names = default(coordinates, (), ("c0_dot",))
+    assert len(library) == 2 * monomials + 2
+    friction = Library.of(("sign(c0)", "c0*abs(c0)"), names)
+    assert set(friction) < set(library)
+    rest = library.that(lambda term: term not in friction.terms)
+    assert max(product.degree for product in rest.products(("c0_dot",))) == degree
 
 
 def test_all_defaults_are_linear_in_the_targets():

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
 from odescope.pipeline.identification import identify
-from odescope.pipeline.space import near_origin
+from odescope.pipeline.ruled_out import near_origin
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records
 from odescope.study.options import Data, Driven, Measured, Study

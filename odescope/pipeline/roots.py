@@ -1,0 +1,57 @@
+"""Roots of states beside quotients: what flows out of a tank that is wider at the top is in no single function.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from odescope.events import Progress
+from odescope.likelihood.alternatives import EVIDENT
+from odescope.likelihood.refine import Refinement
+from odescope.likelihood.suspicion import values_of_variables
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import relations_form
+from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.stages import refine_form
+from odescope.pipeline.wider import (
+    LEAST,
+    TIMES,
+    evidently_better,
+    quotients,
+    regressed_with,
+    with_extra,
+    within,
+)
+from odescope.pipeline.work import Work
+
+
+def with_roots(
+    work: Work, filtered: Filtered, regressed: Regressed, refinement: Refinement | None
+) -> Refinement | None:
+    """Return the model with roots of states among the candidates, where that is evidently better.
+
+    The law of a tank whose section A goes with its level, A(h) h' = q - c sqrt(h), is a quotient that holds a root. One
+    function in the place of the quotient cannot say it, and quotients alone imitate it. Nothing is tried where the
+    model holds no quotient of a positive state, or a library was written by hand.
+
+    Args:
+        work: whose study says of which states functions may be looked for.
+        filtered: the records and their signals.
+        regressed: what regression in the default library found.
+        refinement: the model so far, if there is one.
+    """
+    study = work.study
+    if refinement is None or study.library.by_hand or not filtered.sample.complete:
+        return refinement
+    values = values_of_variables(refinement.space)
+    positive = [n for n in study.suspects if n in filtered.signals.states and values[n].min() > 0.0]
+    if quotients(refinement).isdisjoint(positive):
+        return refinement
+    wide = with_extra(work, tuple(text for n in positive for text in (f"sqrt({n})", f"{n}*sqrt({n})")))
+    found = regressed_with(wide, filtered)
+    if found is None or not found.implicit < regressed.implicit - EVIDENT:
+        return refinement
+    work.monitor.tell(Progress("suspicion", "search with roots beside quotients", 0, 1))
+    wide = within(wide, max(LEAST, TIMES * refinement.spent))
+    other = refine_form(wide, filtered, relations_form(wide.study, (found,), lambda _: found))
+    return other if other is not None and evidently_better(other, refinement) else refinement

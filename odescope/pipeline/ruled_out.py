@@ -1,0 +1,101 @@
+"""Candidates of a default library that a record rules out: poles where its motion is, friction of what has one sign.
+
+docs/method.md, Library.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from odescope.arrays import FloatArray, robust_deviation
+from odescope.library.candidates import Library
+from odescope.library.expression import Term
+from odescope.library.friction import rubs
+from odescope.library.spatial import from_origin, in_space
+from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Record, Records
+from odescope.study.library_options import Form
+from odescope.study.options import Mechanisms, Study
+
+AWAY = 0.05  # of the largest distance from the origin that the least is, at least
+NEARLY = 0.01  # of the samples at either end that may be wrong
+TAIL = 0.05  # of the samples at either end, beyond which a state of both signs is found
+BOTH = 0.1  # of the larger end that the smaller one is, at least,
+BY_NOISE = 2.0  # less so many standard deviations of the noise: noise around zero is no sign
+
+Stays: TypeAlias = Callable[[Term], bool]
+
+
+def near_origin(coordinates: Sequence[Coordinate], records: Records) -> tuple[frozenset[str], ...]:
+    """Return the names of the components of every position that comes near the origin.
+
+    Args:
+        coordinates: that may be components of positions.
+        records: what was measured of them.
+    """
+    found = list[frozenset[str]]()
+    for names in ([c.name for c in group] for group in in_space(coordinates)):
+        distances = np.concatenate([_distances(run, names) for run in records])
+        low, high = np.quantile(distances, (NEARLY, 1.0 - NEARLY)) if len(distances) else (0.0, 0.0)
+        if not low > AWAY * high:
+            found.append(frozenset(names))
+    return tuple(found)
+
+
+def _distances(run: Record, names: Sequence[str]) -> FloatArray:
+    """Return the distances from the origin where all components were measured."""
+    there = np.all([run.counted(name) > 0.0 for name in names], axis=0)
+    distances: FloatArray = np.linalg.norm([run.column(name)[there] for name in names], axis=0)
+    return distances
+
+
+def of_one_sign(coordinates: Sequence[Coordinate], records: Records) -> tuple[frozenset[str], ...]:
+    """Return the name of every state of order 1 that hardly takes both signs, by itself: it is no speed to and fro.
+
+    Args:
+        coordinates: that may be speeds.
+        records: what was measured of them.
+    """
+    found = list[frozenset[str]]()
+    for name in (c.name for c in coordinates if c.order == 1):
+        runs = [run.column(name)[run.counted(name) > 0.0] for run in records]
+        values = np.concatenate(runs)
+        bends = np.concatenate([v[1:-1] - 0.5 * (v[:-2] + v[2:]) for v in runs])
+        low, high = np.quantile(values, (TAIL, 1.0 - TAIL)) if len(values) else (0.0, 0.0)
+        noise = robust_deviation(bends) / np.sqrt(1.5) if len(bends) else 0.0
+        below, above = -low - BY_NOISE * noise, high - BY_NOISE * noise
+        if not min(below, above) > BOTH * max(below, above):
+            found.append(frozenset({name}))
+    return tuple(found)
+
+
+def not_ruled_out(study: Study, records: Records) -> Stays:
+    """Return what says of a candidate term whether it stays: what a user names does in any case.
+
+    Args:
+        study: says what the candidates are.
+        records: what was measured.
+    """
+    options, coordinates = study.library, study.measured()
+    if not options.by_default:
+        return lambda _: True
+    named = Library.of(options.extra, study.scope())
+    near = () if options.potential is not None else near_origin(coordinates, records)
+    smooth = of_one_sign(coordinates, records)
+    return lambda term: term in named.terms or (from_origin(term) not in near and rubs(term) not in smooth)
+
+
+def mechanisms_that_stay(mechanisms: Mapping[Form, Mechanisms], stays: Stays) -> dict[Form, Mechanisms]:
+    """Return mechanisms without those that hold a term that is ruled out.
+
+    Args:
+        mechanisms: of every form, with those that were left out.
+        stays: see `not_ruled_out`.
+    """
+    return {
+        form: (tuple(m for m in found if all(stays(p.product.term) for p in m.parts)), left_out)
+        for form, (found, left_out) in mechanisms.items()
+    }
