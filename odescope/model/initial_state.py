@@ -122,16 +122,16 @@ class _Stretch:
             by_chance = error * (1.0 + 1.0 / np.sqrt(2.0 * np.count_nonzero(begin.weights)))
             length = min(2 * length, len(self.t))
             begin = self.first(length)
-            left = begin.misfit(state)
-            better, error = state, _root_mean_square(left)
+            missed = begin.misfit(state)
+            better, error = state, _root_mean_square(missed)
             if error > by_chance:
-                better, error = begin.fit(state, left, FURTHER, updated=True)
+                better, error = begin.fit(state, missed, FURTHER, updated=True)
             if error <= FOLLOWED:
                 state = better
         return state
 
     def fit(
-        self, state: FloatArray, left: FloatArray, evaluations: int, updated: bool = False
+        self, state: FloatArray, missed: FloatArray, evaluations: int, updated: bool = False
     ) -> tuple[FloatArray, float]:
         """Return the state (n,) of least misfit and its root mean square, see `_fit`."""
 
@@ -139,7 +139,7 @@ class _Stretch:
             return self.misfit(self._placed(state, moved))
 
         moves = self.moves
-        better, error = _fit(misfit, state[moves], left, self.least[moves], self.size, evaluations, updated)
+        better, error = _fit(misfit, state[moves], missed, self.least[moves], self.size, evaluations, updated)
         return self._placed(state, better), error
 
     def first(self, length: int) -> _Stretch:
@@ -181,7 +181,7 @@ def _rests(record: Record, c: Coordinate) -> bool:
 def _fit(
     misfit: Callable[[FloatArray], FloatArray],
     state: FloatArray,
-    left: FloatArray,
+    missed: FloatArray,
     least: FloatArray,
     size: float,
     evaluations: int,
@@ -192,14 +192,14 @@ def _fit(
     Args:
         misfit: of a state (n,), in standard deviations; not finite where the free run from there ends early.
         state: (n,) to start from.
-        left: its misfit.
+        missed: its misfit.
         least: (n,) that it may be.
         size: of the coordinates.
         evaluations: of the misfit at most, besides those for its slopes.
         updated: whether slopes are difference quotients at the start alone, and what a step shows of them after it:
             Broyden (1965), https://doi.org/10.1090/S0025-5718-1965-0198670-6.
     """
-    at, last = state, left
+    at, last = state, missed
     known: tuple[FloatArray, FloatArray, FloatArray] | None = None  # where slopes were asked for, the misfit, they
 
     def followed(trial: FloatArray) -> FloatArray:

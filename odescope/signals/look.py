@@ -55,6 +55,7 @@ AN_UNKNOWN = "an amount? order 2 for a position; what drives goes to [inputs]"
 A_TEMPERATURE = "a temperature in kelvins, by its name and size; what drives goes to [inputs]"
 BY_NAME = "a position, by its name; order 1 for an amount"
 A_LEVEL = "the level of a liquid, by its name; order 2 for a position"
+A_SPEED = "a speed, by its unit: it may have dry friction"
 A_SPECIES = "an amount, by its capital; order 2 for a position"
 VELOCITIES = re.compile(r"(.*_)?(v|vel|velocity|speed|omega|rate|dot)(_?\d+|_[a-z]{1,3})?", re.IGNORECASE)
 A_TIME = re.compile(r".*(/ ?(s|sec|min|h|hr|d|day)|\b(s|min|h|d)(\^?-1|⁻¹)|rpm|Hz)")
@@ -293,8 +294,7 @@ def _coordinate(name: str, heading: Heading, turn: float | None, with_rate: set[
     if name in with_rate:
         return Seen(name, heading, "coordinate", "a position: its rate was measured, too", 2)
     if unit in SPEEDS:
-        why = f"a speed, by its unit; where friction is dry, name sign({name}) in [library] basis"
-        return Seen(name, heading, "coordinate", why)
+        return Seen(name, heading, "coordinate", A_SPEED)
     if unit is None and POSITIONS.fullmatch(heading.name):
         return Seen(name, heading, "coordinate", BY_NAME, 2)
     return Seen(name, heading, "coordinate", AN_UNKNOWN)

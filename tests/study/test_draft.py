@@ -124,7 +124,7 @@ def test_a_coarse_encoder_is_no_command(here):
 def test_a_speed_without_its_position_is_one(here):
     study, text = drafted({"t": T, "omega [rad/s]": motion(6)})
     assert study.coordinates["omega"].order == 1
-    assert "where friction is dry, name sign(omega) in [library] basis" in text
+    assert "a speed, by its unit: it may have dry friction" in text
 
 
 def test_recordings_are_told_apart(here):
