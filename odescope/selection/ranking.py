@@ -154,8 +154,10 @@ def require_law(problem: Problem, ranked: Ranked, options: Ranking) -> None:
 
 
 def _higher_order(problem: Problem, best: Candidate) -> str:
-    """Return what to say where what a relation leaves behaves as a state does; nothing where it does not."""
-    part = own_dynamics(problem, best.xi)
+    """Return what to say where what a relation leaves, or the target itself, behaves as a state; else nothing."""
+    alone = np.zeros(len(best.xi))
+    alone[problem.left] = 1.0
+    part = max(own_dynamics(problem, best.xi), own_dynamics(problem, alone))
     if part < FOLLOWS:
         return ""
     c = next(c for c in problem.signals.coordinates if c.target == problem.target)

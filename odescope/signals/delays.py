@@ -93,7 +93,8 @@ def estimate_delays(
     """Return the delays of least cost, each input's in turn; 0 where that is hardly dearer.
 
     Args:
-        cost: -2 log of the likelihood, or what behaves like it, given a delay for every name.
+        cost: -2 log of the likelihood, or what behaves like it, given a delay for every name; infinite where nothing
+            fits.
         names: the inputs.
         period: of the highest cutoff, in seconds; delays up to four of them, late or early, are looked for.
     """
@@ -109,9 +110,15 @@ def estimate_delays(
             def along(delay: float, name: str = name) -> float:
                 return cost(found | {name: float(delay)})
 
-            first = grid[int(np.argmin([along(d) for d in grid]))]
+            costs = np.array([along(d) for d in grid])
+            if not np.isfinite(costs).any():
+                continue
+            first, most = grid[int(np.argmin(costs))], float(costs[np.isfinite(costs)].max())
             best = minimize_scalar(
-                along, bounds=(first - step, first + step), method="bounded", options={"xatol": PRECISION * step}
+                lambda delay, along=along, most=most: min(along(delay), most),
+                bounds=(first - step, first + step),
+                method="bounded",
+                options={"xatol": PRECISION * step},
             )
             found[name] = float(best.x)
         if all(abs(found[n] - before[n]) < PRECISION * step for n in names):
@@ -126,5 +133,7 @@ def _curvature_error(
     cost: Callable[[Mapping[str, float]], float], found: Mapping[str, float], name: str, step: float
 ) -> float | None:
     low, middle, high = (cost({**found, name: found[name] + d}) for d in (-step, 0.0, step))
+    if not np.isfinite([low, middle, high]).all():
+        return None
     curvature = (low - 2.0 * middle + high) / step**2
     return float(np.sqrt(2.0 / curvature)) if 0.0 < curvature < np.inf else None
