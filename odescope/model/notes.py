@@ -25,6 +25,7 @@ LOOSE = 1.0  # standard error over coefficient of a kinetic term that another La
 FAR = 0.5  # standard deviations of the record: free runs further off say that little is known
 OPEN = 0.1  # drift of a sum: no small leak, and no gain of a sensor that is a little off
 FLOWS = 'name what flows in or out as inputs, or add reactions with the world outside, such as "-> S" and "S ->"'
+MUCH = 0.3  # of the root mean square of a target, that a model leaves: no disturbance of what was measured whole
 HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
 BRIDGED = 0.01  # of the standard deviation of an input, that lines over its gaps are off by elsewhere
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
@@ -299,10 +300,15 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
         return
     if judged.process_noise is not None:
         left = {t: q for t, q in judged.process_noise.items() if q is not None}
-        sizes = ", ".join(_size(q, t, *doubts.targets.get(t, ("", 0.0))) for t, q in left.items())
+        known = {t: doubts.targets.get(t, ("", 0.0)) for t in left}
+        sizes = ", ".join(_size(q, t, *known[t]) for t, q in left.items())
+        much = [t for t, q in left.items() if q > MUCH * known[t][1] > 0.0]
+        why = ""
+        if much:
+            why = f"; so much of {listed(much)} says that a state was not measured, or what drives it not recorded"
         yield (
             f"the model leaves {sizes} unexplained (root mean square of averages over {doubts.window:.2g} s);"
-            " standard errors allow for it"
+            f" standard errors allow for it{why}"
         )
     if doubts.thin:
         terms = ", ".join(f"{term} in {target} ({errors:.1f} standard errors)" for term, target, errors in doubts.thin)
