@@ -56,14 +56,9 @@ def _name(name: str, power: Power) -> str:
 
 
 def _call(function: str, argument: str, power: Power) -> str:
-    up = _up(power)
     if function == "sqrt":
         return rf"\sqrt{{{argument}}}" if power == 1 else rf"\left({argument}\right)^{{{_halved(power)}}}"
-    head = FUNCTIONS[function].latex
-    if power > 0:
-        return rf"{head}{up}\left({argument}\right)"
-    # cos^{-1}(x) would read as the inverse function.
-    return rf"\left({head}\left({argument}\right)\right){up}"
+    return rf"{FUNCTIONS[function].latex}{_up(power)}\left({argument}\right)"
 
 
 def _halved(power: Power) -> str:
@@ -81,4 +76,5 @@ LATEX = Language(
     group=lambda inside, power: rf"\left({inside}\right){_up(power)}",
     product=lambda factors: r" \, ".join(factors) or "1",
     sum=latex_sum,
+    fraction=latex_fraction,
 )

@@ -113,18 +113,15 @@ def _call(function: str, argument: str, power: Power) -> str:
     if function == "sqrt":
         return f"<msqrt>{argument}</msqrt>" if power == 1 else _halved(argument, power)
     head = f"<mi>{escape(function)}</mi>"
-    head = _raised(head, power) if power > 1 else head
-    body = f"<mrow>{head}{APPLY}{_bracketed(argument)}</mrow>"
-    # cos with the exponent -1 would read as the inverse function.
-    return body if power >= 1 else _raised(_bracketed(body), power)
+    return f"<mrow>{_raised(head, power)}{APPLY}{_bracketed(argument)}</mrow>"
 
 
 def _halved(argument: str, power: Power) -> str:
     """Return what is under a root, raised to half of the root's power."""
     if power % 2 == 0:
         return _raised(_bracketed(argument), int(power / 2))
-    sign, half = "<mo>−</mo>" if power < 0 else "", mathml_fraction(f"<mn>{abs(power):g}</mn>", "<mn>2</mn>")
-    return f"<msup>{_bracketed(argument)}<mrow>{sign}{half}</mrow></msup>"
+    half = mathml_fraction(f"<mn>{power:g}</mn>", "<mn>2</mn>")
+    return f"<msup>{_bracketed(argument)}{half}</msup>"
 
 
 def _bracketed(body: str) -> str:
@@ -137,4 +134,5 @@ MATHML = Language(
     group=lambda inside, power: _raised(_bracketed(inside), power),
     product=lambda factors: TIMES.join(factors) or _ONE,
     sum=mathml_sum,
+    fraction=lambda over, under: mathml_fraction(f"<mrow>{over}</mrow>", f"<mrow>{under}</mrow>"),
 )

@@ -25,6 +25,7 @@ class Language(Generic[T]):
         group: of a sum that stands in a product, to a power.
         product: of the factors of a term, of which there may be none.
         sum: of coefficients and what they multiply, of which there may be none.
+        fraction: of a numerator and a denominator; without one, a factor in a denominator has a negative power.
     """
 
     name: Callable[[str, Power], T]
@@ -32,11 +33,12 @@ class Language(Generic[T]):
     group: Callable[[T, Power], T]
     product: Callable[[Iterable[T]], T]
     sum: Callable[[Iterable[tuple[float, T]]], T]
+    fraction: Callable[[T, T], T] | None = None
 
 
 def print_term(language: Language[T], term: Term) -> T:
     """Return a term in a language."""
-    return language.product(_print_factor(language, atom, power) for atom, power in term.factors)
+    return print_product(language, None, term)
 
 
 def print_combination(language: Language[T], combination: Combination) -> T:
@@ -52,10 +54,14 @@ def print_product(language: Language[T], factor: str | None, term: Term) -> T:
         factor: name of a target, or None for 1.
         term: what it multiplies.
     """
-    if factor is None:
-        return print_term(language, term)
-    factors = (_print_factor(language, atom, power) for atom, power in term.factors)
-    return language.product([language.name(factor, 1), *factors])
+    over, under = list(term.factors), list[tuple[Atom, Power]]()
+    if language.fraction is not None:
+        over, under = ([f for f in term.factors if (f[1] < 0) == below] for below in (False, True))
+    factors = [_print_factor(language, atom, power) for atom, power in over]
+    numerator = language.product(factors if factor is None else [language.name(factor, 1), *factors])
+    if language.fraction is None or not under:
+        return numerator
+    return language.fraction(numerator, language.product(_print_factor(language, a, -power) for a, power in under))
 
 
 def _print_factor(language: Language[T], atom: Atom, power: Power) -> T:

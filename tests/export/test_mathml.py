@@ -150,6 +150,8 @@ TERMS = {
     "cos(x - 2.5*y)**-2": lambda x, y: np.cos(x - 2.5 * y) ** -2,
     "(x + 1.0)**-1*sin(y)**2": lambda x, y: np.sin(y) ** 2 / (x + 1),
     "x**-3*y**0.5": lambda x, y: x**-3.0 * y**0.5,
+    "x/sqrt(x + y)**3": lambda x, y: x / np.sqrt(x + y) ** 3,
+    "tanh(x/y)/(x*y)": lambda x, y: np.tanh(x / y) / (x * y),
     "exp(-1e-9*x)": lambda x, y: np.exp(-1e-9 * x),
     "1": lambda x, y: 1.0,
 }

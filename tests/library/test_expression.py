@@ -160,6 +160,10 @@ def test_latex_of_names(name, expected):
         ("sqrt(x)", r"\sqrt{x}"),
         ("(x - 3)**2", r"\left(-3 + x\right)^{2}"),
         ("sin(phi - 2*u)", r"\sin\left(\phi - 2 \, u\right)"),
+        ("tanh(phi_dot/u)", r"\tanh\left(\frac{\dot{\phi}}{u}\right)"),
+        ("1/cos(phi)**2", r"\frac{1}{\cos^{2}\left(\phi\right)}"),
+        ("x*u/(x + u)", r"\frac{u \, x}{\left(u + x\right)}"),
+        ("x/sqrt(x)**3/u", r"\frac{x}{u \, \left(x\right)^{3/2}}"),
     ],
 )
 def test_latex_of_terms(text, expected):
