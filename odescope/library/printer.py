@@ -54,14 +54,11 @@ def print_product(language: Language[T], factor: str | None, term: Term) -> T:
         factor: name of a target, or None for 1.
         term: what it multiplies.
     """
-    over, under = list(term.factors), list[tuple[Atom, Power]]()
-    if language.fraction is not None:
-        over, under = ([f for f in term.factors if (f[1] < 0) == below] for below in (False, True))
-    factors = [_print_factor(language, atom, power) for atom, power in over]
-    numerator = language.product(factors if factor is None else [language.name(factor, 1), *factors])
-    if language.fraction is None or not under:
-        return numerator
-    return language.fraction(numerator, language.product(_print_factor(language, a, -power) for a, power in under))
+    fraction = language.fraction
+    over = [_print_factor(language, a, power) for a, power in term.factors if fraction is None or power > 0]
+    under = [_print_factor(language, a, -power) for a, power in term.factors if fraction is not None and power < 0]
+    whole = language.product(over if factor is None else [language.name(factor, 1), *over])
+    return whole if fraction is None or not under else fraction(whole, language.product(under))
 
 
 def _print_factor(language: Language[T], atom: Atom, power: Power) -> T:

@@ -12,7 +12,7 @@ from odescope.model.model import without_delays
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Record, Records, Stretch
 from odescope.report.at_work import at_work
-from odescope.signals.delays import delayed, estimate_delays
+from odescope.signals.delays import Delay, delayed, estimate_delays
 
 PERIOD = 0.01
 
@@ -72,6 +72,15 @@ def test_the_least_of_a_quadratic_is_found_with_its_error():
     for k, name in enumerate(truth):
         assert found[name].seconds == pytest.approx(truth[name], abs=2e-3)
         assert found[name].std_error == pytest.approx(1.0 / np.sqrt(curvature[k, k]), rel=1e-3)
+
+
+def test_where_nothing_fits_there_is_no_delay_and_beside_it_the_least_is_found():
+    assert estimate_delays(lambda _: np.inf, ["u"], period=0.1)["u"] == Delay(0.0, None)
+
+    def cost(delays):  # nothing fits within a period of none at all
+        return np.inf if abs(delays["u"]) < 0.1 else 1e6 * (delays["u"] - 0.23) ** 2
+
+    assert estimate_delays(cost, ["u"], period=0.1)["u"].seconds == pytest.approx(0.23, abs=2e-3)
 
 
 def late_tank(seed, delay, noise=0.002):
