@@ -29,15 +29,18 @@ def components(names: Iterable[str]) -> tuple[tuple[str, ...], ...]:
 
 def in_space(coordinates: Sequence[Coordinate]) -> tuple[tuple[Coordinate, ...], ...]:
     """Return the positions that are components of one, in what may be one unit."""
-    moving = {c.name: c for c in coordinates if c.order == 2 and not (c.angle or c.cyclic)}
-    groups = (tuple(moving[name] for name in group) for group in components(moving))
-    return tuple(group for group in groups if all(alike(group[0], c) for c in group[1:]))
+    return _alike(c for c in coordinates if c.order == 2)
 
 
 def _velocities(coordinates: Sequence[Coordinate]) -> tuple[tuple[Coordinate, ...], ...]:
     """Return the states of order 1 that may be components of a velocity: what is called x, y or z alone is a place."""
-    first = {c.name: c for c in coordinates if c.order == 1 and len(c.name) > 1 and not (c.angle or c.cyclic)}
-    groups = (tuple(first[name] for name in group) for group in components(first))
+    return _alike(c for c in coordinates if c.order == 1 and len(c.name) > 1)
+
+
+def _alike(coordinates: Iterable[Coordinate]) -> tuple[tuple[Coordinate, ...], ...]:
+    """Return those that are components of one and alike; what goes round or only moves on is of none."""
+    moving = {c.name: c for c in coordinates if not (c.angle or c.cyclic)}
+    groups = (tuple(moving[name] for name in group) for group in components(moving))
     return tuple(group for group in groups if all(alike(group[0], c) for c in group[1:]))
 
 

@@ -82,10 +82,10 @@ def not_ruled_out(study: Study, records: Records) -> Stays:
     options, coordinates = study.library, study.measured()
     if not options.by_default:
         return lambda _: True
-    named = Library.of(options.extra, study.scope())
+    named = set(Library.of(options.extra, study.scope()))
     near = () if options.potential is not None else near_origin(coordinates, records)
     smooth = of_one_sign(coordinates, records)
-    return lambda term: term in named.terms or (from_origin(term) not in near and rubs(term) not in smooth)
+    return lambda term: term in named or (from_origin(term) not in near and rubs(term) not in smooth)
 
 
 def mechanisms_that_stay(mechanisms: Mapping[Form, Mechanisms], stays: Stays) -> dict[Form, Mechanisms]:
