@@ -9,18 +9,15 @@ from odescope.events import Progress
 from odescope.likelihood.alternatives import EVIDENT
 from odescope.likelihood.refine import Refinement
 from odescope.pipeline.filtering import Filtered
-from odescope.pipeline.forms import relations_form
 from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.stages import refine_form
 from odescope.pipeline.wider import (
-    LEAST,
     basis_of,
     evidently_better,
     promises,
     quotients,
     regressed_with,
+    searched_with,
     with_basis,
-    within,
 )
 from odescope.pipeline.work import Work
 
@@ -56,6 +53,5 @@ def with_higher_degree(
     if found is None or not promises(found, regressed, EVIDENT if follows else 0.0):
         return refinement
     work.monitor.tell(Progress("suspicion", "search with products of higher degree", 0, 1))
-    wide = within(wide, LEAST if refinement is None else max(LEAST, refinement.spent))
-    other = refine_form(wide, filtered, relations_form(wide.study, (found,), lambda _: found))
+    other = searched_with(wide, filtered, found, refinement)
     return other if other is not None and evidently_better(other, refinement) else refinement

@@ -14,10 +14,8 @@ from odescope.likelihood.alternatives import EVIDENT
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WIDTHS
 from odescope.pipeline.filtering import Filtered
-from odescope.pipeline.forms import relations_form
 from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.stages import refine_form
-from odescope.pipeline.wider import LEAST, regressed_with, with_extra, within
+from odescope.pipeline.wider import regressed_with, searched_with, with_extra
 from odescope.pipeline.work import Work
 from odescope.study.options import Study
 
@@ -55,8 +53,7 @@ def with_modulated(
     if not _promise(found) < _promise(regressed) - EVIDENT:
         return refinement
     work.monitor.tell(Progress("suspicion", "search with springs that turn, and inputs that multiply rates", 0, 1))
-    wide = within(wide, LEAST if refinement is None else max(LEAST, refinement.spent))
-    other = refine_form(wide, filtered, relations_form(wide.study, (found,), lambda _: found))
+    other = searched_with(wide, filtered, found, refinement)
     return other if other is not None and _replaces(other, refinement) else refinement
 
 

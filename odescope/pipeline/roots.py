@@ -10,18 +10,8 @@ from odescope.likelihood.alternatives import EVIDENT
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.suspicion import values_of_variables
 from odescope.pipeline.filtering import Filtered
-from odescope.pipeline.forms import relations_form
 from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.stages import refine_form
-from odescope.pipeline.wider import (
-    LEAST,
-    TIMES,
-    evidently_better,
-    quotients,
-    regressed_with,
-    with_extra,
-    within,
-)
+from odescope.pipeline.wider import TIMES, evidently_better, quotients, regressed_with, searched_with, with_extra
 from odescope.pipeline.work import Work
 
 
@@ -52,6 +42,5 @@ def with_roots(
     if found is None or not found.implicit < regressed.implicit - EVIDENT:
         return refinement
     work.monitor.tell(Progress("suspicion", "search with roots beside quotients", 0, 1))
-    wide = within(wide, max(LEAST, TIMES * refinement.spent))
-    other = refine_form(wide, filtered, relations_form(wide.study, (found,), lambda _: found))
+    other = searched_with(wide, filtered, found, refinement, TIMES)
     return other if other is not None and evidently_better(other, refinement) else refinement

@@ -16,9 +16,10 @@ from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WIDTHS
 from odescope.pipeline.constants import constants_of, substitute
 from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.ruled_out import not_ruled_out
-from odescope.pipeline.stages import regress_at_all
+from odescope.pipeline.stages import refine_form, regress_at_all
 from odescope.pipeline.suspicion import replaces
 from odescope.pipeline.work import Work
 from odescope.study.options import Study
@@ -87,6 +88,22 @@ def regressed_with(work: Work, filtered: Filtered, many: int = MANY) -> Regresse
     held = any(not t.names.isdisjoint(study.parameters) for t in terms)  # those declared may be of another form
     constants = constants_of(study, terms, filtered.signals) if held else ()
     return regress_at_all(work, substitute(libraries, constants, filtered.signals.targets), filtered)
+
+
+def searched_with(
+    work: Work, filtered: Filtered, found: Regressed, before: Refinement | None, times: float = 1.0
+) -> Refinement | None:
+    """Return the model that a search in another library ends with, None where it has none.
+
+    Args:
+        work: for the study with that library.
+        filtered: the records and their signals.
+        found: what regression finds in it.
+        before: the model so far, if there is one.
+        times: what it cost, that the search may cost.
+    """
+    limited = within(work, LEAST if before is None else max(LEAST, times * before.spent))
+    return refine_form(limited, filtered, relations_form(work.study, (found,), lambda _: found))
 
 
 def promises(found: Regressed, before: Regressed, least: float = EVIDENT) -> bool:
