@@ -1,4 +1,8 @@
-"""Dormand and Prince's pair of orders 5 and 4 (1980): the stages, their places in a step, and the error estimate."""
+"""Dormand and Prince's pair of orders 5 and 4 (1980): the stages, their places in a step, and the error estimate.
+
+Between the ends of a step the solution is a polynomial of order 4: Shampine (1986),
+https://doi.org/10.1090/S0025-5718-1986-0815836-3.
+"""
 
 import numpy as np
 
@@ -15,3 +19,14 @@ STAGES = np.array(
 )
 PLACES = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
 ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+BETWEEN = np.array(  # what the powers 1 to 4 of the share of a step that has passed count of each stage
+    [
+        [1, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
+        [0, 0, 0, 0],
+        [0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
+        [0, -1754552775 / 470086768, 14199869525 / 1410260304, -10690763975 / 1880347072],
+        [0, 127303824393 / 49829197408, -318862633887 / 49829197408, 701980252875 / 199316789632],
+        [0, -282668133 / 205662961, 2019193451 / 616988883, -1453857185 / 822651844],
+        [0, 40617522 / 29380423, -110615467 / 29380423, 69997945 / 29380423],
+    ]
+)

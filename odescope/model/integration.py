@@ -1,7 +1,8 @@
 """One compiled kernel that integrates any model: Dormand-Prince 5(4), with steps that end wherever an input has a kink.
 
-They also end wherever dry friction begins or ceases to hold. A blow-up, a pole or a stiff stretch that would take for
-ever ends the run and is reported: an outcome, not an exception and never a hang.
+They also end wherever dry friction begins or ceases to hold; samples in between are read off the steps. A blow-up, a
+pole or a stiff stretch that would take for ever ends the run and is reported: an outcome, not an exception and never a
+hang.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from odescope.arrays import FloatArray, IntArray
+from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.library.tape import Instructions, run_tape
-from odescope.model.dormand_prince import ERROR, PLACES, STAGES
+from odescope.model.dormand_prince import BETWEEN, ERROR, PLACES, STAGES
 from odescope.model.linear_solve import solve_in_place
 from odescope.model.standstill import Contacts, balance, lasts, settle, show, touch
 from odescope.parallel.kernels import kernel
@@ -43,7 +44,8 @@ class Drive(NamedTuple):
     """Inputs that are linear between nodes: at every sample, and wherever an input has a kink between samples.
 
     Shapes: t (M,) seconds; sample (M,) the number of the sample that a node is, or -1; begin, end (M - 1, inputs) the
-    inputs just after a node and just before the next; period (M - 1,) seconds between the samples around an interval.
+    inputs just after a node and just before the next; period (M - 1,) seconds between the samples around an interval;
+    bent (M,) at which nodes an input has a kink (see `bends`).
     """
 
     t: FloatArray
@@ -51,13 +53,28 @@ class Drive(NamedTuple):
     begin: FloatArray
     end: FloatArray
     period: FloatArray
+    bent: BoolArray
 
     def part(self, first: int, stop: int) -> Drive:
         """Return the drive from one sample on until before another, numbered anew."""
         low, high = (int(np.flatnonzero(self.sample == sample)[0]) for sample in (first, stop - 1))
-        between = (part[low:high] for part in (self.begin, self.end, self.period))
-        sample = self.sample[low : high + 1]
-        return Drive(self.t[low : high + 1], np.where(sample < 0, sample, sample - first), *between)
+        begin, end, period = (part[low:high] for part in (self.begin, self.end, self.period))
+        sample, bent = self.sample[low : high + 1], self.bent[low : high + 1]
+        return Drive(self.t[low : high + 1], np.where(sample < 0, sample, sample - first), begin, end, period, bent)
+
+
+def bends(t: FloatArray, begin: FloatArray, end: FloatArray) -> BoolArray:
+    """Return at which nodes (M,) an input jumps or goes on with another slope; the first and the last count as such.
+
+    Args:
+        t: (M,) the nodes, seconds.
+        begin: (M - 1, inputs) just after a node.
+        end: (M - 1, inputs) just before the next.
+    """
+    slope = (end - begin) / np.diff(t)[:, None]
+    bent = np.ones(len(t), dtype=np.bool_)
+    bent[1:-1] = np.any((begin[1:] != end[:-1]) | (slope[1:] != slope[:-1]), axis=1)
+    return bent
 
 
 @kernel(inline=True)
@@ -103,12 +120,26 @@ def _hold(equations, x, work, a, b, contacts, limited, out):
     show(contacts, work[first:, 0])
 
 
+@kernel(inline=True)
+def _read_off(x, step, k, share, out):
+    """Write the state (n,) at a share of a step from x (n,), of which k (7, n) are the slopes, to `out`."""
+    for i in range(x.shape[0]):
+        total = 0.0
+        for r in range(7):
+            weight = 0.0
+            for power in range(3, -1, -1):
+                weight = (weight + BETWEEN[r, power]) * share
+            total += weight * k[r, i]
+        out[i] = x[i] + step * total
+
+
 @kernel()
 def integrate(equations, drive, initial, states, rtol, atol):
     """Write the states (N, n) at the samples; return how many samples were reached, and how the run ended.
 
-    A step over which an edge changes is cut in halves until it ends there. Longer than a screen because a step, its
-    error and the length of the next share a dozen scalars.
+    Steps pass over nodes at which no input bends. A step over which an edge changes is cut in halves until it ends
+    there; where there are edges, no step passes over a node, so that none is missed that changes back. Longer than a
+    screen because a step, its error and the length of the next share a dozen scalars.
 
     Args:
         equations: what to integrate.
@@ -122,7 +153,7 @@ def integrate(equations, drive, initial, states, rtol, atol):
     n, targets, edges = initial.shape[0], 0, equations.edges.shape[0]
     while targets * targets + targets < equations.outputs.shape[0]:
         targets += 1
-    inputs = drive.begin.shape[1]
+    inputs, nodes = drive.begin.shape[1], drive.t.shape[0]
     work = np.empty((n + inputs + edges + equations.instructions.code.shape[0], 1))
     a, b = np.empty((targets, targets)), np.empty((targets, 1))
     x, y, k, scale = initial.copy(), np.empty(n), np.empty((7, n)), np.abs(initial)
@@ -134,18 +165,27 @@ def integrate(equations, drive, initial, states, rtol, atol):
         states[0, i] = x[i]
     reached = 1
     h, total_steps = 0.0, 0
-    budget = STEPS_AT_LEAST + STEPS_ON_AVERAGE * drive.t.shape[0]
+    budget = STEPS_AT_LEAST + STEPS_ON_AVERAGE * nodes
     largest = LARGEST * max(1.0, np.abs(initial).max())
-    for node in range(drive.t.shape[0] - 1):
-        span, period = drive.t[node + 1] - drive.t[node], drive.period[node]
-        begin, end = drive.begin[node], drive.end[node]
-        done, fresh = 0.0, True
+    passed = 0  # the last node that the run has reached
+    while passed < nodes - 1:
+        first, last = passed, passed + 1
+        while edges == 0 and not drive.bent[last] and last < nodes - 1:
+            last += 1
+        since, period = drive.t[first], drive.period[first]
+        span = drive.t[last] - since
+        begin, end = drive.begin[first], drive.end[last - 1]
+        done, fresh = 0.0, first == 0 or edges > 0
+        for j in range(inputs):  # the slopes that end a step begin the next, but for inputs that jump
+            fresh = fresh or begin[j] != drive.end[first - 1, j]
         low, high = 0.0, 0.0  # between these lengths of a step an edge changes; high is 0 where none was seen
         if h <= 0.0 or h > period:
             h = period
-        steps = 0
-        share = max(STEPS_AN_INTERVAL, (budget - total_steps) * span / (drive.t[-1] - drive.t[node]))
+        steps, share = 0, 0.0
         while done < span:
+            if steps == 0:
+                to_next = drive.t[passed + 1] - drive.t[passed]
+                share = max(STEPS_AN_INTERVAL, (budget - total_steps) * to_next / (drive.t[-1] - drive.t[passed]))
             step = span - done if span - done < h * (1.0 + 1e-9) else h
             if high > 0.0:
                 step = high if high - low <= LOCATED * span else 0.5 * (low + high)
@@ -180,13 +220,22 @@ def integrate(equations, drive, initial, states, rtol, atol):
             elif error <= 1.0 and step < high:
                 low, fresh = step, True
             elif error <= 1.0:
+                for i in range(n):
+                    scale[i] = max(scale[i], abs(y[i]))
+                    if not abs(y[i]) < largest:
+                        return reached, GREW
+                before = done
                 done = span if step == span - done else done + step
                 fresh = False
+                while passed < last and drive.t[passed + 1] - since <= done:
+                    passed += 1
+                    steps = 0
+                    if drive.sample[passed] >= 0 and passed < last:
+                        at = (drive.t[passed] - since - before) / step
+                        _read_off(x, step, k, at, states[drive.sample[passed]])
+                        reached += 1
                 for i in range(n):
                     x[i] = y[i]
-                    scale[i] = max(scale[i], abs(x[i]))
-                    if not abs(x[i]) < largest:
-                        return reached, GREW
                 if edges > 0:
                     settle(contacts, x, scale, atol)
                     show(contacts, work[n + inputs :, 0])
@@ -198,12 +247,12 @@ def integrate(equations, drive, initial, states, rtol, atol):
                 fresh = True
                 h = step * (max(0.1, 0.9 * error**-0.2) if error < 1e300 else 0.1)
                 low, high = 0.0, 0.0
-                if not h > 1e-12 * span:
+                if not h > 1e-12 * period:
                     return reached, GREW
             if steps > share or total_steps > budget:
                 return reached, STIFF
-        if drive.sample[node + 1] >= 0:
+        if drive.sample[last] >= 0:
             for i in range(x.shape[0]):
-                states[drive.sample[node + 1], i] = x[i]
+                states[drive.sample[last], i] = x[i]
             reached += 1
     return reached, REACHED

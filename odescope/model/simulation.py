@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError, check_kind, nearest
 from odescope.model.given import GivenInputs, GivenState, first_state, sample_times, sampled_inputs
-from odescope.model.integration import GREW, STIFF, Drive, Equations, integrate
+from odescope.model.integration import GREW, STIFF, Drive, Equations, bends, integrate
 from odescope.model.model import Model
 from odescope.model.state_sizes import small_sizes
 from odescope.recordings.between_samples import FINER, laid_out
@@ -123,7 +123,7 @@ def drive(inputs: Sequence[Input], t: FloatArray, values: FloatArray) -> Drive:
     held = np.array([i.hold == "zero" for i in inputs], dtype=np.bool_)
     if not any(i.delay or i.hold == "band-limited" for i in inputs):
         begin, end = values[:-1], np.where(held, values[:-1], values[1:])
-        return Drive(t, np.arange(len(t)), begin, end, np.diff(t))
+        return Drive(t, np.arange(len(t)), begin, end, np.diff(t), bends(t, begin, end))
     since = t - t[0]
     polygons = [_polygon(i, since, values[:, k]) for k, i in enumerate(inputs)]
     kinks = _kinks(t, [at for at, _ in polygons])
@@ -140,7 +140,7 @@ def drive(inputs: Sequence[Input], t: FloatArray, values: FloatArray) -> Drive:
             at, corners = polygons[k]
             begin[:, k], end[:, k] = np.interp(nodes[:-1], at, corners), np.interp(nodes[1:], at, corners)
     period = np.diff(since)[_last_sample(since, middle)]
-    return Drive(nodes, np.where(order < len(t), order, -1), begin, end, period)
+    return Drive(nodes, np.where(order < len(t), order, -1), begin, end, period, bends(nodes, begin, end))
 
 
 def known_from(inputs: Sequence[Input], t: FloatArray) -> int:

@@ -203,17 +203,49 @@ def test_a_linear_system_under_a_switched_input_is_its_matrix_exponential():
 
 
 def test_the_formula_is_of_order_five():
-    # So loose a tolerance accepts every step, and no step is longer than the span between two samples.
+    # So loose a tolerance accepts every step, and no run is longer than one.
     model = lagrange("linear")
     start, errors = np.array([0.0, 1.0, 0.0, 2.0]), []
     exact = solve_ivp(lambda _, x: cart_slope(x, [0.0]), (0.0, 1.0), start, "DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
     counts = (20, 40, 80, 160)
     for count in counts:
-        t = np.linspace(0.0, 1.0, count + 1)
-        end = simulate(model, t, np.zeros((count + 1, 1)), start, rtol=1e9).states[-1]
+        end = start
+        for _ in range(count):
+            end = simulate(model, [0.0, 1.0 / count], np.zeros((2, 1)), end, rtol=1e9).states[-1]
         errors.append(np.linalg.norm(end - exact))
     slopes = np.diff(np.log(errors)) / np.diff(np.log(counts))
     assert slopes == pytest.approx([-5.0] * 3, abs=0.5)
+
+
+def test_samples_that_a_step_passes_over_are_as_exact_as_its_end():
+    model = build([Coordinate("phi", order=2)], [], [("phi_ddot", "1", 1.0), (None, "sin(phi)", 9.0)])
+    t = np.linspace(0.0, 10.0, 4001)
+
+    def slope(_, s):
+        return [s[1], -9.0 * np.sin(s[0])]
+
+    exact = solve_ivp(slope, (0.0, 10.0), [2.0, 0.1], "DOP853", rtol=1e-13, atol=1e-14, t_eval=t).y.T
+    tolerances = 10.0 ** -np.arange(4.0, 11.0)
+    for rtol in tolerances:
+        off = np.abs(free(model, t, [2.0, 0.1], rtol=rtol, atol=1e-3 * rtol).states - exact).max()
+        ends = np.abs(free(model, t[::500], [2.0, 0.1], rtol=rtol, atol=1e-3 * rtol).states - exact[::500]).max()
+        assert off < min(4.0 * ends, 1000.0 * rtol)
+
+
+def test_how_finely_a_free_run_is_sampled_does_not_matter():
+    model = build([Coordinate("phi", order=2)], [], [("phi_ddot", "1", 1.0), (None, "sin(phi)", 9.0)])
+    t = np.linspace(0.0, 10.0, 1001)
+    fine = free(model, t, [2.0, 0.1]).states
+    assert free(model, t[::10], [2.0, 0.1]).states == pytest.approx(fine[::10], abs=1e-6)
+
+
+def test_an_input_is_followed_wherever_it_bends_between_long_stretches_of_one_value():
+    # x' = u: its integral, whatever the length of the steps.
+    model = build([Coordinate("x")], [Input("u", hold="zero")], [("x_dot", "1", 1.0), (None, "u", -1.0)])
+    t = np.sort(np.random.default_rng(8).uniform(0.0, 9.0, 400))
+    u = np.where((t > 3.0) & (t < 3.4), 5.0, np.where(t > 7.0, t, -1.0))
+    exact = np.append(0.0, np.cumsum(u[:-1] * np.diff(t)))
+    assert simulate(model, t, u, np.zeros(1)).states[:, 0] == pytest.approx(exact, abs=1e-9)
 
 
 @pytest.mark.parametrize("samples", [2, 9])
