@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dtrtri
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.parallel.kernels import kernel
@@ -151,12 +152,11 @@ def full_fits(r: FloatArray) -> FloatArray | None:
 
     With P = (R'R)^-1, the coefficients are -P[:, i] / P[i, i]. None where r is singular.
     """
-    try:
-        inverse = np.linalg.inv(np.linalg.qr(r, mode="r"))
-    except np.linalg.LinAlgError:
-        return None
+    triangle = np.linalg.qr(r, mode="r")
+    inverse, singular = dtrtri(triangle)
     p = inverse @ inverse.T
-    if not np.all(np.isfinite(p)) or np.linalg.cond(inverse) > 1.0 / RANK_TOLERANCE:
+    # Frobenius norms bound the condition number, and cost a thirtieth of it.
+    if singular or not np.linalg.norm(inverse) * np.linalg.norm(triangle) < 1.0 / RANK_TOLERANCE:
         return None
     return np.asarray(-p / np.diag(p))
 
@@ -211,9 +211,11 @@ def _walk_thresholds(
 ) -> BoolArray:
     """Walk a stack of supports with their intervals, highest thresholds first; the intervals are disjoint.
 
-    One function, because a recursion over arrays would allocate them anew at every support.
+    One function, because a recursion over arrays would allocate them anew at every support. Of two intervals with one
+    support, of which every second one is, the second takes the fit of the first.
     """
     m = r.shape[1]
+    fitted, keys, sizes, fits = np.zeros((64, m), dtype=np.bool_), np.zeros((64, 1), dtype=np.int64), np.empty((64, m)), 0
     active: BoolArray = np.zeros((64, m), dtype=np.bool_)
     bounds: FloatArray = np.empty((64, 2))
     final: BoolArray = np.zeros((64, m), dtype=np.bool_)
@@ -227,13 +229,26 @@ def _walk_thresholds(
         depth -= 1
         here, lo, hi = active[depth].copy(), bounds[depth, 0], bounds[depth, 1]
         support = np.flatnonzero(here)
-        x = first[support] if begun else normal_fit(r, gram, support, left)
-        begun = False
         lower, base = depth, depth  # entries below this one on the stack stand for lower thresholds
-        size = np.abs(x) * weight[support]
-        if relative:
-            largest = size.max()
-            size = (size / largest) ** 2 if largest > 0.0 else size
+        key: int = 0
+        for j in support:
+            key += int(j + 1) ** 3
+        place = 0
+        while place < fits and not (keys[place, 0] == key and np.array_equal(fitted[place], here)):
+            place += 1
+        if place == fits:
+            if fits == fitted.shape[0]:
+                fitted, keys, sizes = _grown(fitted), _grown(keys), _grown(sizes)
+            x = first[support] if begun else normal_fit(r, gram, support, left)
+            begun = False
+            size = np.abs(x) * weight[support]
+            if relative:
+                largest = size.max()
+                size = (size / largest) ** 2 if largest > 0.0 else size
+            fitted[fits], keys[fits, 0] = here, key
+            sizes[fits, : len(size)] = size
+            fits += 1
+        size = sizes[place, : support.shape[0]]
         edges = np.sort(np.append(size, hi))
         bottom = lo
         for top in edges:

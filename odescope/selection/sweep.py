@@ -117,6 +117,7 @@ class Quotients:
     def __init__(self, terms: Sequence[Product]) -> None:
         atoms = dict.fromkeys(atom for p in terms for atom, _ in p.term.factors)
         self._powers = [tuple(p.term.power_of(atom) for atom in atoms) for p in terms]
+        self._atoms = [sum(1 << k for k, power in enumerate(powers) if power > 0) for powers in self._powers]
         self._targets = [p.factor for p in terms]
         self._place = {key: j for j, key in enumerate(zip(self._targets, self._powers, strict=True))}
 
@@ -129,9 +130,12 @@ class Quotients:
             support: columns of the relation.
         """
         as_it_is, targets = dict(zip(support, support, strict=True)), {self._targets[j] for j in support}
-        common = [max(0, min(powers)) for powers in zip(*(self._powers[j] for j in support), strict=True)]
-        if not any(common) and (len(targets) > 1 or None in targets):
+        shared = -1  # a bit for each atom that all terms hold
+        for j in support:
+            shared &= self._atoms[j]
+        if not shared and (len(targets) > 1 or None in targets):
             return as_it_is
+        common = [max(0, min(powers)) for powers in zip(*(self._powers[j] for j in support), strict=True)]
         quotients = dict[int, int]()
         for j in support:
             target = self._targets[j] if len(targets) > 1 else None
