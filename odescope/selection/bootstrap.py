@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
-from odescope.library.product import Product
 from odescope.parallel.workers import Workers, nothing
 from odescope.regression.factor import Factor, merge
 from odescope.regression.problem import Problem
@@ -25,14 +24,14 @@ LEAST_PIVOT = 1e-4  # of unit columns
 class _Drawn:
     """What replicates are drawn from, and how they are searched: the factors of pieces and their Gram matrices.
 
-    Shapes: grams (pieces, m, m) of columns divided by scale (m,); own are the columns with the target, terms the m
-    products of the library.
+    Shapes: grams (pieces, m, m) of columns divided by scale (m,); own are the columns with the target, quotients those
+    of the library.
     """
 
     pieces: tuple[Factor, ...]
     grams: FloatArray
     scale: FloatArray
-    terms: tuple[Product, ...]
+    quotients: Quotients
     own: frozenset[int]
     guess: int
     nested: tuple[Support, ...]
@@ -78,7 +77,7 @@ def _drawn(problem: Problem, chosen: Candidate, nested: Sequence[Support], propo
     scaled = np.array([(p.r * p.scale / scale) for p in problem.pieces])
     grams = scaled.transpose(0, 2, 1) @ scaled
     own = frozenset(problem.own)
-    return _Drawn(problem.pieces, grams, scale, problem.terms, own, chosen.guess, searched, tuple(proposers))
+    return _Drawn(problem.pieces, grams, scale, Quotients(problem.terms), own, chosen.guess, searched, tuple(proposers))
 
 
 def _merged(times: IntArray, drawn: _Drawn) -> Factor:
@@ -121,4 +120,4 @@ def _best(times: IntArray, drawn: _Drawn) -> Support:
     best = min((s for s in sorted(found) if set(s) & drawn.own), key=criterion, default=())
     if not best:
         return best
-    return tuple(sorted(Quotients(drawn.terms).primitive(best).values()))
+    return tuple(sorted(drawn.quotients.primitive(best).values()))
