@@ -161,10 +161,11 @@ def _rate(coordinate: Coordinate) -> str:
 
 
 def _size(kind: str, term: Term, coordinates: Sequence[Coordinate]) -> float:
-    """Return how elaborate a term is: its powers, and the multiples of angles in its harmonics past the first.
+    """Return how elaborate a term is: its powers, the multiples of angles in its harmonics past the first, and more.
 
     Of two that look alike while angles are small the likelier costs less: a weight less than a spring that turns with
-    one angle, a spring between two angles less than a wave of their difference.
+    one angle, a spring between two angles less than a wave of their difference. Friction of each of two costs less than
+    friction between them: both describe a record where a rotor's forces couple the two.
     """
     angles = {c.name for c in coordinates if c.angle}
     powers = sum(
@@ -172,6 +173,7 @@ def _size(kind: str, term: Term, coordinates: Sequence[Coordinate]) -> float:
     )
     calls = [atom for atom, _ in term.factors if isinstance(atom, Call)]
     further = sum(_multiples(atom, angles) - 1 for atom in calls)
+    further += sum(kind == "dissipation" and any(c < 0.0 for c, _ in atom.argument.parts) for atom in calls)
     between = sum(BETWEEN for atom in calls if kind == "potential" and _of_difference(atom, angles))
     return max(0, powers + further + between - TAKEN_FOR_GRANTED.get(kind, 0))
 

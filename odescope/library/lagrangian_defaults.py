@@ -25,14 +25,17 @@ _LADDER = ((2, False, 4), (2, True, 4), (2, True, 3), (2, True, 2), (1, True, 2)
 def default_energies(coordinates: Sequence[Coordinate], driven: bool = True) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the default terms of the kinetic energy and of the potential.
 
-    Kinetic: every product of two rates times every h to degree 2. Potential: every h to degree 2 but the constant,
-    products of powers of positions to degree 4, and the squares of angles and of the differences of two; for x*y and
-    x**3*y of two positions in one unit stand the second and the fourth power of their difference, as springs between
-    them have it. Where these are more than 250, the degrees are lowered step by step: first the products of two rates
-    keep the functions of their own two coordinates only, then the powers of the potential fall to 3 and 2, then the
-    functions of the kinetic energy to degree 1 and 0, at last the potential to 1. Potentials of the distance from the
-    origin (`spatial`) come on top, and where no input drives each coordinate by itself, the sum of the squares of all
-    components of a position or of its velocity stands for the square of the last.
+    Kinetic: every product of two rates times every h to degree 2, and of two positions in one unit the one times the
+    rate of the other, which is what a rotor, a turning frame or a magnetic field add.
+
+    Potential: every h to degree 2 but the constant, products of powers of positions to degree 4, and the squares of
+    angles and of the differences of two; for x*y and x**3*y of two positions in one unit stand the second and the
+    fourth power of their difference, as springs between them have it. Where these are more than 250, the degrees are
+    lowered step by step: first the products of two rates keep the functions of their own two coordinates only, then the
+    powers of the potential fall to 3 and 2, then the functions of the kinetic energy to degree 1 and 0, at last the
+    potential to 1. Potentials of the distance from the origin (`spatial`) come on top, and where no input drives each
+    coordinate by itself, the sum of the squares of all components of a position or of its velocity stands for the
+    square of the last.
 
     Args:
         coordinates: generalized coordinates.
@@ -84,6 +87,8 @@ def _kinetic(coordinates: Sequence[Coordinate], degree: int, own: bool, sums: Ma
         pair = (a,) if a is b else (a, b)
         for h in _configuration(pair, degree) if own else everywhere:
             yield squares.get(rates, rates) if h == "1" else f"{rates}*{h}"
+    if degree > 0:
+        yield from (f"{a.name}*{b.derivative(1)}" for a, b in _pairs(coordinates))
 
 
 def _potential(coordinates: Sequence[Coordinate], powers: int, sums: Mapping[str, str]) -> Iterator[str]:
@@ -103,11 +108,16 @@ def _between(coordinates: Sequence[Coordinate]) -> dict[str, str]:
     Together with the others they span the same: one coefficient where the products need three and five.
     """
     found = dict[str, str]()
-    for a, b in combinations([c for c in coordinates if not (c.angle or c.cyclic)], 2):
-        if alike(a, b):
-            apart = _difference(a, b)
-            found |= {f"{a.name}*{b.name}": f"({apart})**2", f"{a.name}**3*{b.name}": f"({apart})**4"}
+    for a, b in _pairs(coordinates):
+        apart = _difference(a, b)
+        found |= {f"{a.name}*{b.name}": f"({apart})**2", f"{a.name}**3*{b.name}": f"({apart})**4"}
     return found
+
+
+def _pairs(coordinates: Sequence[Coordinate]) -> Iterator[tuple[Coordinate, Coordinate]]:
+    """Yield every two positions in one unit that are no angles."""
+    positions = [c for c in coordinates if not (c.angle or c.cyclic)]
+    return ((a, b) for a, b in combinations(positions, 2) if alike(a, b))
 
 
 def _difference(a: Coordinate, b: Coordinate) -> str:

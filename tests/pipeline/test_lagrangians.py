@@ -68,6 +68,30 @@ CHARGE = (
     {"u": 1.0},
 )
 
+ROTOR = (
+    ("x", "y"),
+    "x_dot**2/2 + y_dot**2/2 - 5*x*y_dot",
+    "45*x**2 + 60*y**2",
+    "0.2*(x_dot**2 + y_dot**2)",
+    ("u", "0"),
+    (0.1, 0.1),
+    {"u": 3.0},
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_rotor_does_across_its_motion_is_one_coefficient(seed):
+    model = found(recorded(*ROTOR, seed), "", ROTOR[0], ROTOR[-1])
+    assert held(model) == {
+        *(("kinetic", t) for t in ("x_dot**2", "y_dot**2", "x*y_dot")),
+        *(("potential", t) for t in ("x**2", "y**2")),
+        *(("dissipation", t) for t in ("x_dot**2", "y_dot**2")),
+        ("force", "u"),
+    }
+    across = next(m for m in model.mechanisms if m.term == "x*y_dot")
+    assert abs(across.coefficient + 5.0) < 4.0 * across.std_error
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
