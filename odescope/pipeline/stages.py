@@ -22,6 +22,7 @@ from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.work import Work, nested, swept
 from odescope.regression.problem import Problem, pose
 from odescope.selection.bootstrap import inclusion
+from odescope.selection.multiples import multiplied
 from odescope.selection.ranking import Candidate, ranking, require_law
 from odescope.signals.estimate import Signals
 from odescope.signals.placeholders import placeholders
@@ -75,6 +76,9 @@ def search_all(work: Work, libraries: Sequence[Library], problems: Sequence[Prob
             found = swept(work, problem)
         with work.stage("selection"):
             ranked = ranking(problem, found, study.selection)
+            if (law := multiplied(problem, ranked.candidates)) is not None:
+                found = found.including(law)
+                ranked = ranking(problem, found, study.selection)
             searches.append(Search(problem, found, ranked, library.removed, np.zeros(len(problem.terms))))
     return tuple(searches)
 

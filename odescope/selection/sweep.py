@@ -49,6 +49,11 @@ class Sweep:
         labels: IntArray = fcluster(tree, distance, "distance").astype(np.int64)
         return labels
 
+    def including(self, support: Support) -> Sweep:
+        """Return the sweep with one support more, as if every column of it had been the guess."""
+        others = self.restrict([k for k, found in enumerate(self.supports) if found != support])
+        return Sweep((*others.supports, support), (*others.guesses, support), self.width)
+
     def restrict(self, keep: Sequence[int]) -> Sweep:
         """Return the sweep with these supports only."""
         return Sweep(tuple(self.supports[k] for k in keep), tuple(self.guesses[k] for k in keep), self.width)
