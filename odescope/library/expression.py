@@ -87,6 +87,11 @@ class Term:
             found |= {atom.name} if isinstance(atom, Name) else atom.argument.names
         return frozenset(found)
 
+    @property
+    def inverse(self) -> Term:
+        """One over the term."""
+        return Term(tuple((atom, -power) for atom, power in self.factors))
+
     def over(self, atom: Atom) -> Term:
         """Return the product divided by an atom."""
         return Term.of((*self.factors, (atom, -1)))

@@ -70,8 +70,11 @@ def laid_out(
 
 
 def may_be_angle(values: FloatArray) -> bool:
-    """Say whether values (N,) may be an angle in radians, called so or not, of which functions tell."""
-    return ARC < float(np.ptp(values)) < TURNS
+    """Say whether values (N,) may be an angle in radians, called so or not, of which functions tell.
+
+    What never comes within a turn of zero, such as a temperature in a room, is none.
+    """
+    return ARC < float(np.ptp(values)) < TURNS and float(np.abs(values).min()) < 2.0 * np.pi
 
 
 def families_of(

@@ -56,7 +56,7 @@ def divided_in_part(space: SearchSpace, coefficients: FloatArray) -> FloatArray 
         above = [p.product.term for p in parts if p.product.factor is not None]
         if not all(term.factors for term in above):
             continue
-        divisors = (Term(tuple((atom, -power) for atom, power in term.factors)) for term in above)
+        divisors = (term.inverse for term in above)
         divided_by = (_places(space, parts, by) for by in divisors)
         places = max(divided_by, key=lambda found: np.count_nonzero(found >= 0), default=np.zeros(0))
         there = places >= 0
@@ -84,7 +84,7 @@ def _law(parts: Sequence[Part], coefficients: FloatArray) -> FloatArray:
     number = {p.product: i for i, p in enumerate(parts)}
     targets = [i for i, p in enumerate(parts) if p.product.factor is not None]
     for base in targets if len(targets) > 1 else ():
-        inverse = Term(tuple((atom, -power) for atom, power in parts[base].product.term.factors))
+        inverse = parts[base].product.term.inverse
         divisor = [(parts[t].product.term * inverse, coefficients[t] / coefficients[base]) for t in targets]
         multiples = np.array([[number.get(p.product * by, -1) for by, _ in divisor] for p in parts])
         law = np.flatnonzero((multiples >= 0).all(axis=1))

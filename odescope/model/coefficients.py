@@ -6,7 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from odescope.library.expression import ONE
 from odescope.library.mechanism import Kind
+from odescope.library.readable import readable
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation, interval_of
 from odescope.model.rounding import rounded
 from odescope.model.scores import ModelScores
@@ -59,16 +61,21 @@ class CoefficientRow:
 
 
 def term_rows(relations: Sequence[Relation], targets: Sequence[str]) -> Iterator[CoefficientRow]:
-    """Yield the coefficients of relations; that of a target which is alone on the left is 1, and no row."""
+    """Yield the coefficients of relations; that of a target which is alone on the left is 1, and no row.
+
+    As in the equations that people are shown, a single product of a target is divided out.
+    """
     for target, relation in zip(targets, relations, strict=True):
         left = relation.left
-        if not (len(left) == 1 and left[0].product.bare and left[0].coefficient == 1.0):
-            for t in left:
-                yield CoefficientRow.of("term", target, t.text, t.coefficient, t.std_error)
+        alone = len(left) == 1 and left[0].coefficient == 1.0
+        by = left[0].term.inverse if alone else ONE
+        for t in () if alone else left:
+            yield CoefficientRow.of("term", target, t.text, t.coefficient, t.std_error)
         for t in relation.terms:
             if t.factor is None:
+                text = t.text if by == ONE else readable(t.term * by)
                 # 0 is added because -0.0 is no number that anyone writes.
-                yield CoefficientRow.of("term", target, t.text, 0.0 - t.coefficient, t.std_error)
+                yield CoefficientRow.of("term", target, text, 0.0 - t.coefficient, t.std_error)
 
 
 def mechanism_rows(mechanisms: Sequence[FoundMechanism]) -> Iterator[CoefficientRow]:

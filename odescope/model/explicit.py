@@ -34,6 +34,19 @@ class Quotient:
         return self.denominator.parts == ((1.0, ONE),)
 
     @property
+    def divided(self) -> Quotient:
+        """The same, divided by its denominator if that is one product: what people write is 9.81 - u**2/z**2."""
+        if self.plain or len(self.denominator.parts) > 1:
+            return self
+        ((share, below),) = self.denominator.parts
+        by = below.inverse
+        return Quotient(
+            self.target,
+            Combination(tuple((c / share, term * by) for c, term in self.numerator.parts)),
+            Combination(((1.0, ONE),)),
+        )
+
+    @property
     def text(self) -> str:
         """The right-hand side in Python syntax."""
         if self.plain:

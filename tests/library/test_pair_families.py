@@ -25,6 +25,8 @@ def test_a_difference_that_may_be_an_angle_makes_angles_of_both():
     assert "sin(x - y)" in texts({"x": X, "y": small})
     assert may_be_angles({"x": X, "y": small}) == {"x", "y"}
     assert may_be_angles({"x": 0.1 * X, "y": small}) == frozenset()
+    warm = 20.0 + np.abs(X)
+    assert "warm" not in may_be_angles({"warm": warm, "x": X})
     assert not any("sin" in t for t in texts({"x": 0.1 * X, "y": small}))
 
 

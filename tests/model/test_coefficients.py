@@ -62,6 +62,31 @@ def test_terms_with_the_target_are_on_the_left_of_an_implicit_equation():
     assert rows == [("x_ddot", "x_ddot", 1.0), ("x_ddot", "x_ddot*x**2", 0.25), ("x_ddot", "u", 1.5)]
 
 
+MAGNET = with_errors(
+    build(
+        [Coordinate("z", order=2)],
+        [Input("i")],
+        [("z_ddot", "z**2", 1.0), (None, "i**2", 2e-4), (None, "z**2", -9.81)],
+    ),
+    [[None, 1e-6, 0.01]],
+)
+
+
+def test_a_product_of_the_target_is_divided_out_as_people_write_it():
+    """z**2 z_ddot = 9.81 z**2 - 2e-4 i**2; what model.json holds stays as it is."""
+    assert to_text(MAGNET).splitlines() == [
+        "z_ddot = -0.0002*i**2/z**2 + 9.81",
+        "# z_ddot  i**2/z**2  -0.0002000 +- 0.0000010",
+        "# z_ddot  1          9.810 +- 0.010",
+    ]
+    assert [t.text for r in from_json(to_json(MAGNET)).relations for t in r.terms] == ["z_ddot*z**2", "i**2", "z**2"]
+    state = {"z": 0.4, "i": 70.0}
+    (quotient,) = MAGNET.quotients
+    fraction = eval(quotient.text, {}, state)  # noqa: S307
+    assert eval(MAGNET.equations[0].text, {}, state) == pytest.approx(fraction)  # noqa: S307
+    assert fraction == pytest.approx(9.81 - 2e-4 * 70.0**2 / 0.4**2)
+
+
 @pytest.mark.parametrize(
     ("model", "kinds"), [(cart, ["kinetic", "potential", "dissipation", "force"]), (enzyme, ["reaction"])]
 )

@@ -1,12 +1,16 @@
 """Standard errors in brackets behind the digits that they are of."""
 
 import re
+from dataclasses import replace
 
 import pytest
+from built_models import build
 from test_cautions import model
 
 from odescope.model.display import stated_mathml
+from odescope.model.relation import Relation
 from odescope.model.rounding import rounded, with_last_digits
+from odescope.recordings.coordinate import Coordinate, Input
 
 
 @pytest.mark.parametrize(
@@ -49,3 +53,13 @@ def test_a_solved_relation_keeps_its_errors():
     assert "2.00(10)" in text[0]
     assert "1.000(10)" in text[0]
     assert "4.00(10)" in text[1]
+
+
+def test_errors_stay_where_a_product_of_the_target_is_divided_out():
+    z, current = Coordinate("z", order=2), Input("i")
+    law = build([z], [current], [("z_ddot", "z**2", 1.0), (None, "i**2", 2e-4), (None, "z**2", -9.81)])
+    (relation,) = law.relations
+    sure = (replace(t, std_error=e) for t, e in zip(relation.terms, (None, 1e-6, 0.01), strict=True))
+    found = replace(law, relations=(Relation(tuple(sure)),))
+    (text,) = (stated_mathml(e, found.shown_relations) for e in found.equations)
+    assert "9.810(10)" in re.sub(r"<[^>]*>", "", text)
