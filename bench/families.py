@@ -211,8 +211,8 @@ SYSTEMS = {
     "two genes, unnamed rates of Hill": System(
         _toggle, [(0.2, 2.5), (2.5, 0.3), (0.8, 0.3), (3.0, 3.0)], np.arange(0.0, 12.0, 0.05), "ab", 1, Candidates(),
         [
-            {"1": 3.0, "a": -1.0, "b**order_b/(b**order_b + level_b**order_b)": -3.0},
-            {"1": 2.5, "b": -0.8, "a**order_a/(a**order_a + level_a**order_a)": -2.5},
+            {"a": -1.0, "level_b**order_b/(b**order_b + level_b**order_b)": 3.0},
+            {"b": -0.8, "level_a**order_a/(a**order_a + level_a**order_a)": 2.5},
         ], {"order_a": 3.0, "level_a": 1.0, "order_b": 3.0, "level_b": 1.0},
     ),
     "chemostat, unnamed rate of Haldane": System(

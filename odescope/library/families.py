@@ -83,7 +83,8 @@ def families_of(
     """Return the functions of a variable that have values on the data, those without constants first.
 
     Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power, saturation and the
-    rates of Hill and Haldane, of what is always negative (a depth) those of its size; of what changes its sign the
+    rates of Hill, what they leave of one, as of a gene that is repressed, and Haldane's rate, of what is always
+    negative (a depth) those of its size; of what changes its sign the
     size, the square with its sign, and twice what is left of it between two limits; of all exponentials, tanh, the
     logistic function and sines, those of the variable itself where it may be an angle. Of a temperature, by its unit,
     there are Arrhenius' law, about the middle of its range, and the fourth power of what it is above absolute zero, as
@@ -157,12 +158,14 @@ def _by_sign(
         # What is not half saturated at the largest amount is a power, or a polynomial.
         level, order = constant("level", largest / OFF, largest), constant("order", *ORDERS)
         raised = f"{amount}**{order.name}"
-        yield f"{raised}/({level.name}**{order.name} + {raised})", (level, order)
+        for above in (raised, f"{level.name}**{order.name}"):  # what activates, and what represses
+            yield f"{above}/({level.name}**{order.name} + {raised})", (level, order)
     elif least > -NEGLIGIBLE * largest:
         yield f"sqrt(abs({variable}))", ()
     if least > -NEGLIGIBLE * largest:
         half = constant(HALF, max(largest / OFF, -POLE * least), largest / FLAT)
-        yield f"{variable}/({half.name} {plus} {variable})", (half,)
+        for above in (variable, half.name):
+            yield f"{above}/({half.name} {plus} {variable})", (half,)
         affinity = constant("affinity", half.low, half.high)
         inhibition = constant("inhibition", largest / OFF, largest / FLAT)
         yield (

@@ -27,6 +27,7 @@ from odescope.likelihood.standing import Alternative, Standing
 from odescope.likelihood.suspicion import JOINT, Suspicion
 
 RIVALS = {0: 3, 1: 3, 2: 2}  # functions of a suspicion that are fitted, by number of their constants
+FAR = 1e3  # times what the record does not know that a function may miss of what the model says, and be fitted
 EVIDENT = 10.0  # fall of cost and price that decides for functions: odds of 150 to 1
 PASSES = 3  # through all suspicions, at most: what is best for one may depend on the others
 
@@ -76,10 +77,12 @@ class _Work(Sharing):
         imitated = self.imitated(relation, standing.said or fit, base, self.suspected[k].reason == "residual")
         if imitated is None:
             return
-        ranked, bar = imitated.ranked(self.choices[k], others), self.moves().penalised(fit)
-        rivals = [[found[1] for found in ranked if len(found[1].choice.constants) == n][:m] for n, m in RIVALS.items()]
-        plain = (Placed(Choice()), *map(Placed, self.linear(k)))
-        for rival in (*plain, *chain.from_iterable(rivals)):
+        bar, said = self.moves().penalised(fit), standing.said or fit
+        far = FAR * self.unknown(said, relation, self.suspected[k].reason == "residual") if self.exact else np.inf
+        ranked = [p for squares, p in imitated.ranked(self.choices[k], others) if squares <= far]
+        rivals = [[p for p in ranked if len(p.choice.constants) == n][:m] for n, m in RIVALS.items()]
+        plain = imitated.ranked([Choice(), *self.linear(k)], others)
+        for rival in (*(p for squares, p in plain if squares <= far), *chain.from_iterable(rivals)):
             if rival.choice != standing.placed[k].choice:
                 yield self.with_rival(standing, k, rival, others, (base, imitated, bar))
 

@@ -34,7 +34,7 @@ def test_a_saturation_of_what_noise_takes_below_nothing_has_its_pole_beyond_that
         halves = [
             c for f in families_of("z", np.linspace(low, 3.0, 500), ()) for c in f.constants if c.name == "half_z"
         ]
-        assert len(halves) == 1
+        assert len(set(halves)) == 1
         assert halves[0].low >= max(-2.0 * low, 0.03)
 
 
