@@ -215,12 +215,10 @@ def _walk_thresholds(
     support, of which every second one is, the second takes the fit of the first.
     """
     m = r.shape[1]
-    fitted, keys, sizes, fits = (
-        np.zeros((64, m), dtype=np.bool_),
-        np.zeros((64, 1), dtype=np.int64),
-        np.empty((64, m)),
-        0,
-    )
+    fitted: BoolArray = np.zeros((64, m), dtype=np.bool_)
+    keys: IntArray = np.zeros((64, 1), dtype=np.int64)
+    sizes: FloatArray = np.empty((64, m))
+    fits = 0
     active: BoolArray = np.zeros((64, m), dtype=np.bool_)
     bounds: FloatArray = np.empty((64, 2))
     final: BoolArray = np.zeros((64, m), dtype=np.bool_)

@@ -8,6 +8,7 @@ library a sweep finds that first. Multiplied again, and rid of what is too much,
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from odescope.regression.proposers import BackwardElimination, Support
 from odescope.selection.ranking import Candidate, criteria
 
 LOOKED_AT = 3  # of the best candidates
+MOST = 400  # relations that compete, those of the best candidate first
 
 
 def multiplied(problem: Problem, candidates: Sequence[Candidate]) -> Support | None:
@@ -26,10 +28,10 @@ def multiplied(problem: Problem, candidates: Sequence[Candidate]) -> Support | N
         problem: of the target.
         candidates: of its relations, best first.
     """
-    found = dict.fromkeys(s for c in candidates[:LOOKED_AT] for s in _multiplied(problem, c.support))
-    if not found:
+    found = (s for c in candidates[:LOOKED_AT] for s in _multiplied(problem, c.support))
+    supports = list(dict.fromkeys(islice(found, MOST)))
+    if not supports:
         return None
-    supports = list(found)
     ranks = criteria(problem, supports)
     best = int(np.argmin(ranks))
     return supports[best] if ranks[best] < candidates[0].criterion else None
