@@ -21,6 +21,7 @@ from odescope.parallel.kernels import kernel
 STEPS_AN_INTERVAL = 2000  # more between two nodes than this, or than its share in time of all, and the run has ended:
 STEPS_AT_LEAST = 100_000  # all are so many, of samples that may be far apart,
 STEPS_ON_AVERAGE = 100  # and so many a node, for long records
+STRICTER = 100.0  # times: so much less may a step miss that passes over samples, which had shown it what it misses
 LOCATED = 1e-10  # of the time between two nodes: so sharply is it known when an edge changes
 LARGEST = 1e12  # times the largest initial state, or 1
 REACHED, GREW, STIFF = range(3)  # how a run ends
@@ -137,7 +138,7 @@ def _read_off(x, step, k, share, out):
 def integrate(equations, drive, initial, states, rtol, atol):
     """Write the states (N, n) at the samples; return how many samples were reached, and how the run ended.
 
-    Steps pass over nodes at which no input bends. A step over which an edge changes is cut in halves until it ends
+    Steps pass over nodes at which no input bends, where their error is a hundredth of what it may be otherwise. A step over which an edge changes is cut in halves until it ends
     there; where there are edges, no step passes over a node, so that none is missed that changes back. Longer than a
     screen because a step, its error and the length of the next share a dozen scalars.
 
@@ -213,6 +214,9 @@ def integrate(equations, drive, initial, states, rtol, atol):
                 limit = atol[i] + rtol * max(scale[i], abs(y[i]))
                 error += (step * estimate / limit) ** 2
             error = np.sqrt(error / n)
+            over = step > period * (1.0 + 1e-9)
+            if over:
+                error *= STRICTER
             steps += 1
             total_steps += 1
             if error <= 1.0 and step != high and edges > 0 and not lasts(contacts, y, scale, atol):
@@ -240,12 +244,16 @@ def integrate(equations, drive, initial, states, rtol, atol):
                     settle(contacts, x, scale, atol)
                     show(contacts, work[n + inputs :, 0])
                     fresh, low, high = high > 0.0, 0.0, 0.0
-                grown = 5.0 if error < 1e-4 else min(5.0, 0.9 * error**-0.2)
+                ahead = step * (5.0 if error < 1e-4 else min(5.0, 0.9 * error**-0.2))
+                if not over:
+                    ahead = max(ahead * STRICTER**-0.2, min(ahead, period))
                 # A step cut short by a node says nothing of how long the next may be.
-                h = max(h, step * grown) if step < h else step * grown
+                h = max(h, ahead) if step < h else ahead
             else:
                 fresh = True
                 h = step * (max(0.1, 0.9 * error**-0.2) if error < 1e300 else 0.1)
+                if over:
+                    h = max(h, period)
                 low, high = 0.0, 0.0
                 if not h > 1e-12 * period:
                     return reached, GREW
