@@ -138,9 +138,10 @@ def _read_off(x, step, k, share, out):
 def integrate(equations, drive, initial, states, rtol, atol):
     """Write the states (N, n) at the samples; return how many samples were reached, and how the run ended.
 
-    Steps pass over nodes at which no input bends, where their error is a hundredth of what it may be otherwise. A step over which an edge changes is cut in halves until it ends
-    there; where there are edges, no step passes over a node, so that none is missed that changes back. Longer than a
-    screen because a step, its error and the length of the next share a dozen scalars.
+    Steps pass over nodes at which no input bends, where their error is a hundredth of what it may be otherwise. A step
+    over which an edge changes is cut in halves until it ends there; where there are edges, no step passes over a node,
+    so that none is missed that changes back. Longer than a screen because a step, its error and the length of the next
+    share a dozen scalars.
 
     Args:
         equations: what to integrate.
