@@ -28,6 +28,8 @@ def multiplied(problem: Problem, candidates: Sequence[Candidate]) -> Support | N
         problem: of the target.
         candidates: of its relations, best first.
     """
+    if not candidates or len(set(candidates[0].support) & set(problem.own)) < 2:
+        return None  # where the best has its target by itself, what others have beside theirs is no matter
     found = (s for c in candidates[:LOOKED_AT] for s in _multiplied(problem, c.support))
     supports = list(dict.fromkeys(islice(found, MOST)))
     if not supports:
