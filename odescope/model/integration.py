@@ -125,13 +125,13 @@ def _hold(equations, x, work, a, b, contacts, limited, out):
 def _read_off(x, step, k, share, out):
     """Write the state (n,) at a share of a step from x (n,), of which k (7, n) are the slopes, to `out`."""
     for i in range(x.shape[0]):
-        total = 0.0
-        for r in range(7):
-            weight = 0.0
-            for power in range(3, -1, -1):
-                weight = (weight + BETWEEN[r, power]) * share
-            total += weight * k[r, i]
-        out[i] = x[i] + step * total
+        out[i] = x[i]
+    for r in range(7):
+        weight = 0.0
+        for power in range(3, -1, -1):
+            weight = (weight + BETWEEN[r, power]) * share
+        for i in range(x.shape[0]):
+            out[i] += step * weight * k[r, i]
 
 
 @kernel()

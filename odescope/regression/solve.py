@@ -227,7 +227,6 @@ def _walk_thresholds(
         active[0, j] = j != left
     bounds[0, 0], bounds[0, 1] = low, high
     depth = 1
-    begun = first.shape[0] > 0
     while depth > 0:
         depth -= 1
         here, lo, hi = active[depth].copy(), bounds[depth, 0], bounds[depth, 1]
@@ -242,8 +241,8 @@ def _walk_thresholds(
         if place == fits:
             if fits == fitted.shape[0]:
                 fitted, keys, sizes = _grown(fitted), _grown(keys), _grown(sizes)
-            x = first[support] if begun else normal_fit(r, gram, support, left)
-            begun = False
+            known = fits == 0 and first.shape[0] > 0
+            x = first[support] if known else normal_fit(r, gram, support, left)
             size = np.abs(x) * weight[support]
             if relative:
                 largest = size.max()
