@@ -79,10 +79,11 @@ class _Work(Sharing):
             return
         bar, said = self.moves().penalised(fit), standing.said or fit
         far = FAR * self.unknown(said, relation, self.suspected[k].reason == "residual") if self.exact else np.inf
-        ranked = [p for squares, p in imitated.ranked(self.choices[k], others) if squares <= far]
-        rivals = [[p for p in ranked if len(p.choice.constants) == n][:m] for n, m in RIVALS.items()]
-        plain = imitated.ranked([Choice(), *self.linear(k)], others)
-        for rival in (*(p for squares, p in plain if squares <= far), *chain.from_iterable(rivals)):
+        plain = [Choice(), *self.linear(k)]
+        near = [p for squares, p in imitated.ranked([*plain, *self.choices[k]], others) if squares <= far]
+        functions = [p for p in near if p.choice not in plain]
+        rivals = [[p for p in functions if len(p.choice.constants) == n][:m] for n, m in RIVALS.items()]
+        for rival in (*(p for p in near if p.choice in plain), *chain.from_iterable(rivals)):
             if rival.choice != standing.placed[k].choice:
                 yield self.with_rival(standing, k, rival, others, (base, imitated, bar))
 
