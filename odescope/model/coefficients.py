@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from odescope.library.expression import ONE
 from odescope.library.mechanism import Kind
 from odescope.library.readable import readable
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation, interval_of
@@ -66,14 +65,14 @@ def term_rows(relations: Sequence[Relation], targets: Sequence[str]) -> Iterator
     As in the equations that people are shown, a single product of a target is divided out.
     """
     for target, relation in zip(targets, relations, strict=True):
-        left = relation.left
-        alone = len(left) == 1 and left[0].coefficient == 1.0
-        by = left[0].term.inverse if alone else ONE
-        for t in () if alone else left:
-            yield CoefficientRow.of("term", target, t.text, t.coefficient, t.std_error)
-        for t in relation.terms:
+        divided = relation.divided
+        left = divided.left
+        if not (len(left) == 1 and left[0].product.bare and left[0].coefficient == 1.0):
+            for t in left:
+                yield CoefficientRow.of("term", target, t.text, t.coefficient, t.std_error)
+        for t in divided.terms:
             if t.factor is None:
-                text = t.text if by == ONE else readable(t.term * by)
+                text = t.text if divided is relation else readable(t.term)
                 # 0 is added because -0.0 is no number that anyone writes.
                 yield CoefficientRow.of("term", target, text, 0.0 - t.coefficient, t.std_error)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from odescope.library.expression import ONE, Term, signed_sum
+from odescope.library.expression import Term, signed_sum
 from odescope.library.latex import LATEX, latex_fraction, latex_name, latex_number, latex_sum
 from odescope.library.mathml import (
     LINE,
@@ -109,13 +109,12 @@ def stated_mathml(equation: Equation, relations: Sequence[Relation]) -> str:
 def _errors_of(quotient: Quotient, relations: Sequence[Relation]) -> dict[tuple[str | None, Term], float | None] | None:
     """Return the errors of the coefficients of a fraction by factor and term; None where it is not one relation.
 
-    A relation with one product of its target may have been divided by that.
+    A relation with one product of its target is shown divided by that.
     """
     sides = ((None, -1.0, quotient.numerator), (quotient.target, 1.0, quotient.denominator))
     wanted = {(factor, term): sign * c for factor, sign, side in sides for c, term in side.parts}
     for relation in relations:
-        by = relation.left[0].term.inverse if quotient.plain and len(relation.left) == 1 else ONE
-        known = {(t.factor, t.term * by): t for t in relation.terms}
+        known = {(t.factor, t.term): t for t in relation.divided.terms}
         if known.keys() == wanted.keys() and all(
             abs(known[key].coefficient - c) <= SAME * abs(c) for key, c in wanted.items()
         ):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 
@@ -94,6 +94,15 @@ class Relation:
     def left(self) -> tuple[RelationTerm, ...]:
         """What stands on the left where the targets do: the terms with one."""
         return tuple(t for t in self.terms if t.factor is not None)
+
+    @property
+    def divided(self) -> Relation:
+        """The same, divided by what multiplies its target where that is one product: as people write it."""
+        return self.times(self.left[0].term.inverse) if len(self.left) == 1 else self
+
+    def times(self, by: Term) -> Relation:
+        """Return the relation multiplied by a product without a target."""
+        return Relation(tuple(replace(t, product=t.product * by) for t in self.terms)) if by.factors else self
 
     @property
     def targets(self) -> tuple[str, ...]:

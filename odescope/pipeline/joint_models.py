@@ -224,7 +224,7 @@ def without_common_factor(relation: Relation) -> Relation:
     terms = [t.term for t in relation.terms]
     powers = {atom: min(t.power_of(atom) for t in terms) for atom, _ in terms[0].factors}
     inverse = Term.of((atom, -power) for atom, power in powers.items() if power > 0)
-    return Relation(tuple(replace(t, product=t.product * inverse) for t in relation.terms))
+    return relation.times(inverse)
 
 
 def samples_of(signals: Signals, model: Model) -> list[FloatArray]:
