@@ -81,30 +81,22 @@ ROTOR = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-def test_what_a_rotor_does_across_its_motion_is_one_coefficient(seed):
-    model = found(recorded(*ROTOR, seed), "", ROTOR[0], ROTOR[-1])
-    assert held(model) == {
-        *(("kinetic", t) for t in ("x_dot**2", "y_dot**2", "x*y_dot")),
-        *(("potential", t) for t in ("x**2", "y**2")),
-        *(("dissipation", t) for t in ("x_dot**2", "y_dot**2")),
-        ("force", "u"),
-    }
-    across = next(m for m in model.mechanisms if m.term == "x*y_dot")
-    assert abs(across.coefficient + 5.0) < 4.0 * across.std_error
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-def test_a_spring_between_two_angles_is_found(seed):
-    model = found(recorded(*JOINT, seed), "qm", JOINT[0], JOINT[-1])
-    assert held(model) == {
-        *(("kinetic", t) for t in ("q_dot**2", "m_dot**2")),
-        *(("potential", t) for t in ("cos(q)", "(m - q)**2")),
-        *(("dissipation", t) for t in ("q_dot**2", "m_dot**2")),
-        ("force", "u"),
-    }
-    stiffness = next(m for m in model.mechanisms if m.term == "(m - q)**2")
-    assert abs(stiffness.coefficient - 15.0) < 4.0 * stiffness.std_error
+@pytest.mark.parametrize(
+    ("machine", "angles", "kinetic", "potential", "coupling"),
+    [
+        (ROTOR, "", {"x_dot**2", "y_dot**2", "x*y_dot"}, {"x**2", "y**2"}, ("x*y_dot", -5.0)),
+        (JOINT, "qm", {"q_dot**2", "m_dot**2"}, {"cos(q)", "(m - q)**2"}, ("(m - q)**2", 15.0)),
+    ],
+    ids=["rotor", "spring between two angles"],
+)
+def test_what_couples_two_coordinates_is_one_coefficient(machine, angles, kinetic, potential, coupling, seed):
+    names, driven = machine[0], machine[-1]
+    model = found(recorded(*machine, seed), angles, names, driven)
+    energies = {("kinetic", t) for t in kinetic} | {("potential", t) for t in potential}
+    assert held(model) == energies | {("dissipation", f"{n}_dot**2") for n in names} | {("force", "u")}
+    term, value = coupling
+    of_it = next(m for m in model.mechanisms if m.term == term)
+    assert abs(of_it.coefficient - value) < 4.0 * of_it.std_error
 
 
 @pytest.mark.slow
