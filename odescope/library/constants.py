@@ -120,11 +120,9 @@ def grid_for(constant: Constant, columns: FloatArray) -> tuple[float, ...]:
     centred = columns - columns.mean(axis=2, keepdims=True)
     centred /= np.maximum(np.linalg.norm(centred, axis=2, keepdims=True), 1e-300)
     chosen, last = list[int](), 0
-    for k in range(1, points):
-        alike = np.abs(np.einsum("tn,tn->t", centred[last], centred[k])).min()
-        if alike < ALIKE:
-            chosen.append((last + k) // 2)
-            last = k
+    while len(apart := np.flatnonzero(np.abs(np.vecdot(centred[last + 1 :], centred[last])).min(axis=1) < ALIKE)):
+        before, last = last, last + 1 + int(apart[0])
+        chosen.append((before + last) // 2)
     chosen.append((last + points - 1) // 2)
     values = constant.evenly(points)
     return tuple(float(values[k]) for k in dict.fromkeys(chosen))

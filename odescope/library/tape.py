@@ -149,9 +149,18 @@ def run_tape(instructions: Instructions, work: FloatArray, lanes: int) -> None:
 
 
 @kernel()
-def _run_blocks(
+def run_blocks(
     instructions: Instructions, outputs: IntArray, columns: FloatArray, result: FloatArray, block: int
 ) -> None:
+    """Write the values of a tape's expressions to result (terms, N).
+
+    Args:
+        instructions: of the tape.
+        outputs: (terms,) slots of the expressions.
+        columns: (names, N) values of the names.
+        result: to be overwritten.
+        block: samples a pass.
+    """
     first, samples = columns.shape
     work = np.empty((first + instructions[0].shape[0], block))
     for start in range(0, samples, block):
@@ -173,5 +182,5 @@ def evaluate(tape: Tape, columns: FloatArray) -> FloatArray:
     """
     result = np.empty((len(tape.outputs), columns.shape[1]))
     contiguous = np.ascontiguousarray(columns, dtype=np.float64)
-    _run_blocks(tape.instructions, tape.outputs, contiguous, result, LANES)
+    run_blocks(tape.instructions, tape.outputs, contiguous, result, LANES)
     return result

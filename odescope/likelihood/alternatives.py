@@ -196,7 +196,7 @@ class _Work(Sharing):
 def alternative(
     refinement: Refinement,
     suspected: Sequence[Suspicion],
-    plain: int,
+    candidates: int,
     limit: float,
     units: Mapping[str, str | None],
 ) -> Alternative | None:
@@ -205,25 +205,25 @@ def alternative(
     Args:
         refinement: the end of a likelihood stage, of plain candidates.
         suspected: what is suspected of its model.
-        plain: number of the candidates; what else may be present are settings.
+        candidates: number of these; what else may be present are settings.
         limit: units of budget that may be spent.
         units: of states and inputs, as far as they are known.
     """
     work = _Work.of(refinement, suspected, limit, units)
     found = replace(refinement.fit, theta=work.padded(refinement.fit.theta))
-    standing = work.first(found)
+    plain = work.tightened(found.theta)
+    standing = work.first(found, plain)
     if standing is None:
         return None
     work, standing = work.pooled(work.exchanged(standing))
     standing, price = work.together(standing), work.moves().penalised
-    found = replace(found, theta=work.padded(refinement.fit.theta))
-    before = work.tightened(found.theta) if refinement.exact else None
+    before = plain if refinement.exact else None
     gain = None if before is None else price(before) - price(standing.fit)
     if gain is not None and gain > work.least_gain(standing.fit) and work.holds_functions(standing.fit):
-        return work.told(standing.fit, None, gain, plain)
+        return work.told(standing.fit, None, gain, candidates)
     outcome = work.searched(standing)
     if outcome is None:
         return None
     if before is not None and np.isfinite(outcome.width) and work.holds_functions(outcome.fit):
         gain = price(before) - price(outcome.fit)
-    return work.told(outcome.fit, outcome, gain, plain)
+    return work.told(outcome.fit, outcome, gain, candidates)

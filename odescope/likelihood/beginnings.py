@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from odescope.arrays import FloatArray
 from odescope.library.expression import ONE, Name, Term
 from odescope.library.product import Product
 from odescope.likelihood.fit import Fit
@@ -27,14 +28,18 @@ ONE_BY_ONE = 3  # ends of a relation that are tried while all others are as they
 class Beginnings(Saturating):
     """The models that a choice of functions may begin with."""
 
-    def first(self, found: Fit) -> Standing | None:
+    def first(self, found: Fit, plain: Fit | None) -> Standing | None:
         """Return the model with functions that come near to it in the place of what is suspected.
 
         Those of least penalised cost: few terms and functions, functions with a saturation, functions in the place of
         all that a relation has, or functions beside what is no imitation alone, or beside all variables and a constant,
         too.
+
+        Args:
+            found: the model before.
+            plain: the same, fitted at the width, if it could be followed.
         """
-        price, plain = self.moves().penalised, self.tightened(found.theta)
+        price = self.moves().penalised
         ways = (self.sparse(found, plain), self.saturating(found), self.substituted(found, plain))
         standings = [s for s in ways if s is not None]
         for variables in (None, self.space.frame.variables):
@@ -59,17 +64,17 @@ class Beginnings(Saturating):
         ends = {r: e for r in relations if (e := self.sparse_ends(found, r))}
         if not ends:
             return None
-        price, best = self.moves().penalised, None
+        price, best, known = self.moves().penalised, None, dict[bytes, Fit]()
         if plain is not None:
             few = {r: e[:ONE_BY_ONE] for r, e in ends.items()}
-            best = self.one_by_one(replace(standing, fit=plain), few)
+            best = self.one_by_one(replace(standing, fit=plain), few, known)
             best = None if best.fit is plain else best
         for r in ends:
             standing = self.with_relation(standing, r, *ends[r][0])
-        fit = self.tightened(standing.fit.theta)
+        fit = self.fitted_once(standing.fit.theta, np.inf, known)
         if fit is None:
             return best
-        standing = self.one_by_one(replace(standing, fit=fit), {r: e[1:] for r, e in ends.items()})
+        standing = self.one_by_one(replace(standing, fit=fit), {r: e[1:] for r, e in ends.items()}, known)
         return standing if best is None or price(standing.fit) < price(best.fit) else best
 
     def substituted(self, found: Fit, plain: Fit | None) -> Standing | None:
@@ -100,19 +105,34 @@ class Beginnings(Saturating):
         there = (c for c in plain if self.number[relation, Product(None, c.terms[0])] in fit.present)
         return Placed(next(there, Choice()))
 
-    def one_by_one(self, standing: Standing, ends: Mapping[int, Sequence[End]]) -> Standing:
+    def fitted_once(self, theta: FloatArray, bar: float, known: dict[bytes, Fit]) -> Fit | None:
+        """Return the fit of what has a coefficient, which is known where it was tried with other functions about it.
+
+        Args:
+            theta: (mechanisms,) coefficients.
+            bar: None where cost and price are above.
+            known: what was tried, by what has a coefficient.
+        """
+        present = (theta != 0.0).tobytes()
+        fit = known.get(present) or self.tightened(theta, bar)
+        if fit is not None:
+            known[present] = fit
+        return fit
+
+    def one_by_one(self, standing: Standing, ends: Mapping[int, Sequence[End]], known: dict[bytes, Fit]) -> Standing:
         """Return the model with other ends of relations, each taken where it is better with the others as they are.
 
         Args:
             standing: the model.
             ends: of relations, by number.
+            known: what was tried, by what has a coefficient.
         """
         price = self.moves().penalised
         for relation, end in ((r, end) for r, found in ends.items() for end in found):
             if self.space.budget.over:
                 break
             trial = self.with_relation(standing, relation, *end)
-            other = self.tightened(trial.fit.theta, price(standing.fit))
+            other = self.fitted_once(trial.fit.theta, price(standing.fit), known)
             if other is not None and price(other) < price(standing.fit):
                 standing = replace(trial, fit=other)
         return standing

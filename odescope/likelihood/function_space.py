@@ -113,14 +113,17 @@ class FunctionSpace:
             theta: (mechanisms,) coefficients.
             bar: None where cost and price are above: the cost of looser segments is no higher.
         """
-        space = self.space
-        here = space.fit(theta, np.flatnonzero(theta), space.segments.initial, space.segments.spread * np.inf)
-        for width in WIDTHS[1:]:
+        space, spread = self.space, self.space.segments.spread
+        here = space.fit(theta, np.flatnonzero(theta), space.segments.initial, spread * np.inf)
+        if here is None or here.cost + space.price(here) > bar:
+            return None
+        tight = space.again(here, here.x0, spread * self.width, FEW)
+        if tight is not None and tight.converged:
+            return tight
+        for width in (w for w in WIDTHS[1:] if w >= self.width):
+            here = space.again(here, here.x0, spread * width)
             if here is None or here.cost + space.price(here) > bar:
                 return None
-            if width < self.width:
-                break
-            here = space.again(here, here.x0, space.segments.spread * width)
         return here
 
     def base(self, relation: int, theta: FloatArray, variables: Collection[str] | None) -> list[int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from odescope.library.constants import Constant, grid_of
 from odescope.library.expression import Term
 from odescope.library.families import Family
 from odescope.library.tape import Tape, evaluate, write_tape
-from odescope.likelihood.least_within import least_within
+from odescope.likelihood.least_within import LARGEST, Curves, least_within
 from odescope.likelihood.unexplained import unexplained
 
 SEEN = 2000  # samples on which functions are compared
@@ -20,7 +21,6 @@ ROUNDS = 3  # of choosing each function, given the others
 DEARER = 2.0  # times less that one coefficient or constant more has to leave
 EACH = 8  # points of each of two constants
 POLISH = 30  # steps of least squares between the points of several grids
-LARGEST = 1e100  # value of a function that says something: squares of larger ones overflow
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,8 @@ class Samples:
     """Variables at some samples, by name (N,), and functions of them, each evaluated on its grid once."""
 
     values: Mapping[str, FloatArray]
-    columns: dict[Choice, tuple[list[dict[str, float]], FloatArray]] = field(default_factory=dict)
-    tapes: dict[Choice, Tape] = field(default_factory=dict)
+    grids: dict[Choice, tuple[list[dict[str, float]], FloatArray]] = field(default_factory=dict)
+    tapes: dict[tuple[Choice, ...], Tape] = field(default_factory=dict)
     fewer: dict[int, Samples] = field(default_factory=dict)
 
     def thinned(self, every: int) -> Samples:
@@ -87,12 +87,32 @@ class Samples:
             self.fewer[every] = Samples({name: column[::every] for name, column in self.values.items()})
         return self.fewer[every]
 
+    @cached_property
+    def columns(self) -> FloatArray:
+        """The variables (v, N)."""
+        return np.array(list(self.values.values()))
+
+    def tape(self, choices: Sequence[Choice]) -> Tape:
+        """Return the tape of the terms of several choices, of the variables and the constants of these."""
+        together = tuple(choices)
+        if together not in self.tapes:
+            names = [*self.values, *(c.name for choice in together for c in choice.constants)]
+            self.tapes[together] = write_tape(names, [t for choice in together for t in choice.terms])
+        return self.tapes[together]
+
+    def curves(self, choices: Sequence[Choice]) -> Curves:
+        """Return the terms of several choices as compiled kernels take them."""
+        tape, constants = self.tape(choices), [c for choice in choices for c in choice.constants]
+        numbers = [(c.nominal, 0.0 if c.relative else c.reach, c.low, c.high) for c in constants]
+        nominal, reach, low, high = np.array(numbers).reshape(-1, 4).T.copy()
+        return Curves(self.columns, tape.instructions, tape.outputs, nominal, reach, low, high)
+
     def on_grid(self, choice: Choice) -> tuple[list[dict[str, float]], FloatArray]:
         """Return the constants of a choice at every point of their grids, and its terms there (points, terms, N)."""
-        if choice not in self.columns:
+        if choice not in self.grids:
             points = [dict(point) for point in choice.points] or grid_of(choice.constants, each=EACH) or [{}]
-            self.columns[choice] = points, self.at_all(choice, points)
-        return self.columns[choice]
+            self.grids[choice] = points, self.at_all(choice, points)
+        return self.grids[choice]
 
     def at(self, placed: Placed) -> FloatArray:
         """Return the terms of a choice at these constants (terms, N)."""
@@ -101,17 +121,14 @@ class Samples:
 
     def at_all(self, choice: Choice, points: Sequence[Mapping[str, float]]) -> FloatArray:
         """Return the terms of a choice at each of several values of its constants (points, terms, N)."""
-        if choice not in self.tapes:
-            names = [*self.values, *(c.name for c in choice.constants)]
-            self.tapes[choice] = write_tape(names, choice.terms)
-        many, samples = len(points), len(next(iter(self.values.values())))
-        rows = np.empty((len(self.values) + len(choice.constants), many, samples))
-        for row, column in zip(rows, self.values.values(), strict=False):
-            row[:] = column
-        for row, c in zip(rows[len(self.values) :], choice.constants, strict=True):
+        tape, samples = self.tape((choice,)), self.columns.shape[1]
+        many, names = len(points), len(self.columns)
+        rows = np.empty((tape.inputs, many, samples))
+        rows[:names] = self.columns[:, None]
+        for row, c in zip(rows[names:], choice.constants, strict=True):
             row[:] = np.array([point[c.name] for point in points])[:, None]
         with np.errstate(all="ignore"):
-            columns = evaluate(self.tapes[choice], rows.reshape(len(rows), many * samples))
+            columns = evaluate(tape, rows.reshape(len(rows), many * samples))
         columns[~(np.abs(columns) < LARGEST)] = 0.0
         # In rows, as where functions stand together: another layout would compile the kernel once more.
         return np.ascontiguousarray(columns.reshape(len(columns), many, samples).swapaxes(0, 1))
@@ -164,7 +181,7 @@ class Imitated:
     def beside(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return orthonormal rows (b, N) that span rows (b, N), and what these leave of what is said (N,)."""
         sizes = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)[:, None]
-        _, _, there = np.linalg.svd(rows / sizes, full_matrices=False)
+        there = np.ascontiguousarray(np.linalg.qr((rows / sizes).T)[0].T)
         return there, self.said - (there @ self.said) @ there
 
     def fitted(
@@ -183,21 +200,14 @@ class Imitated:
         (there, rest), constants = around, [c for p in placed for c in p.choice.constants]
         size = max(float(np.linalg.norm(rest)), 1e-300)
 
-        def valued(coefficients: FloatArray) -> dict[str, float]:
-            return {c.name: c.at(float(p)) for c, p in zip(constants, coefficients, strict=True)}
-
-        def missed(trials: FloatArray) -> FloatArray:
-            values = [valued(trial) for trial in trials]
-            here = np.concatenate([self.samples.at_all(p.choice, values) for p in placed if p.choice.terms], axis=1)
-            return unexplained(rest / size, there, here)
-
         if not any(p.choice.terms for p in placed):
             return float(rest @ rest), tuple(placed)
         values = {n: v for p in placed for n, v in p.values.items()}
         begin = np.array([c.coefficient(values[c.name]) for c in constants])
         limits = np.array([c.limits for c in constants]).reshape(-1, 2)
-        end, squares = least_within(missed, begin, limits, steps)
-        found = valued(end)
+        curves = self.samples.curves([p.choice for p in placed])
+        end, squares = least_within(rest / size, there, curves, begin, limits, steps if constants else 0)
+        found = {c.name: c.at(p) for c, p in zip(constants, end.tolist(), strict=True)}
         return squares * size**2, tuple(Placed(p.choice, {n: found[n] for n in p.values}) for p in placed)
 
     def missed(self, placed: Sequence[Placed]) -> float:

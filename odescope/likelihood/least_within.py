@@ -1,63 +1,168 @@
-"""Least squares in a few parameters, each within a range."""
+"""Least squares in functions of a few constants, each within a range: variable projection in one compiled kernel."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import FloatArray, IntArray
+from odescope.library.tape import LANES, Instructions, run_blocks
+from odescope.likelihood.unexplained import unexplained
+from odescope.model.linear_solve import solve_in_place
+from odescope.parallel.kernels import kernel
+from odescope.regression.solve import dot
 
-DIFFERENCE = 1e-8  # of a difference quotient, in ranges of a parameter
+DIFFERENCE = 1e-8  # of a difference quotient, in ranges of a constant
 DAMPING = 1e-3  # of the first step, relative to the curvature
 MOST_DAMPED = 1e8  # a step that is damped so much and still no better is none
 CONVERGED = 1e-4  # relative fall of the squares that ends it
+LARGEST = 1e100  # value of a function that says something: squares of larger ones overflow
 
 
-def least_within(
-    missed: Callable[[FloatArray], FloatArray], begin: FloatArray, limits: FloatArray, steps: int
-) -> tuple[FloatArray, float]:
-    """Return the parameters (k,) of least squares near where it begins, and the sum of these squares.
+class Curves(NamedTuple):
+    """Functions of variables and constants at some samples, as compiled kernels take them.
 
-    Steps of Levenberg and Marquardt, Marquardt (1963), https://doi.org/10.1137/0111030, that end at the limits; a
-    parameter at a limit beyond which it would fall stays there. Slopes are difference quotients, which are evaluated
-    together with their point: `missed` is called once a step.
+    Shapes: variables (v, N); outputs (f,) slots of the functions; nominal, reach, low, high (k,) of the
+    constants, whose coefficients are those of `Constant`, with a reach of 0 where one is varied by factors.
+    """
+
+    variables: FloatArray
+    instructions: Instructions
+    outputs: IntArray
+    nominal: FloatArray
+    reach: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+@kernel()
+def _values(curves: Curves, at: FloatArray, columns: FloatArray, found: FloatArray) -> None:
+    """Write the functions at some coefficients of their constants.
 
     Args:
-        missed: residuals (m, N) at each of m parameters (m, k).
-        begin: (k,) parameters.
+        curves: the functions.
+        at: (m, k) coefficients.
+        columns: (v + k, N) the variables, and room for the constants.
+        found: (m, f, N) of the functions; 0 where they say nothing.
+    """
+    variables, instructions, outputs, nominal, reach, low, high = curves
+    samples = columns.shape[1]
+    for point in range(len(at)):
+        for k in range(len(nominal)):
+            coefficient = at[point, k]
+            value = nominal[k] + coefficient * reach[k] if reach[k] > 0.0 else nominal[k] * np.exp(coefficient)
+            value = min(max(value, low[k]), high[k])
+            for i in range(samples):
+                columns[len(variables) + k, i] = value
+        run_blocks(instructions, outputs, columns, found[point], LANES)
+        for j in range(len(outputs)):
+            for i in range(samples):
+                if not abs(found[point, j, i]) < LARGEST:
+                    found[point, j, i] = 0.0
+
+
+@kernel()
+def _around(
+    rest: FloatArray, beside: FloatArray, curves: Curves, x: FloatArray, largest: FloatArray, columns: FloatArray
+) -> FloatArray:
+    """Return the residual at some coefficients, and its slope in each of them (1 + k, N).
+
+    Args:
+        rest: (N,) what is left beside what is there already.
+        beside: (b, N) orthonormal: what that is.
+        curves: the functions.
+        x: (k,) coefficients.
+        largest: (2, k) those at the largest values that they may take, and differences of quotients.
+        columns: (v + k, N) the variables, and room for the constants.
+    """
+    count = len(x)
+    at = np.empty((1 + count, count))
+    for point in range(1 + count):
+        for k in range(count):
+            at[point, k] = x[k]
+    for k in range(count):
+        at[1 + k, k] += -largest[1, k] if x[k] + largest[1, k] > largest[0, k] else largest[1, k]
+    found = np.empty((1 + count, len(curves[2]), len(rest)))
+    _values(curves, at, columns, found)
+    left = unexplained(rest, beside, found)
+    for k in range(count):
+        move = at[1 + k, k] - x[k]
+        for i in range(len(rest)):
+            left[1 + k, i] = (left[1 + k, i] - left[0, i]) / move
+    return left
+
+
+@kernel()
+def _step(left: FloatArray, x: FloatArray, limits: FloatArray, damping: float) -> tuple[FloatArray, bool]:
+    """Return the coefficients after a step of Levenberg and Marquardt, and whether any of them can move.
+
+    Args:
+        left: (1 + k, N) residual and slopes.
+        x: (k,) coefficients; one at a limit beyond which it would fall stays there.
+        limits: (k, 2) the least and the largest of each.
+        damping: relative to the curvature.
+    """
+    count, able = len(x), False
+    matrix, step = np.empty((count, count)), np.empty((count, 1))
+    for k in range(count):
+        downhill = -dot(left[1 + k], left[0])
+        at_end = (x[k] <= limits[k, 0] and downhill < 0.0) or (x[k] >= limits[k, 1] and downhill > 0.0)
+        step[k, 0] = 0.0 if at_end else downhill
+        able = able or step[k, 0] != 0.0
+    for k in range(count):
+        for j in range(count):
+            free = step[k, 0] != 0.0 and step[j, 0] != 0.0
+            matrix[k, j] = dot(left[1 + k], left[1 + j]) if free else 0.0
+        matrix[k, k] = (1.0 + damping) * matrix[k, k] if step[k, 0] != 0.0 else 1.0
+    solve_in_place(matrix, step)
+    ahead = np.empty(count)
+    for k in range(count):
+        ahead[k] = min(max(x[k] + step[k, 0], limits[k, 0]), limits[k, 1])
+    return ahead, able
+
+
+@kernel()
+def least_within(
+    rest: FloatArray, beside: FloatArray, curves: Curves, begin: FloatArray, limits: FloatArray, steps: int
+) -> tuple[FloatArray, float]:
+    """Return the coefficients (k,) of least squares near where they begin, and the sum of these squares.
+
+    Steps of Levenberg and Marquardt, Marquardt (1963), https://doi.org/10.1137/0111030, that end at the limits.
+    What stands linearly is eliminated at each, Golub and Pereyra (1973), https://doi.org/10.1137/0710036.
+
+    Args:
+        rest: (N,) what is left of a target beside what is there already.
+        beside: (b, N) orthonormal: what that is.
+        curves: functions, of whose constants these are the coefficients.
+        begin: (k,) coefficients.
         limits: (k, 2) the least and the largest of each.
         steps: at most.
     """
-    low, high = limits.T
-    size = DIFFERENCE * (high - low)
-
-    def around(x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        moves = np.where(x + size > high, -size, size)
-        points = np.repeat(x[None], len(x) + 1, axis=0)
-        np.fill_diagonal(points[1:], x + moves)
-        found = missed(points)
-        return found[0], (found[1:] - found[0]) / moves[:, None], float(found[0] @ found[0])
-
-    x = np.clip(begin, low, high)
-    residual, slopes, squares = around(x)
-    damping = DAMPING
-    for _ in range(steps if len(x) else 0):
-        downhill = -slopes @ residual
-        free = ~((x <= low) & (downhill < 0.0) | (x >= high) & (downhill > 0.0)) & (np.sum(slopes**2, axis=1) > 0.0)
-        if not free.any():
+    variables, count = curves[0], len(begin)
+    columns = np.empty((len(variables) + count, len(rest)))
+    for row in range(len(variables)):
+        for i in range(len(rest)):
+            columns[row, i] = variables[row, i]
+    x, largest = np.empty(count), np.empty((2, count))
+    for k in range(count):
+        x[k] = min(max(begin[k], limits[k, 0]), limits[k, 1])
+        largest[0, k], largest[1, k] = limits[k, 1], DIFFERENCE * (limits[k, 1] - limits[k, 0])
+    left = _around(rest, beside, curves, x, largest, columns)
+    squares, damping = dot(left[0], left[0]), DAMPING
+    for _ in range(steps):
+        ahead, able = _step(left, x, limits, damping)
+        if not able:
             break
-        curvature = slopes[free] @ slopes[free].T
-        curvature.flat[:: len(curvature) + 1] *= 1.0 + damping
-        step = np.zeros(len(x))
-        step[free] = np.linalg.solve(curvature, downhill[free])
-        trial = np.clip(x + step, low, high)
-        other = around(trial)
-        fallen = squares - other[2]
+        other = _around(rest, beside, curves, ahead, largest, columns)
+        fallen = squares - dot(other[0], other[0])
         if fallen > 0.0:
-            x, (residual, slopes, squares), damping = trial, other, 0.1 * damping
-            if fallen <= CONVERGED * squares:
+            x, left, damping = ahead, other, 0.1 * damping
+            squares -= fallen
+            if fallen <= CONVERGED * (squares + fallen):
                 break
-        elif (damping := 10.0 * damping) > MOST_DAMPED:
-            break
+        else:
+            damping *= 10.0
+            if damping > MOST_DAMPED:
+                break
     return x, squares
