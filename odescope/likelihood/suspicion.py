@@ -60,11 +60,9 @@ def suspicions(refinement: Refinement, names: Collection[str]) -> tuple[Suspicio
     for k in found.present:
         for part in space.mechanisms[k].parts:
             terms[part.relation].append(part.product)
-    suspected, rate = list[Suspicion](), _rates(space, terms)
+    suspected, rate, constants = list[Suspicion](), _rates(space, terms), set(space.frame.constants)
     for r, products in enumerate(terms):
-        found_here = (
-            _imitation(r, products, n, set(space.needed), rate.get(n)) for n in space.frame.variables if n in names
-        )
+        found_here = (_imitation(r, products, n, constants, rate.get(n)) for n in space.frame.variables if n in names)
         suspected += [_growing(space, s) for s in found_here if s is not None]
     if refinement.process is not None or refinement.outcome.scale > WHITE:
         known = {s.relation for s in suspected}  # an imitation that is not good enough leaves a residual, too
@@ -116,7 +114,7 @@ def _imitation(
         relation: its number.
         products: what it holds.
         name: of the variable.
-        constants: that the library declares: what holds some stands beside no other function.
+        constants: within functions: what holds some stands beside no other function.
         rate: name of the variable that is its rate, if one is.
     """
     powers = dict[Term, set[float]]()
