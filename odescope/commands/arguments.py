@@ -101,7 +101,10 @@ def study_of(sources: Sequence[Path], given: DataArguments) -> Study:
             f" which odescope init {sources[0]} writes; its columns are: {', '.join(labels)}"
         )
     if given.time is None and given.sample_period is None:
-        raise InputError("name the column that holds the time, --time NAME, or give --sample-period SECONDS")
+        raise InputError(
+            f"name the column of {first.name} that holds the time, --time NAME, or give --sample-period SECONDS; its"
+            f" columns are: {', '.join(labels)}"
+        )
     if given.gaps is not None and given.gaps not in get_args(Gaps):
         raise InputError(f"--gaps {given.gaps}: expected one of {', '.join(get_args(Gaps))}")
     data = Data(

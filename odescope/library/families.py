@@ -27,10 +27,12 @@ BEYOND = 1.0  # of the range of its variable: how far outside of it the middle o
 FLAT = 0.3  # least one
 POLE = 2.0  # times as far below zero as noise takes what has no sign the pole of a saturation is, at least
 EDGES = (0.05, 0.95)  # of a limit to both sides, over the smaller of what its variable reaches on either side
+SLOW = 0.5  # of the largest speed: above it friction at rest is not told from dry friction
 OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
 ABOVE_ZERO = {"K": 0.0, "kelvin": 0.0, "°C": 273.15, "degC": 273.15, "celsius": 273.15}  # kelvins, at 0 of each unit
 HALF = "half"  # how the constant of a saturation is called, before the name of its variable
+STRIBECK = "stribeck"  # how the constant of Stribeck's curve is called, before the name of the speed
 ACTIVATION = "activation"  # how the constant of Arrhenius' law is called, before the name of the temperature
 ENERGIES = (500.0, 50_000.0)  # of activation over the gas constant, in kelvins: 4 to 416 kJ/mol
 
@@ -103,11 +105,7 @@ def families_of(
         return ()
 
     def constant(role: str, least: float, largest: float) -> Constant:
-        name = f"{role}_{variable}"
-        while name in taken:
-            name += "_"
-        made = Constant(name, least, largest, least)
-        return replace(made, nominal=float(made.evenly(1)[0]))
+        return _constant(role, variable, least, largest, taken)
 
     scale = constant("scale", reach / STEEP, reach / FLAT)
     rate = constant("rate", 1.0 / reach, WAVES / reach)
@@ -176,6 +174,38 @@ def _by_sign(
         yield from ((f"abs({variable})", ()), (f"{variable}*abs({variable})", ()))
         edge = constant("edge", EDGES[0] * -least, EDGES[1] * -least)
         yield f"(abs({edge.name} + {variable}) - abs({edge.name} - {variable}))**1", (edge,)
+
+
+def stribeck(speed: str, values: FloatArray, taken: Collection[str]) -> Family:
+    """Return what is left at a speed of that by which friction at rest exceeds dry friction, to be multiplied by this.
+
+    Stribeck's curve (1902) as Bo and Pavelescu (1982), Wear 82, 277, write it, with an exponent of 2.
+
+    Args:
+        speed: name of the variable.
+        values: (N,) on the data.
+        taken: names that the constant may not have.
+    """
+    size = float(np.abs(values).max())
+    constant = _constant(STRIBECK, speed, size / STEEP, SLOW * size, taken)
+    return _family(speed, f"exp(-{speed}**2/{constant.name}**2)", (constant,), values)
+
+
+def _constant(role: str, variable: str, least: float, largest: float, taken: Collection[str]) -> Constant:
+    """Return a constant of a function of a variable.
+
+    Args:
+        role: that it has in the function.
+        variable: the name of it.
+        least: value.
+        largest: value.
+        taken: names that it may not have.
+    """
+    name = f"{role}_{variable}"
+    while name in taken:
+        name += "_"
+    made = Constant(name, least, largest, least)
+    return replace(made, nominal=float(made.evenly(1)[0]))
 
 
 def _kelvins(variable: str, unit: str | None, low: float, high: float) -> Iterator[tuple[str, float, float]]:

@@ -16,6 +16,7 @@ from odescope.library.families import ACTIVATION
 from odescope.library.product import Product
 from odescope.library.readable import readable
 from odescope.likelihood.add_and_drop import GAIN
+from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.function_space import FEW
 from odescope.likelihood.imitation import Choice, Imitated, Placed
@@ -28,7 +29,6 @@ from odescope.likelihood.suspicion import JOINT, Suspicion
 
 RIVALS = {0: 3, 1: 3, 2: 2}  # functions of a suspicion that are fitted, by number of their constants
 FAR = 1e3  # times what the record does not know that a function may miss of what the model says, and be fitted
-EVIDENT = 10.0  # fall of cost and price that decides for functions: odds of 150 to 1
 PASSES = 3  # through all suspicions, at most: what is best for one may depend on the others
 
 
@@ -83,7 +83,7 @@ class _Work(Sharing):
         near = [p for squares, p in imitated.ranked([*plain, *self.choices[k]], others) if squares <= far]
         functions = [p for p in near if p.choice not in plain]
         rivals = [[p for p in functions if len(p.choice.constants) == n][:m] for n, m in RIVALS.items()]
-        for rival in (*(p for p in near if p.choice in plain), *chain.from_iterable(rivals)):
+        for rival in (*(p for p in near if p.choice in plain), *chain.from_iterable(rivals), *self.curves(k)):
             if rival.choice != standing.placed[k].choice:
                 yield self.with_rival(standing, k, rival, others, (base, imitated, bar))
 

@@ -21,6 +21,7 @@ from odescope.likelihood.standing import Standing
 from odescope.likelihood.suspicion import JOINT
 
 End = tuple[list[int], Sparse, Imitated]  # what may stand for a relation: plain terms, functions, what they say
+EVIDENT = 10.0  # fall of cost and price that decides for functions: odds of 150 to 1
 ONE_BY_ONE = 3  # ends of a relation that are tried while all others are as they were
 
 
@@ -32,15 +33,17 @@ class Beginnings(Saturating):
         """Return the model with functions that come near to it in the place of what is suspected.
 
         Those of least penalised cost: few terms and functions, functions with a saturation, functions in the place of
-        all that a relation has, or functions beside what is no imitation alone, or beside all variables and a constant,
-        too.
+        all that a relation has, Stribeck's curve, or functions beside what is no imitation alone, or beside all
+        variables and a constant, too.
 
         Args:
             found: the model before.
             plain: the same, fitted at the width, if it could be followed.
         """
-        price = self.moves().penalised
-        ways = (self.sparse(found, plain), self.saturating(found), self.substituted(found, plain))
+        price, rubbing = self.moves().penalised, self.rubbing(found)
+        if rubbing is not None and plain is not None and price(rubbing.fit) < price(plain) - EVIDENT:
+            return rubbing  # a law that is known beforehand: what else there is may be exchanged
+        ways = (self.sparse(found, plain), self.saturating(found), self.substituted(found, plain), rubbing)
         standings = [s for s in ways if s is not None]
         for variables in (None, self.space.frame.variables):
             bar = min((price(s.fit) for s in standings), default=np.inf)
@@ -97,6 +100,28 @@ class Beginnings(Saturating):
             return None
         placed = tuple(self.placed_in(fit, k) for k in range(len(self.suspected)))
         return Standing(fit, placed, found if self.exact else None) if any(p.choice.terms for p in placed) else None
+
+    def rubbing(self, found: Fit) -> Standing | None:
+        """Return the model with Stribeck's curve beside dry and viscous friction, in the place of all else of a speed.
+
+        Args:
+            found: the model before.
+        """
+        price, standings = self.moves().penalised, list[Standing]()
+        curves = [(k, curve) for k in range(len(self.suspected)) for curve in self.curves(k)]
+        for number, curve in curves:
+            relation, speed = self.suspected[number].relation, self.suspected[number].variable
+            rows = self.base(relation, found.theta, self.space.frame.variables)
+            terms = {j: self.space.mechanisms[j].parts[0].product.term for j in rows}
+            own = (*curve.choice.terms[0].factors, (Name(speed), 1))  # dry friction is among these
+            base = [j for j, t in terms.items() if speed not in t.names or set(t.factors) <= set(own)]
+            imitated = self.imitated(relation, found, base, True)
+            theta = None if imitated is None else self.written(relation, found.theta, base, [curve], imitated)
+            fit = None if theta is None else self.tightened(theta)
+            if fit is not None:
+                placed = tuple(curve if j == number else Placed(Choice()) for j in range(len(self.suspected)))
+                standings.append(Standing(self.pruned(fit), placed, found if self.exact else None))
+        return min(standings, key=lambda s: price(s.fit), default=None)
 
     def placed_in(self, fit: Fit, k: int) -> Placed:
         """Return the function without constants that stands for a suspicion in a fit, one without terms for none."""

@@ -3,7 +3,7 @@
 Of k*exp(-E/T) data near a temperature T0 tell k*exp(-E/T0) and E well, and k alone hardly: it is known to as many
 powers of e as E/T0 is. A fit then has a narrow curved valley to follow, and a Wald statistic of k says nothing of
 whether the term is there. So k*exp(-E*(1/T - m)) is fitted, m the mean of 1/T, and of x**p, which is exp(p*log(x)), the
-same.
+same. A bell about zero, exp(-v**2/w**2), is as it is: its height is what the data tell.
 """
 
 from __future__ import annotations
@@ -41,8 +41,10 @@ class Centring:
             values: (variables, N) of these.
         """
         terms = [p.product.term for m in mechanisms for p in m.parts if not p.product.term.names.isdisjoint(constants)]
-        multiplied = {rest for term in terms for _, rest, _ in _exponents(term, constants) if rest.names <= {*names}}
-        rows = evaluate(write_tape(names, [*multiplied]), values) if multiplied else ()
+        through = {n for n, v in zip(names, values, strict=True) if v.min() < 0.0 < v.max()}
+        found = {rest for term in terms for _, rest, _ in _exponents(term, constants) if rest.names <= {*names}}
+        multiplied = [rest for rest in found if not _is_square(rest, through)]
+        rows = evaluate(write_tape(names, multiplied), values) if multiplied else ()
         means = {rest: float(row.mean()) for rest, row in zip(multiplied, rows, strict=True)}
         whole = cls(frozenset(constants), {rest: mean for rest, mean in means.items() if np.isfinite(mean)})
         unlike = [m for m in mechanisms if len({whole.shift(p.product.term) for p in m.parts}) > 1]
@@ -104,6 +106,11 @@ class Centring:
     @staticmethod
     def _at(combination: Combination, values: Mapping[str, float]) -> float:
         return sum(c * term_at(t, values)[0] for c, t in combination.parts)
+
+
+def _is_square(term: Term, names: Collection[str]) -> bool:
+    """Say whether a term is an even power of one of some variables: exp(-v^2/w^2) is told where v is near zero."""
+    return len(term.factors) == 1 and all(a.text in names and power % 2 == 0 for a, power in term.factors)
 
 
 def _exponents(term: Term, constants: Collection[str]) -> list[tuple[float, Term, Term]]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.expression import ONE, Name, Term
-from odescope.library.families import Family, families_of
+from odescope.library.families import STRIBECK, Family, families_of, stribeck
 from odescope.library.mechanism import Mechanism, candidate
 from odescope.library.pairs import NO_UNITS, may_be_angles, pair_families, sines
 from odescope.library.product import Product
@@ -32,6 +32,7 @@ from odescope.likelihood.steps import STEP_SHARE
 from odescope.likelihood.suspicion import JOINT, Suspicion, imitates, values_of_variables
 
 STEPS = 4  # of RK4 at most, but for dry friction, where more change next to nothing: what is found is fitted again
+SPEEDS = 3  # at which Stribeck's curve is looked for
 FEW = 10  # steps of a fit that begins where it is likely to end
 
 
@@ -83,7 +84,12 @@ class FunctionSpace:
         families = {
             n: families_of(n, values[n], taken, None if angles is None else n in angles, units.get(n)) for n in names
         }
-        choices = tuple(joint.get(s.reason) or choices_of(families.get(s.variable, ()), s.beside) for s in suspected)
+        fixed = dict(zip(space.frame.constants, space.whole.constants(refinement.fit.theta), strict=True))
+        choices = tuple(
+            joint.get(s.reason)
+            or (*choices_of(families.get(s.variable, ()), s.beside), *_stribeck(s, refinement, values, taken))
+            for s in suspected
+        )
         constants = {c.name: c for found in choices for choice in found for c in choice.constants}
         known = {(p.relation, p.product) for m in space.mechanisms for p in m.parts}
         made = dict.fromkeys(
@@ -97,9 +103,10 @@ class FunctionSpace:
         wide = space.among([*space.mechanisms, *added, *settings]).with_constants(constants)
         number = {(m.parts[0].relation, m.parts[0].product): k for k, m in enumerate(wide.mechanisms) if m.parts}
         width = refinement.outcome.width if refinement.process is None else np.inf
-        own = len(space.mechanisms)
+        own, samples = len(space.mechanisms), len(next(iter(values.values())))
+        seen = {**values, **{name: np.full(samples, value) for name, value in fixed.items()}}
         return cls(
-            wide, tuple(suspected), families, choices, number, own, float(width), refinement.exact, Samples(values)
+            wide, tuple(suspected), families, choices, number, own, float(width), refinement.exact, Samples(seen)
         )
 
     def padded(self, theta: FloatArray) -> FloatArray:
@@ -142,6 +149,14 @@ class FunctionSpace:
                     found.append(k)
         return found
 
+    def curves(self, k: int) -> list[Placed]:
+        """Return Stribeck's curve for a suspicion at several speeds, nothing for what is no speed with dry friction.
+
+        Smoothed states tell least of it, near standstill: the likelihood has to.
+        """
+        found = ((c, n) for c in self.choices[k] for n in c.constants if n.name.startswith(f"{STRIBECK}_"))
+        return [Placed(c, {n.name: float(speed)}) for c, n in found for speed in n.evenly(SPEEDS)]
+
     def present(self, fit: Fit, relation: int) -> list[tuple[int, Product]]:
         """Return the number and product of what stands in a relation of a model."""
         parts = ((k, p) for k in fit.present.tolist() for p in self.space.mechanisms[k].parts)
@@ -163,15 +178,17 @@ class FunctionSpace:
     ) -> Imitated | None:
         """Return what a relation says, None where it says nothing somewhere.
 
+        What a model says that does not follow the record is no more to be imitated than any other imitation.
+
         Args:
             relation: its number.
             found: the model.
             base: numbers of what stands beside functions.
-            measured: whether it is what differences of the smoothed states say.
+            measured: whether it is what differences of the smoothed states say, as it is where no model follows them.
             at: (mechanisms,) coefficients whose constants the base has; those of the model by default.
         """
         space = self.space
-        said = (rates(space) if measured else explicit(space, found))[relation]
+        said = (rates(space) if measured or not self.exact else explicit(space, found))[relation]
         every = -(-len(said) // SEEN)
         terms = [space.mechanisms[k].parts[0].product.term for k in base]
         theta = found.theta if at is None else at
@@ -259,6 +276,27 @@ def _with_few_steps(space: SearchSpace, found: Fit) -> SearchSpace:
     fits = [s.fit(found.theta, found.present, segments.initial, loose, iterations=FEW) for s in (space, few)]
     costs = [np.inf if f is None else f.cost for f in fits]
     return few if abs(costs[1] - costs[0]) < STEP_SHARE * costs[0] else space
+
+
+def _stribeck(
+    suspected: Suspicion, refinement: Refinement, values: Mapping[str, FloatArray], taken: Collection[str]
+) -> tuple[Choice, ...]:
+    """Return Stribeck's curve, where a speed is suspected of whose dry friction the relation holds.
+
+    Args:
+        suspected: the variable and the relation.
+        refinement: whose model it is of.
+        values: of the variables, by name (N,).
+        taken: names that its constant may not have.
+    """
+    parts = (p for k in refinement.fit.present for p in refinement.space.mechanisms[k].parts)
+    terms = (p.product.term for p in parts if p.relation == suspected.relation and p.product.factor is None)
+    widths = {name for name, c in refinement.space.frame.constants.items() if c.optional}
+    dry = next((t for t in terms if t.names & widths and t.names - widths == {suspected.variable}), None)
+    if dry is None:
+        return ()
+    family = stribeck(suspected.variable, values[suspected.variable], taken)
+    return (Choice((family.term * dry,), family.constants),)
 
 
 def _joint(

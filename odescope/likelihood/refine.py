@@ -114,6 +114,17 @@ class Refinement:
         """Error of free runs over what is held out, in standard deviations; infinite where none were made."""
         return np.inf if self.path is None else self.path.choice.error
 
+    def gained_over(self, before: Refinement | None) -> float | None:
+        """Return by how much the deviance is less than that of another model that follows the record, too.
+
+        None where these do not compare: averages of other numbers of samples, as other holds of inputs ask for, have
+        other densities, and where pieces of the record are joined less closely more is left to chance.
+        """
+        if before is None or not (self.exact and before.exact):
+            return None
+        like = self.space.segments.block == before.space.segments.block and self.outcome.width == before.outcome.width
+        return before.outcome.deviance - self.outcome.deviance if like else None
+
 
 def refine(
     records: Records,

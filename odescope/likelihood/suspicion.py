@@ -24,9 +24,10 @@ from odescope.likelihood.smoothed_targets import explicit, rates
 SEVERAL = 2  # powers of one variable that may be a function
 QUANTILES = 12  # of a variable, between which the mean of a residual is taken
 GOES_WITH = 0.05  # least share of a residual's variance that goes with a variable
+DRIVES = 0.1  # of the power that dry friction takes: what a term has to give for that to be no chance
 SURE = 3.0  # times what chance alone would give
 
-Reason = Literal["powers", "fractions", "residual", "pair", "sine"]
+Reason = Literal["powers", "fractions", "driven", "residual", "pair", "sine"]
 JOINT: tuple[Reason, ...] = ("pair", "sine")  # reasons that are of no variable
 
 
@@ -34,10 +35,10 @@ JOINT: tuple[Reason, ...] = ("pair", "sine")  # reasons that are of no variable
 class Suspicion:
     """A variable of which a relation may hold a function that is not in the library.
 
-    `reason` is what says so: several powers of it, a fraction of it, or a residual that goes with it; `beside` is what
-    such a function may be multiplied by, `terms` how many terms of the relation may be one. A "pair" is of
-    no variable, but of two together, and a "sine" is of any that may be an angle: a relation that imitates something
-    may hold these.
+    `reason` is what says so: several powers of it, a fraction of it, a term of it that drives where dry friction
+    brakes, or a residual that goes with it; `beside` is what such a function may be multiplied by, `terms` how many
+    terms of the relation may be one. A "pair" is of no variable, but of two together, and a "sine" is of any that may
+    be an angle: a relation that imitates something may hold these.
     """
 
     relation: int
@@ -63,7 +64,9 @@ def suspicions(refinement: Refinement, names: Collection[str]) -> tuple[Suspicio
     suspected, rate, constants = list[Suspicion](), _rates(space, terms), set(space.frame.constants)
     for r, products in enumerate(terms):
         found_here = (_imitation(r, products, n, constants, rate.get(n)) for n in space.frame.variables if n in names)
-        suspected += [_growing(space, s) for s in found_here if s is not None]
+        here = [_growing(space, s) for s in found_here if s is not None]
+        driven = (n for n in _driven(space, found, r) if n in names - {s.variable for s in here})
+        suspected += [*here, *(Suspicion(r, n, "driven") for n in driven)]
     if refinement.process is not None or refinement.outcome.scale > WHITE:
         known = {s.relation for s in suspected}  # an imitation that is not good enough leaves a residual, too
         suspected += [s for s in _residual(space, found, names) if s.relation not in known]
@@ -75,7 +78,7 @@ def with_pairs(suspected: Sequence[Suspicion]) -> tuple[Suspicion, ...]:
 
     These are of functions of two variables, and of a sine of what may be an angle, beside them.
     """
-    relations = dict.fromkeys(s.relation for s in suspected if s.reason != "residual")
+    relations = dict.fromkeys(s.relation for s in suspected if s.reason in ("powers", "fractions"))
     return (*suspected, *(Suspicion(r, "", reason) for r in relations for reason in JOINT))
 
 
@@ -83,6 +86,30 @@ def _declared(space: SearchSpace) -> set[str]:
     """Return the variables of functions whose constants a library declares: it has said what it wants of these."""
     atoms = {a for m in space.mechanisms for p in m.parts for a, _ in p.product.term.factors if isinstance(a, Call)}
     return {n for a in atoms for n in a.argument.names if a.argument.names & set(space.needed)}
+
+
+def _driven(space: SearchSpace, found: Fit, relation: int) -> list[str]:
+    """Return the speeds that some term drives, on average, while dry friction brakes: it imitates a fall of that.
+
+    Args:
+        space: the candidates.
+        found: the model.
+        relation: its number.
+    """
+    coefficients, constants = dict[Term, float](), set(space.frame.constants)
+    for k in found.present:
+        for p in space.mechanisms[k].parts:
+            if p.relation == relation and p.product.factor is None:
+                term = p.product.term
+                coefficients[term] = coefficients.get(term, 0.0) + p.share * float(found.theta[k])
+    dry = {n: t for t in coefficients for n in t.names - constants if t.names & constants and len(t.names) == len("vw")}
+    driven = list[str]()
+    for speed, friction in dry.items():
+        terms = [friction, *(t for t in coefficients if speed in t.names and t != friction)]
+        rows = space.evaluated([Term(((Name(speed), 1),)), *terms], found.theta)
+        power = np.array([coefficients[t] * float(row @ rows[0]) for t, row in zip(terms, rows[1:], strict=True)])
+        driven += [speed] if (power[1:] * power[0] < -DRIVES * power[0] ** 2).any() else []
+    return driven
 
 
 def _rates(space: SearchSpace, terms: Sequence[Sequence[Product]]) -> dict[str, str]:
@@ -201,7 +228,7 @@ def imitates(product: Product, relation: int, suspected: Sequence[Suspicion]) ->
         suspected: in all relations.
     """
     for s in suspected:
-        if s.relation != relation or s.reason in ("residual", *JOINT):
+        if s.relation != relation or s.reason not in ("powers", "fractions"):
             continue
         power = product.term.power_of(Name(s.variable))
         if s.reason == "fractions" and (product.term != ONE if product.factor is not None else power):

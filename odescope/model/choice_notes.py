@@ -18,6 +18,7 @@ EXACT = 10.0  # standard errors: from here on whole numbers
 SUSPECTED = {
     "powers": "{target} holds several powers of {variable}",
     "fractions": "{target} holds {variable} in a denominator",
+    "driven": "by the model {variable} drives {target} somewhere, where dry friction brakes",
     "residual": "what is unexplained of {target} goes with {variable}",
     "pair": "{target} may hold a function of two variables together",
     "sine": "{target} may hold sines of angles",
@@ -28,7 +29,7 @@ SUSPECTED = {
     "recurring": "what is unexplained of {target} repeats along {variable}, at {low:.4g} to {high:.4g} rad a unit"
     " of it, as the cogging of a motor does",
 }
-RESIDUAL = ("residual", "periodic", "recurring")  # reasons that no terms of the model give
+UNCOUNTED = ("driven", "residual", "periodic", "recurring")  # reasons that no number of terms gives
 JOINT = ("pair", "sine")  # reasons that are of no variable, and of too many functions to name
 ALIKE = 0.01  # of a sum: by less recordings do not differ in it
 MANY = 3  # powers of one variable that are rarely a law
@@ -42,7 +43,7 @@ def findings(scores: ModelScores | None) -> tuple[str, ...]:
     return (
         *_of_the_versions(scores.versions),
         *_of_the_forms(scores.forms),
-        *(_of_a_suspicion(s) for s in scores.suspicions if s.found or s.terms or s.reason in RESIDUAL),
+        *(_of_a_suspicion(s) for s in scores.suspicions if s.found or s.terms or s.reason in UNCOUNTED),
         *_of_the_path(scores.path),
         *_of_constants(scores.conserved),
     )
@@ -57,7 +58,7 @@ def unsettled(suspicions: Sequence[SuspicionScore]) -> Iterator[str]:
 
 def _stands(found: SuspicionScore) -> bool:
     """Say whether terms that are left may still imitate a function."""
-    if found.found or not (found.terms or found.reason in RESIDUAL):
+    if found.found or not (found.terms or found.reason in UNCOUNTED):
         return False
     return not found.tried or found.reason == "fractions" or found.terms >= MANY
 

@@ -79,8 +79,7 @@ def _scores(
     found: Refinement, before: Refinement | None, angles: Sequence[str], signals: Signals
 ) -> Sequence[SuspicionScore]:
     """Return what was found, by target and angle."""
-    gain = before.outcome.deviance - found.outcome.deviance if before is not None and before.exact else None
-    scores = []
+    scores, gain = [], found.gained_over(before)
     for r, target in enumerate(signals.targets):
         parts = [p for k in found.fit.present for p in found.space.mechanisms[k].parts if p.relation == r]
         for name in angles:

@@ -127,6 +127,5 @@ def _better(held: Contender, lines: Contender) -> bool:
 
 def _gain(held: Contender, lines: Contender) -> float | None:
     """Return what holding gains in log-likelihood, None where that does not compare."""
-    if held.refinement is None or lines.refinement is None or not (held.exact and lines.exact):
-        return None
-    return 0.5 * (lines.refinement.outcome.deviance - held.refinement.outcome.deviance)
+    gain = None if held.refinement is None else held.refinement.gained_over(lines.refinement)
+    return None if gain is None else 0.5 * gain

@@ -264,9 +264,11 @@ def best_of(contenders: Sequence[Contender]) -> Contender:
     A kinetic energy that is not positive counts only where nothing else follows the record so.
     """
     exact = [c for c in contenders if c.exact and c.inertial] or [c for c in contenders if c.exact]
-    if exact:
-        return min(exact, key=lambda c: np.inf if c.refinement is None else c.refinement.outcome.deviance)
-    able = [c for c in contenders if c.follows] or list(contenders)
+    likely = {c: c.refinement.outcome.deviance for c in exact if c.refinement is not None}
+    blocks = {c.refinement.space.segments.block for c in exact if c.refinement is not None}
+    if len(blocks) == 1:  # else averages of other numbers of samples, whose densities do not compare
+        return min(likely, key=likely.__getitem__)
+    able = exact or [c for c in contenders if c.follows] or list(contenders)
     least = min(c.free_run for c in able)
     return min((c for c in able if c.free_run <= SPREAD * least), key=lambda c: (c.coefficients, c.free_run))
 

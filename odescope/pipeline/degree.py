@@ -6,7 +6,7 @@ docs/method.md, Suspicion.
 from __future__ import annotations
 
 from odescope.events import Progress
-from odescope.likelihood.alternatives import EVIDENT
+from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.refine import Refinement
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.regressed import Regressed

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from odescope.events import Progress
 from odescope.library.candidates import Library
 from odescope.library.rules import Identity
-from odescope.likelihood.alternatives import EVIDENT
+from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WIDTHS
 from odescope.pipeline.filtering import Filtered

@@ -57,7 +57,7 @@ def with_suspected(
     rest = suspected if better is None else suspicions(better, work.study.suspects)
     left = {(s.relation, s.variable): s.terms for s in rest}
     scores = (
-        _scored(replace(s, terms=left.get((s.relation, s.variable), 0)), k, found, kept, better is not None)
+        _scored(replace(s, terms=left.get((s.relation, s.variable), 0)), k, found, kept, refinement)
         for k, s in enumerate(suspected)
     )
     return kept, tuple(s for s in scores if s.found or s.reason not in JOINT)
@@ -80,13 +80,14 @@ def replaces(other: Refinement, refinement: Refinement) -> bool:
     """
     if not other.exact:
         return False
-    if refinement.exact:
-        return other.outcome.deviance < refinement.outcome.deviance
-    return other.free_run_error <= refinement.free_run_error
+    if refinement.exact and other.outcome.width != refinement.outcome.width:
+        return other.outcome.width < refinement.outcome.width
+    gain = other.gained_over(refinement)
+    return other.free_run_error <= refinement.free_run_error if gain is None else gain > 0.0
 
 
 def _scored(
-    suspicion: Suspicion, number: int, found: Alternative | None, kept: Refinement, instead: bool
+    suspicion: Suspicion, number: int, found: Alternative | None, kept: Refinement, before: Refinement
 ) -> SuspicionScore:
     """Return what was made of a suspicion.
 
@@ -95,12 +96,11 @@ def _scored(
         number: which of all.
         found: the model with functions, where there was one.
         kept: the model in the end.
-        instead: whether that is the one with functions; what the other holds of them was in its library before.
+        before: the model before, whose own terms were not tried in its place.
     """
     seen = values_of_variables(kept.space).get(suspicion.variable, np.zeros(1))
-    tried = () if found is None else found.tried[number]
-    present = [p for k in kept.fit.present for p in kept.space.mechanisms[k].parts]
-    terms = [readable(p.product.term) for p in present if p.relation == suspicion.relation]
+    own, terms = _terms(before, suspicion.relation), _terms(kept, suspicion.relation)
+    tried = () if found is None else tuple(t for t in found.tried[number] if t not in own)
     return SuspicionScore(
         target=kept.space.frame.targets[suspicion.relation],
         variable=suspicion.variable,
@@ -108,7 +108,13 @@ def _scored(
         terms=suspicion.terms,
         low=float(seen.min()),
         high=float(seen.max()),
-        tried=tuple(t for t in tried if instead or t not in terms),
-        found=tuple(t for t in terms if instead and t in tried),
+        tried=tried,
+        found=tuple(t for t in terms if t in tried),
         gain=None if found is None else found.gain,
     )
+
+
+def _terms(refinement: Refinement, relation: int) -> list[str]:
+    """Return the terms of a relation of a model as people read them."""
+    parts = (p for k in refinement.fit.present for p in refinement.space.mechanisms[k].parts)
+    return [readable(p.product.term) for p in parts if p.relation == relation]

@@ -65,8 +65,7 @@ def with_arrhenius(
     other = refine_form(wide, filtered, relations_form(wide.study, (tried, *tried.elsewhere), lambda _: tried))
     if other is None or not evidently_better(other, refinement):
         return refinement, ()
-    gain = refinement.outcome.deviance - other.outcome.deviance if refinement is not None and refinement.exact else None
-    return other, tuple(_scores(other, factors, filtered, gain))
+    return other, tuple(_scores(other, factors, filtered, other.gained_over(refinement)))
 
 
 def _factors(work: Work, filtered: Filtered) -> dict[str, Family]:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from odescope.likelihood.alternatives import EVIDENT
+from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WIDTHS
 from odescope.pipeline.constants import constants_of, substitute
@@ -123,5 +123,5 @@ def evidently_better(other: Refinement, before: Refinement | None) -> bool:
         return False
     if before is None:
         return other.exact
-    apart = before.outcome.deviance - other.outcome.deviance
-    return replaces(other, before) and (not before.exact or apart > EVIDENT)
+    gain = other.gained_over(before)
+    return replaces(other, before) and (gain is None or gain > EVIDENT)

@@ -1,5 +1,6 @@
 """Functions that no library names, from the record to the model and its notes."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +14,7 @@ from odescope.library.expression import ONE
 from odescope.library.mechanism import candidate
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
+from odescope.likelihood.refine import Refinement
 from odescope.likelihood.suspicion import _imitation, imitates, suspicions
 from odescope.pipeline.identification import identify
 from odescope.pipeline.suspicion import replaces
@@ -179,7 +181,7 @@ def test_what_holds_a_width_of_friction_stands_beside_no_other_function():
         needed={},
         evaluated=lambda terms, theta: np.array([np.linspace(-1.0, 1.0, 9)] * len(terms)),
     )
-    fit, outcome = SimpleNamespace(present=range(4)), SimpleNamespace(scale=1.0)
+    fit, outcome = SimpleNamespace(present=range(4), theta=np.ones(4)), SimpleNamespace(scale=1.0)
     (found,) = suspicions(SimpleNamespace(space=space, fit=fit, process=None, outcome=outcome), {"x", "v"})
     assert (found.variable, found.reason, found.beside) == ("x", "fractions", (ONE, v))
 
@@ -192,9 +194,13 @@ def test_what_is_fixed_by_name_is_not_suspected():
     assert parse_study(study_toml(study(suspect=False))) == study(suspect=False)
 
 
-def ending(exact, deviance, error):
+def ending(exact, deviance, error, block=1, width=0.001):
     """Return what the choice between two ends of a likelihood stage looks at."""
-    return SimpleNamespace(exact=exact, outcome=SimpleNamespace(deviance=deviance), free_run_error=error)
+    space = SimpleNamespace(segments=SimpleNamespace(block=block))
+    outcome = SimpleNamespace(deviance=deviance, width=width)
+    made = SimpleNamespace(exact=exact, outcome=outcome, free_run_error=error, space=space)
+    made.gained_over = partial(Refinement.gained_over, made)
+    return made
 
 
 @pytest.mark.parametrize(
@@ -206,6 +212,10 @@ def ending(exact, deviance, error):
         (ending(False, 100.0, 0.01), ending(True, 80.0, 0.02), False),  # many terms, and none is physics
         (ending(False, 100.0, 0.01), ending(False, 80.0, 0.001), False),
         (ending(False, 100.0, np.inf), ending(True, 80.0, 0.3), True),
+        (ending(True, 100.0, 0.02), ending(True, 900.0, 0.01, block=5), True),  # densities of other averages
+        (ending(True, 100.0, 0.01), ending(True, -900.0, 0.02, block=5), False),
+        (ending(True, 100.0, 0.01, width=1.0), ending(True, 120.0, 0.02), True),  # which follows in one piece
+        (ending(True, 100.0, 0.02), ending(True, 80.0, 0.01, width=1.0), False),
     ],
 )
 def test_functions_replace_what_does_not_follow_the_record_only_if_they_run_freely_no_worse(before, after, replaced):

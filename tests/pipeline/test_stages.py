@@ -1,0 +1,105 @@
+"""Stages whose friction falls with speed, or whose travel ends at springs: laws that no library names."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.interpolate import PchipInterpolator
+
+from odescope.library.constants import Constant
+from odescope.library.mechanism import candidate
+from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
+from odescope.library.tape import evaluate, write_tape
+from odescope.likelihood.suspicion import suspicions
+from odescope.pipeline.identification import identify
+from odescope.study.options import Data, Driven, Measured, Study
+
+STUDY = Study(data=Data(time="t"), coordinates={"x": Measured(order=2)}, inputs={"u": Driven()})
+T = np.arange(0.0, 20.0, 0.005)
+SUBSTEPS = 6  # of Runge and Kutta's a sample: friction is steep near standstill
+
+
+def recorded(force, amplitude, seed, noise=0.002):
+    """Return two logs of x'' = force(x, v, u), u in lines through random knots."""
+    rng, logs = np.random.default_rng(seed), []
+    for _ in range(2):
+        knots = np.arange(0.0, 22.0, 0.25)
+        u = PchipInterpolator(knots, rng.uniform(-amplitude, amplitude, len(knots)))(T)
+        s, h, x = np.zeros(2), T[1] / SUBSTEPS, np.zeros(len(T))
+        for k in range(len(T) - 1):
+            ahead = np.interp(np.arange(2 * SUBSTEPS + 1) / (2 * SUBSTEPS), [0.0, 1.0], u[k : k + 2])
+            for j in range(SUBSTEPS):
+                rate = lambda z, now: np.array([z[1], force(z[0], z[1], now)])  # noqa: E731
+                a = rate(s, ahead[2 * j])
+                b = rate(s + 0.5 * h * a, ahead[2 * j + 1])
+                c = rate(s + 0.5 * h * b, ahead[2 * j + 1])
+                d = rate(s + h * c, ahead[2 * j + 2])
+                s = s + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+            x[k + 1] = s[0]
+        logs.append({"t": T, "x": x + noise * x.std() * rng.standard_normal(len(T)), "u": u})
+    return logs
+
+
+def coefficients(model):
+    return {t.text: t for t in model.shown_relations[0].terms}
+
+
+@pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 7), marks=pytest.mark.slow)])
+def test_friction_that_falls_with_speed_is_stribecks_curve(seeds):
+    dry_friction = "tanh(width_x_dot**-1*x_dot)"
+    curve = f"exp(-stribeck_x_dot**-2*x_dot**2)*{dry_friction}"
+    for seed in seeds:
+        rng = np.random.default_rng(100 + seed)
+        dry, viscous = rng.uniform(0.5, 2.0), rng.uniform(0.2, 1.5)
+        more, speed, amplitude = dry * rng.uniform(0.3, 1.0), rng.uniform(0.08, 0.25), dry * rng.uniform(4.0, 7.0)
+        logs = recorded(
+            lambda x, v, u, d=dry, m=more, s=speed, b=viscous: (
+                u - b * v - (d + m * np.exp(-((v / s) ** 2))) * np.tanh(v / 0.004)
+            ),
+            amplitude,
+            seed,
+        )
+        model = identify(STUDY, logs).model
+        found, constants = coefficients(model), {p.name: p for p in model.parameters}
+        assert set(found) == {"x_ddot", "x_dot", "u", dry_friction, curve}, seed
+        assert abs(found[curve].coefficient - more) < 5.0 * found[curve].std_error
+        assert abs(found["x_dot"].coefficient - viscous) < 5.0 * found["x_dot"].std_error
+        assert abs(constants["stribeck_x_dot"].value - speed) < 5.0 * constants["stribeck_x_dot"].std_error
+
+
+@pytest.mark.slow
+def test_springs_at_both_ends_of_a_travel_are_found_where_the_best_cubic_does_not_follow():
+    """What stands for functions comes from the record then, not from the cubic."""
+    for seed in range(3):
+        logs = recorded(lambda x, v, u: u - v - 20.0 * x - 400.0 * (max(x - 0.5, 0.0) - max(-x - 0.5, 0.0)), 30.0, seed)
+        model = identify(STUDY, logs).model
+        (edge,) = model.parameters
+        assert abs(edge.value - 0.5) < 5.0 * edge.std_error
+        assert set(coefficients(model)) == {"x_ddot", "x_dot", "x", "u", "(abs(edge_x + x) - abs(edge_x - x))**1"}
+
+
+def ending(friction, drag):
+    """Return the end of a likelihood stage, of a model with dry and quadratic friction."""
+    terms = [parse_term(text, Scope.of(["x", "v", "w"])) for text in ("1", "tanh(v/w)", "v*abs(v)")]
+    products = [Product("v_dot", terms[0]), Product(None, terms[1]), Product(None, terms[2])]
+    values = np.array([np.zeros(99), np.linspace(-1.0, 1.0, 99), np.full(99, 0.1)])
+    space = SimpleNamespace(
+        mechanisms=[candidate(1, p, "v_dot") for p in products],
+        frame=SimpleNamespace(
+            targets=("x_dot", "v_dot"),
+            variables=("x", "v"),
+            states=("x", "v"),
+            following=np.array([-1, -2]),
+            constants={"w": Constant("w", 1e-3, 1.0, 0.1, optional=True)},
+        ),
+        needed={},
+        evaluated=lambda terms, theta: evaluate(write_tape(["x", "v", "w"], terms), values),
+    )
+    fit = SimpleNamespace(present=range(3), theta=np.array([1.0, friction, drag]))
+    return SimpleNamespace(space=space, fit=fit, process=None, outcome=SimpleNamespace(scale=1.0))
+
+
+@pytest.mark.parametrize(("friction", "drag", "suspected"), [(0.5, -0.2, ["v"]), (-0.5, 0.2, ["v"]), (0.5, 0.2, [])])
+def test_quadratic_friction_that_drives_is_suspected_of_being_a_fall_of_dry_friction(friction, drag, suspected):
+    assert [s.variable for s in suspicions(ending(friction, drag), {"x", "v"})] == suspected
