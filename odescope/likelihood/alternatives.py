@@ -57,7 +57,9 @@ class _Work(Sharing):
             before = standing
             for k in (k for k, s in enumerate(self.suspected) if s.reason not in JOINT):
                 for trial in self.trials(standing, k):
-                    if trial is not None and price(trial.fit) < price(standing.fit) - GAIN:
+                    # Of the functions of a speed Stribeck's curve is known beforehand.
+                    least = EVIDENT if standing.placed[k].choice in {c.choice for c in self.curves(k)} else GAIN
+                    if trial is not None and price(trial.fit) < price(standing.fit) - least:
                         standing = trial
                     if self.space.budget.over:
                         return standing

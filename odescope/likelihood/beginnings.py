@@ -113,8 +113,10 @@ class Beginnings(Saturating):
             relation, speed = self.suspected[number].relation, self.suspected[number].variable
             rows = self.base(relation, found.theta, self.space.frame.variables)
             terms = {j: self.space.mechanisms[j].parts[0].product.term for j in rows}
-            own = (*curve.choice.terms[0].factors, (Name(speed), 1))  # dry friction is among these
-            base = [j for j, t in terms.items() if speed not in t.names or set(t.factors) <= set(own)]
+            factors = (Term((f,)) for f in curve.choice.terms[0].factors)
+            dry = next(f for f in factors if f.names.isdisjoint(curve.values))
+            base = [j for j, t in terms.items() if speed not in t.names or t.text == speed]
+            base.append(self.number[relation, Product(None, dry)])
             imitated = self.imitated(relation, found, base, True)
             theta = None if imitated is None else self.written(relation, found.theta, base, [curve], imitated)
             fit = None if theta is None else self.tightened(theta)

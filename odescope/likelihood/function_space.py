@@ -283,13 +283,17 @@ def _stribeck(
 ) -> tuple[Choice, ...]:
     """Return Stribeck's curve, where a speed is suspected of whose dry friction the relation holds.
 
+    What a model that does not follow the record lacks is no reason against it: there the friction need not be in it.
+
     Args:
         suspected: the variable and the relation.
         refinement: whose model it is of.
         values: of the variables, by name (N,).
         taken: names that its constant may not have.
     """
-    parts = (p for k in refinement.fit.present for p in refinement.space.mechanisms[k].parts)
+    mechanisms = refinement.space.mechanisms
+    able = refinement.fit.present if refinement.exact else range(len(mechanisms))
+    parts = (p for k in able for p in mechanisms[k].parts)
     terms = (p.product.term for p in parts if p.relation == suspected.relation and p.product.factor is None)
     widths = {name for name, c in refinement.space.frame.constants.items() if c.optional}
     dry = next((t for t in terms if t.names & widths and t.names - widths == {suspected.variable}), None)
