@@ -81,10 +81,15 @@ def test_springs_at_both_ends_of_a_travel_are_found_where_the_best_cubic_does_no
         assert set(coefficients(model)) == {"x_ddot", "x_dot", "x", "u", "(abs(edge_x + x) - abs(edge_x - x))**1"}
 
 
-def ending(friction, drag):
-    """Return the end of a likelihood stage, of a model with dry and quadratic friction."""
-    terms = [parse_term(text, Scope.of(["x", "v", "w"])) for text in ("1", "tanh(v/w)", "v*abs(v)")]
-    products = [Product("v_dot", terms[0]), Product(None, terms[1]), Product(None, terms[2])]
+def ending(coefficients):
+    """Return the end of a likelihood stage from the coefficients of terms, "times x" being that of x*v_dot."""
+    scope = Scope.of(["x", "v", "w"])
+    products = [
+        Product("v_dot", parse_term(text.removeprefix("times "), scope))
+        if text.startswith("times ")
+        else Product(None, parse_term(text, scope))
+        for text in coefficients
+    ]
     values = np.array([np.zeros(99), np.linspace(-1.0, 1.0, 99), np.full(99, 0.1)])
     space = SimpleNamespace(
         mechanisms=[candidate(1, p, "v_dot") for p in products],
@@ -98,10 +103,18 @@ def ending(friction, drag):
         needed={},
         evaluated=lambda terms, theta: evaluate(write_tape(["x", "v", "w"], terms), values),
     )
-    fit = SimpleNamespace(present=range(3), theta=np.array([1.0, friction, drag]))
+    fit = SimpleNamespace(present=range(len(products)), theta=np.array([*coefficients.values()]))
     return SimpleNamespace(space=space, fit=fit, process=None, outcome=SimpleNamespace(scale=1.0))
 
 
 @pytest.mark.parametrize(("friction", "drag", "suspected"), [(0.5, -0.2, ["v"]), (-0.5, 0.2, ["v"]), (0.5, 0.2, [])])
 def test_quadratic_friction_that_drives_is_suspected_of_being_a_fall_of_dry_friction(friction, drag, suspected):
-    assert [s.variable for s in suspicions(ending(friction, drag), {"x", "v"})] == suspected
+    end = ending({"times 1": 1.0, "tanh(v/w)": friction, "v*abs(v)": drag})
+    assert [s.variable for s in suspicions(end, {"x", "v"})] == suspected
+
+
+def test_what_holds_a_width_of_friction_stands_beside_no_other_function():
+    """The width is a constant of the model that no function of another variable could be evaluated with alone."""
+    end = ending({"times 1": 1.0, "times x": 0.5, "v": 1.0, "tanh(v/w)": 1.0})
+    (found,) = suspicions(end, {"x", "v"})
+    assert (found.variable, found.reason, [t.text for t in found.beside]) == ("x", "fractions", ["1", "v"])

@@ -9,13 +9,10 @@ from scipy.integrate import solve_ivp
 
 from odescope import simulate
 from odescope.export.model_file import from_json, to_json
-from odescope.library.constants import Constant
-from odescope.library.expression import ONE
-from odescope.library.mechanism import candidate
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.likelihood.refine import Refinement
-from odescope.likelihood.suspicion import _imitation, imitates, suspicions
+from odescope.likelihood.suspicion import _imitation, imitates
 from odescope.pipeline.identification import identify
 from odescope.pipeline.suspicion import replaces
 from odescope.study.library_options import Candidates
@@ -163,27 +160,6 @@ def test_beside_even_powers_of_its_rate_a_position_may_be_a_function(texts, rate
     assert (found is not None) == suspected
     for product in products if suspected else ():
         assert imitates(product, 0, [found])
-
-
-def test_what_holds_a_width_of_friction_stands_beside_no_other_function():
-    """The width is a constant of the model that no function of another variable could be evaluated with alone."""
-    x, v, friction = (parse_term(text, Scope.of(["x", "v", "w"])) for text in ("x", "v", "tanh(v/w)"))
-    products = [Product("v_dot", ONE), Product("v_dot", x), Product(None, v), Product(None, friction)]
-    space = SimpleNamespace(
-        mechanisms=[candidate(1, p, "v_dot") for p in products],
-        frame=SimpleNamespace(
-            targets=("x_dot", "v_dot"),
-            variables=("x", "v"),
-            states=("x", "v"),
-            following=np.array([-1, -2]),
-            constants={"w": Constant("w", 1e-3, 1.0, 0.1, optional=True)},
-        ),
-        needed={},
-        evaluated=lambda terms, theta: np.array([np.linspace(-1.0, 1.0, 9)] * len(terms)),
-    )
-    fit, outcome = SimpleNamespace(present=range(4), theta=np.ones(4)), SimpleNamespace(scale=1.0)
-    (found,) = suspicions(SimpleNamespace(space=space, fit=fit, process=None, outcome=outcome), {"x", "v"})
-    assert (found.variable, found.reason, found.beside) == ("x", "fractions", (ONE, v))
 
 
 def test_what_is_fixed_by_name_is_not_suspected():
