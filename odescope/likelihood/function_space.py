@@ -29,7 +29,7 @@ from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT
 from odescope.likelihood.smoothed_targets import explicit, rates
 from odescope.likelihood.steps import STEP_SHARE
-from odescope.likelihood.suspicion import JOINT, Suspicion, imitates, values_of_variables
+from odescope.likelihood.suspicion import JOINT, Suspicion, dry_friction, imitates, values_of_variables
 
 STEPS = 4  # of RK4 at most, but for dry friction, where more change next to nothing: what is found is fitted again
 SPEEDS = 3  # at which Stribeck's curve is looked for
@@ -295,8 +295,7 @@ def _stribeck(
     able = refinement.fit.present if refinement.exact else range(len(mechanisms))
     parts = (p for k in able for p in mechanisms[k].parts)
     terms = (p.product.term for p in parts if p.relation == suspected.relation and p.product.factor is None)
-    widths = {name for name, c in refinement.space.frame.constants.items() if c.optional}
-    dry = next((t for t in terms if t.names & widths and t.names - widths == {suspected.variable}), None)
+    dry = dry_friction(refinement.space, terms).get(suspected.variable)
     if dry is None:
         return ()
     family = stribeck(suspected.variable, values[suspected.variable], taken)

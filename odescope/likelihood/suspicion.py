@@ -5,7 +5,7 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -96,20 +96,29 @@ def _driven(space: SearchSpace, found: Fit, relation: int) -> list[str]:
         found: the model.
         relation: its number.
     """
-    coefficients, constants = dict[Term, float](), set(space.frame.constants)
+    coefficients, driven = dict[Term, float](), list[str]()
     for k in found.present:
         for p in space.mechanisms[k].parts:
             if p.relation == relation and p.product.factor is None:
                 term = p.product.term
                 coefficients[term] = coefficients.get(term, 0.0) + p.share * float(found.theta[k])
-    dry = {n: t for t in coefficients for n in t.names - constants if t.names & constants and len(t.names) == len("vw")}
-    driven = list[str]()
-    for speed, friction in dry.items():
+    for speed, friction in dry_friction(space, coefficients).items():
         terms = [friction, *(t for t in coefficients if speed in t.names and t != friction)]
         rows = space.evaluated([Term(((Name(speed), 1),)), *terms], found.theta)
         power = np.array([coefficients[t] * float(row @ rows[0]) for t, row in zip(terms, rows[1:], strict=True)])
         driven += [speed] if (power[1:] * power[0] < -DRIVES * power[0] ** 2).any() else []
     return driven
+
+
+def dry_friction(space: SearchSpace, terms: Iterable[Term]) -> dict[str, Term]:
+    """Return the terms that are dry friction of a single speed, by its name: the widths of such are optional constants.
+
+    Args:
+        space: whose constants they may name.
+        terms: of a relation.
+    """
+    widths = {name for name, c in space.frame.constants.items() if c.optional}
+    return {n: t for t in terms if t.names & widths for n in t.names - widths if t.names - widths == {n}}
 
 
 def _rates(space: SearchSpace, terms: Sequence[Sequence[Product]]) -> dict[str, str]:
