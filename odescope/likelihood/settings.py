@@ -223,7 +223,8 @@ def values_of(
 def _holding(
     name: str, mechanisms: Sequence[Mechanism], values: Mapping[str, float | None]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the terms that hold a constant, each once: with numbers, and with the names of all constants."""
+    """Return the terms that hold a constant, each once: with numbers, and with the names of all that have values."""
+    without = {n: None for n, value in values.items() if value is None}
     terms = dict.fromkeys(p.product.term for m in mechanisms for p in m.parts if name in p.product.term.names)
-    found = {term_at(t, values)[1].text: readable(t) for t in terms}
+    found = {term_at(t, values)[1].text: readable(term_at(t, without)[1]) for t in terms}
     return tuple(found), tuple(found.values())

@@ -15,6 +15,7 @@ from odescope.likelihood.program import Frame, Program
 from odescope.likelihood.sampled_inputs import SampledInputs
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
+from odescope.likelihood.settings import settings_of
 from odescope.recordings.coordinate import Coordinate
 
 # phi_ddot = -8 sin(phi) - 0.2 phi_dot - 1.5 tanh(phi_dot/w) + 2 u, u late and phi read with an offset.
@@ -141,3 +142,15 @@ def test_what_nothing_in_the_model_depends_on_leaves_with_the_last_term_that_did
     without = space.fit(theta, np.array([0, 1, 2, 4, 5, 6, 7]), found.x0, data.spread)
     assert without is not None
     assert without.present.tolist() == [0, 1, 2, 4, 5, 6]
+
+
+def test_a_term_with_a_width_that_the_record_does_not_ask_for_is_written_with_a_sign():
+    """Beside Stribeck's speed: what a model writes has to name no constant that it does not have."""
+    scope = Scope.of(["phi_dot", "s", "w"])
+    curve = candidate(0, Product(None, parse_term("exp(-phi_dot**2/s**2)*tanh(phi_dot/w)", scope)), "phi_ddot")
+    constants = {**FRAME.constants, "s": Constant("s", 0.1, 10.0, 1.0)}
+    present = (curve, Mechanism("constant", "s", "s", (), 0.0))
+    (found,) = settings_of(present, np.array([2.0, np.log(0.5)]), 1e-12 * np.eye(2), constants, {}).parameters
+    assert (found.name, found.value) == ("s", pytest.approx(0.5))
+    assert found.written == ("exp(-phi_dot**2/s**2)*sign(phi_dot)",)
+    assert found.terms == ("exp(-4.0*phi_dot**2)*sign(phi_dot)",)
