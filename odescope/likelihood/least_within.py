@@ -64,7 +64,7 @@ def _values(curves: Curves, at: FloatArray, columns: FloatArray, found: FloatArr
 
 @kernel()
 def _around(
-    rest: FloatArray, beside: FloatArray, curves: Curves, x: FloatArray, largest: FloatArray, columns: FloatArray
+    rest: FloatArray, beside: FloatArray, curves: Curves, x: FloatArray, limits: FloatArray, columns: FloatArray
 ) -> FloatArray:
     """Return the residual at some coefficients, and its slope in each of them (1 + k, N).
 
@@ -73,7 +73,7 @@ def _around(
         beside: (b, N) orthonormal: what that is.
         curves: the functions.
         x: (k,) coefficients.
-        largest: (2, k) those at the largest values that they may take, and differences of quotients.
+        limits: (k, 2) the least and the largest of each.
         columns: (v + k, N) the variables, and room for the constants.
     """
     count = len(x)
@@ -82,7 +82,8 @@ def _around(
         for k in range(count):
             at[point, k] = x[k]
     for k in range(count):
-        at[1 + k, k] += -largest[1, k] if x[k] + largest[1, k] > largest[0, k] else largest[1, k]
+        size = DIFFERENCE * (limits[k, 1] - limits[k, 0])
+        at[1 + k, k] += -size if x[k] + size > limits[k, 1] else size
     found = np.empty((1 + count, len(curves[2]), len(rest)))
     _values(curves, at, columns, found)
     left = unexplained(rest, beside, found)
@@ -144,17 +145,16 @@ def least_within(
     for row in range(len(variables)):
         for i in range(len(rest)):
             columns[row, i] = variables[row, i]
-    x, largest = np.empty(count), np.empty((2, count))
+    x = np.empty(count)
     for k in range(count):
         x[k] = min(max(begin[k], limits[k, 0]), limits[k, 1])
-        largest[0, k], largest[1, k] = limits[k, 1], DIFFERENCE * (limits[k, 1] - limits[k, 0])
-    left = _around(rest, beside, curves, x, largest, columns)
+    left = _around(rest, beside, curves, x, limits, columns)
     squares, damping = dot(left[0], left[0]), DAMPING
     for _ in range(steps):
         ahead, able = _step(left, x, limits, damping)
         if not able:
             break
-        other = _around(rest, beside, curves, ahead, largest, columns)
+        other = _around(rest, beside, curves, ahead, limits, columns)
         fallen = squares - dot(other[0], other[0])
         if fallen > 0.0:
             x, left, damping = ahead, other, 0.1 * damping
