@@ -108,21 +108,23 @@ class Beginnings(Saturating):
             found: the model before.
         """
         price, standings = self.moves().penalised, list[Standing]()
-        curves = [(k, curve) for k in range(len(self.suspected)) for curve in self.curves(k)]
-        for number, curve in curves:
-            relation, speed = self.suspected[number].relation, self.suspected[number].variable
+        for number, suspected in enumerate(self.suspected):
+            curves, relation, speed = self.curves(number), suspected.relation, suspected.variable
+            if not curves:
+                continue
+            factors = (Term((f,)) for f in curves[0].choice.terms[0].factors)
+            dry = next(f for f in factors if f.names.isdisjoint(curves[0].values))
             rows = self.base(relation, found.theta, self.space.frame.variables)
             terms = {j: self.space.mechanisms[j].parts[0].product.term for j in rows}
-            factors = (Term((f,)) for f in curve.choice.terms[0].factors)
-            dry = next(f for f in factors if f.names.isdisjoint(curve.values))
             base = [j for j, t in terms.items() if speed not in t.names or t.text == speed]
             base.append(self.number[relation, Product(None, dry)])
             imitated = self.imitated(relation, found, base, True)
-            theta = None if imitated is None else self.written(relation, found.theta, base, [curve], imitated)
-            fit = None if theta is None else self.tightened(theta)
-            if fit is not None:
-                placed = tuple(curve if j == number else Placed(Choice()) for j in range(len(self.suspected)))
-                standings.append(Standing(self.pruned(fit), placed, found if self.exact else None))
+            for curve in curves:
+                theta = None if imitated is None else self.written(relation, found.theta, base, [curve], imitated)
+                fit = None if theta is None else self.tightened(theta)
+                if fit is not None:
+                    placed = tuple(curve if j == number else Placed(Choice()) for j in range(len(self.suspected)))
+                    standings.append(Standing(self.pruned(fit), placed, found if self.exact else None))
         return min(standings, key=lambda s: price(s.fit), default=None)
 
     def placed_in(self, fit: Fit, k: int) -> Placed:
