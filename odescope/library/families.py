@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -86,11 +87,11 @@ def families_of(
 
     Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power, saturation and the
     rates of Hill, what they leave of one, as of a gene that is repressed, and Haldane's rate, of what is always
-    negative (a depth) those of its size; of what changes its sign the
-    size, the square with its sign, and twice what is left of it between two limits; of all exponentials, tanh, the
-    logistic function and sines, those of the variable itself where it may be an angle. Of a temperature, by its unit,
-    there are Arrhenius' law, about the middle of its range, and the fourth power of what it is above absolute zero, as
-    it radiates. What hardly moves beside its size has no tanh, and further still no exponentials, which would be lines.
+    negative (a depth) those of its size; of what changes its sign the size, the square with its sign, and twice what is
+    left of it between two limits; of all exponentials, tanh, the logistic function and sines, those of the variable
+    itself where it may be an angle. Of a temperature, by its unit, there are Arrhenius' law, about the middle of its
+    range, and the fourth power of what it is above absolute zero, as it radiates. What hardly moves beside its size has
+    no tanh, and further still no exponentials, which would be lines.
 
     Args:
         variable: its name.
@@ -104,9 +105,7 @@ def families_of(
     if not (reach > 0.0 and np.isfinite(reach)):
         return ()
 
-    def constant(role: str, least: float, largest: float) -> Constant:
-        return _constant(role, variable, least, largest, taken)
-
+    constant = partial(_constant, variable, taken)
     scale = constant("scale", reach / STEEP, reach / FLAT)
     rate = constant("rate", 1.0 / reach, WAVES / reach)
     slope = constant("slope", 1.0 / reach, 2.0 * STEEP / reach)
@@ -187,19 +186,19 @@ def stribeck(speed: str, values: FloatArray, taken: Collection[str]) -> Family:
         taken: names that the constant may not have.
     """
     size = float(np.abs(values).max())
-    constant = _constant(STRIBECK, speed, size / STEEP, SLOW * size, taken)
+    constant = _constant(speed, taken, STRIBECK, size / STEEP, SLOW * size)
     return _family(speed, f"exp(-{speed}**2/{constant.name}**2)", (constant,), values)
 
 
-def _constant(role: str, variable: str, least: float, largest: float, taken: Collection[str]) -> Constant:
+def _constant(variable: str, taken: Collection[str], role: str, least: float, largest: float) -> Constant:
     """Return a constant of a function of a variable.
 
     Args:
-        role: that it has in the function.
-        variable: the name of it.
-        least: value.
-        largest: value.
-        taken: names that it may not have.
+        variable: its name.
+        taken: names that the constant may not have.
+        role: of the constant in the function.
+        least: its least value.
+        largest: its largest.
     """
     name = f"{role}_{variable}"
     while name in taken:
