@@ -75,8 +75,9 @@ def _promises(refinement: Refinement, found: Alternative) -> bool:
 def replaces(other: Refinement, refinement: Refinement) -> bool:
     """Say whether a model with functions replaces the one without: only one that follows the record does.
 
-    Where the other did not, what the record lacks for a law may be put down to functions, so these must run freely no
-    worse over what is held out.
+    Of two that do, the one that follows it in longer pieces stays, else the likelier. Where the other did not, what the
+    record lacks for a law may be put down to functions, so these must run freely no worse over what is held out; nor
+    may they where likelihoods do not compare.
     """
     if not other.exact:
         return False
