@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from odescope.selection.ranking import Candidate
 from odescope.selection.sweep import Quotients
 
 REPLICATES = 50  # together no dearer than two sweeps
-LEAST_PIVOT = 1e-4  # of unit columns
+LEAST_PIVOT = 1e-5  # of unit columns: rounding takes a hundred thousandth of what is left of such a column
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def _drawn(problem: Problem, chosen: Candidate, nested: Sequence[Support], propo
 def _merged(times: IntArray, drawn: _Drawn) -> Factor:
     """Return the factor of pieces drawn so many times each.
 
-    By Cholesky, ten times as quick as by orthogonal merging, unless that would lose half of the digits.
+    By Cholesky, ten times as quick as by orthogonal merging, unless that would lose the digits of a column that nearly depends on others.
     """
     gram = np.tensordot(times, drawn.grams, axes=1)
     norms = np.sqrt(np.diag(gram))
@@ -111,13 +111,35 @@ def _best(times: IntArray, drawn: _Drawn) -> Support:
         for p in drawn.proposers
         for support in p.supports(factor, guess, columns)
     }
-    dear = float(penalty(factor.rows, 1.0 / factor.width))
-
-    def criterion(support: Support) -> float:
-        rest = max(factor.unexplained(support, guess), 1e-10 * float(factor.scale[guess]))
-        return 2.0 * factor.rows * float(np.log(rest)) + dear * len(support)
-
-    best = min((s for s in sorted(found) if set(s) & drawn.own), key=criterion, default=())
+    best = _least((s for s in found if set(s) & drawn.own), factor, guess, max(drawn.nested, key=len, default=()))
     if not best:
         return best
     return tuple(sorted(drawn.quotients.primitive(best).values()))
+
+
+def _least(supports: Iterable[Support], factor: Factor, guess: int, columns: Support) -> Support:
+    """Return the support of least criterion, empty of none; the small ones first.
+
+    None explains more than all columns together do: once that cannot pay for its terms, neither can those after it.
+
+    Args:
+        supports: with the guess.
+        factor: of all columns.
+        guess: the left-hand side.
+        columns: those that the supports were chosen from.
+    """
+    dear = float(penalty(factor.rows, 1.0 / factor.width))
+
+    def criterion(support: Support, terms: int) -> float:
+        rest = max(factor.unexplained(support, guess), 1e-10 * float(factor.scale[guess]))
+        return 2.0 * factor.rows * float(np.log(rest)) + dear * terms
+
+    bound = criterion(columns, 0)
+    best, least = Support(), np.inf
+    for support in sorted(supports, key=lambda s: (len(s), s)):
+        if bound + dear * len(support) > least:
+            break
+        value = criterion(support, len(support))
+        if value < least:
+            best, least = support, value
+    return best
