@@ -83,7 +83,7 @@ def _drawn(problem: Problem, chosen: Candidate, nested: Sequence[Support], propo
 def _merged(times: IntArray, drawn: _Drawn) -> Factor:
     """Return the factor of pieces drawn so many times each.
 
-    By Cholesky, ten times as quick as by orthogonal merging, unless that would lose the digits of a column that nearly depends on others.
+    By Cholesky, ten times as quick as by orthogonal merging, unless a column nearly depends on others.
     """
     gram = np.tensordot(times, drawn.grams, axes=1)
     norms = np.sqrt(np.diag(gram))

@@ -14,11 +14,14 @@ from odescope.recordings.record import Records
 MOST = (0.005, 0.995)  # quantiles of an angle between which it counts: a wrong sample says nothing of a shaft
 TURN = 2.0 * np.pi  # radians: each of them goes round, so that it is no pendulum that hangs beside another
 TWIST = 1.0  # radians, of the slower: further apart they are not joined, or by something that is no shaft
+LINE = 3  # samples, at least, of which one can say that they are on a line
+SHARED = 0.5  # of what is not steady in the turning of the slower: they may part by less, or each turns by itself
 
 
 def turning_together(records: Records, coordinates: Sequence[Coordinate]) -> tuple[tuple[str, str], ...]:
     """Return the pairs of angles that go round together, at some other ratio than one, but for less than a radian.
 
+    Two that turn at steady rates of their own keep a ratio as well: what is not steady has to be common to both.
     What is between them is a function of the difference of one and a multiple of the other, which nothing repeats when
     they go round: a spring, say. Springs between angles that turn at one rate are among the mechanisms of angles.
 
@@ -29,7 +32,10 @@ def turning_together(records: Records, coordinates: Sequence[Coordinate]) -> tup
     angles = [c.name for c in coordinates if c.angle]
     about = {name: [_about_middle(run.column(name)) for run in records] for name in angles}
     going = [name for name in angles if max(map(np.ptp, about[name])) > TURN]
-    return tuple((a, b) for a, b in combinations(going, 2) if _geared(about[a], about[b]))
+    unsteady = {a: max(_unsteady(run.t, of) for run, of in zip(records, about[a], strict=True)) for a in going}
+    return tuple(
+        (a, b) for a, b in combinations(going, 2) if _geared(about[a], about[b], min(unsteady[a], unsteady[b]))
+    )
 
 
 def shaft_note(angles: tuple[str, str]) -> str:
@@ -46,12 +52,27 @@ def _about_middle(angle: FloatArray) -> FloatArray:
     return found
 
 
-def _geared(one: Sequence[FloatArray], other: Sequence[FloatArray]) -> bool:
-    """Say whether two angles (N,) a record part by less than TWIST from some ratio, and by more from one to one."""
+def _unsteady(t: FloatArray, angle: FloatArray) -> float:
+    """Return how far an angle (N,), clipped to where most of its samples are, goes from a steady rate, in radians."""
+    most = (angle > angle.min()) & (angle < angle.max())
+    if np.count_nonzero(most) < LINE:
+        return 0.0
+    since = t[most] - t[0]
+    return float(np.ptp(angle[most] - np.polyval(np.polyfit(since, angle[most], 1), since)))
+
+
+def _geared(one: Sequence[FloatArray], other: Sequence[FloatArray], unsteady: float) -> bool:
+    """Say whether two angles (N,) a record part little from some ratio, and by more than TWIST from one to one.
+
+    Args:
+        one: of the angles.
+        other: of them.
+        unsteady: how far the slower goes from a steady rate, in radians.
+    """
     x, y = (np.concatenate(of) for of in (one, other))
     fast, slow = (one, other) if x @ x >= y @ y else (other, one)
     ratio = float(x @ y) / min(float(x @ x), float(y @ y))
-    return _twist(fast, slow, ratio) < TWIST <= _twist(fast, slow, 1.0)
+    return _twist(fast, slow, ratio) < min(TWIST, SHARED * unsteady) and _twist(fast, slow, 1.0) >= TWIST
 
 
 def _twist(fast: Sequence[FloatArray], slow: Sequence[FloatArray], ratio: float) -> float:

@@ -47,6 +47,16 @@ def test_ends_of_a_shaft_and_arms_that_swing_side_by_side_or_go_round_apart_do_n
     assert turning_together(records(shaft, shaft + 0.2 * np.sin(9.0 * T)), NAMES) == ()
 
 
+def test_angles_that_turn_at_steady_rates_of_their_own_do_not():
+    # Two clocks: phases that pull at each other a little, or not at all.
+    slow, fast = 3.0 * T + 0.2 * np.sin(3.7 * T), 11.0 * T + 0.2 * np.sin(5.0 * T)
+    assert turning_together(records(slow, fast), NAMES) == ()
+    assert turning_together(records(slow, -11.0 * T), NAMES) == ()
+    read = 0.01 * np.random.default_rng(0).standard_normal((2, len(T)))
+    assert turning_together(records(3.0 * T + read[0], 11.0 * T + read[1]), NAMES) == ()
+    assert turning_together(records(slow, 3.0 * slow), NAMES) == (("a", "b"),)
+
+
 @pytest.mark.slow
 def test_a_shaft_between_two_angles_is_a_spring_between_their_inertias():
     rng = np.random.default_rng(3)
