@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from math import comb
 
 from odescope.errors import InputError
 from odescope.library.candidates import Library
 from odescope.library.friction import default_friction, friction_rule
+from odescope.library.harmonics import harmonics
 from odescope.library.parse import Scope
 from odescope.library.rules import Exclusive, Identity, MaximumDegree, Rule
 from odescope.library.spatial import spatial_forces
@@ -53,6 +55,7 @@ def default_library(
     targets: Sequence[str],
     scope: Scope,
     degree: int | None = None,
+    sums: bool = False,
 ) -> Library:
     """Return the default candidates for relations that are linear in `targets`.
 
@@ -68,6 +71,8 @@ def default_library(
         targets: those that may multiply a product, each to the first power.
         scope: the names that the products are made of.
         degree: how many functions a product holds at most, targets aside, where that is asked for.
+        sums: whether sines and cosines of sums and differences of angles stand in the place of products of those of
+            different angles: they span the same, and either may be the shorter.
     """
     states = [
         c.derivative(k)
@@ -88,6 +93,11 @@ def default_library(
     positions = Library.of([s for s in states if s in own], scope)
     trigonometric = Library.of(waves, scope).powers(degree or 2)
     trigonometric = trigonometric.thin([Identity(f"sin({a})") for a in angles], scope)
+    if sums:
+        several = (h for d in range(2, (degree or 2) + 1) for h in harmonics(angles, d))
+        trigonometric = trigonometric.that(lambda t: len(t.names) < 2) + Library.of(chain(*several), scope).that(
+            lambda t: len(t.names) > 1
+        )
     moving = velocities + Library.of([*driven], scope) + positions + Library.of(targets, scope)
     asked = [] if degree is None else [MaximumDegree((*states, *driven, *waves), degree)]
     return (moving * trigonometric).thin(asked, scope) + alone

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, combinations_with_replacement, islice, product
 
 from odescope.library.friction import alike, friction_rates
+from odescope.library.harmonics import harmonics
 from odescope.library.spatial import spatial_dissipation, spatial_potentials, together
 from odescope.recordings.coordinate import Coordinate, Input
 
@@ -128,27 +129,9 @@ def _configuration(coordinates: Sequence[Coordinate], degree: int) -> Iterator[s
     """Yield the functions h(q) to a degree, the constant as "1", simple ones first."""
     positions = [c.name for c in coordinates if not (c.angle or c.cyclic)]
     angles = sorted(c.name for c in coordinates if c.angle and not c.cyclic)
-    harmonics = [list(_harmonics(angles, d)) for d in range(degree + 1)]
+    waves = [list(harmonics(angles, d)) for d in range(degree + 1)]
     for total in range(degree + 1):
         for d in range(total + 1):
-            for powers, harmonic in product(combinations_with_replacement(positions, total - d), harmonics[d]):
+            for powers, harmonic in product(combinations_with_replacement(positions, total - d), waves[d]):
                 factors = [p if n == 1 else f"{p}**{n}" for p, n in Counter(powers).items()]
                 yield "*".join([*factors, *harmonic]) or "1"
-
-
-def _harmonics(angles: Sequence[str], degree: int) -> Iterator[tuple[str, ...]]:
-    """Yield the harmonics with sum |k| = degree, one of each pair k and -k; nothing for the constant."""
-    if degree == 0:
-        yield ()
-    for chosen in combinations_with_replacement(angles, degree):
-        multiples = list(Counter(chosen).items())
-        for signs in product((1, -1), repeat=max(0, len(multiples) - 1)) if multiples else ():
-            argument = _multiple(*multiples[0])
-            for sign, (angle, k) in zip(signs, multiples[1:], strict=True):
-                argument += (" + " if sign > 0 else " - ") + _multiple(angle, k)
-            yield (f"cos({argument})",)
-            yield (f"sin({argument})",)
-
-
-def _multiple(angle: str, k: int) -> str:
-    return angle if k == 1 else f"{k}*{angle}"

@@ -29,6 +29,7 @@ from odescope.pipeline.physics import energy_of
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.roots import with_roots
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
+from odescope.pipeline.sums import with_sums
 from odescope.pipeline.suspicion import with_suspected
 from odescope.pipeline.temperatures import with_arrhenius
 from odescope.pipeline.work import Work
@@ -187,6 +188,8 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
                 contenders += asis
                 continue
         refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
+        if posed.form == "relations" and work.study.likelihood.enabled and not work.late:
+            posed, refinement = with_sums(work, filtered, posed, refinement)
         if posed.form == "relations" and work.study.suspects and not work.late:
             refinement, suspicions = _with_more(work, filtered, posed, regressed, refinement)
         own = partial(_regressed, posed, regressed, filtered.signals)

@@ -41,8 +41,11 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         rules: what products of the basis must obey to stay; left out, those that the kinds of coordinates ask for.
         functions: functions of one's own, as `"drag(v)" = "v*abs(v)"`.
         coupled: whether every relation may hold every target, or its own alone. "auto" couples the default library of
-            several angles: a chain of pendulums has short relations between its accelerations, and long explicit
-            ones.
+            several angles of order 2: a chain of pendulums has short relations between its accelerations, and long
+            explicit ones.
+        sums: whether the default library has sines and cosines of sums and differences of angles in the place of
+            products of those of different angles. "auto" has whichever regression finds more with, where all angles
+            are of order 1 (phases, headings), and products elsewhere.
         form: what the candidates are terms of: of "relations" between states, targets and inputs; of the energies,
             dissipation and forces of Lagrange's equations ("lagrangian"); or "reactions" with one rate each. "auto"
             lets Lagrange's equations compete with relations where there are several coordinates, all of order 2.
@@ -72,6 +75,7 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     rules: tuple[AnyRule, ...] | None = None
     functions: dict[str, str] = {}
     coupled: bool | Literal["auto"] = "auto"
+    sums: bool | Literal["auto"] = "auto"
     form: Literal["auto"] | Form = "auto"
     kinetic: tuple[str, ...] | None = None
     potential: tuple[str, ...] | None = None
@@ -114,6 +118,8 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         for name, given in (("rules", self.rules), ("degree", self.own_degree)):
             if given is not None and fixed and self.basis is None:
                 raise InputError(f"[library] {name} would do nothing to {fixed}; leave it out, or name a basis")
+        if self.sums != "auto" and not self.by_default:
+            raise InputError("[library] sums is for the default library; name sin(a - b) in yours, or leave sums out")
         self._check_effects()
 
     def _check_effects(self) -> None:

@@ -291,7 +291,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         if own.coupled != "auto":
             return own.coupled
         default = own.terms is None and own.basis is None and own.preset == "default"
-        return default and sum(c.angle for c in self.coordinates.values()) > 1
+        return default and sum(c.angle and c.order > 1 for c in self.coordinates.values()) > 1
 
     def forms(self) -> tuple[Form, ...]:
         """Return the forms that compete."""
@@ -379,7 +379,7 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             library = Library.of(paper_basis(coordinates, inputs), scope).powers(4)
             library = library.thin(paper_rules(coordinates, inputs, target), scope)
         else:
-            library = default_library(coordinates, inputs, targets, scope, options.own_degree)
+            library = default_library(coordinates, inputs, targets, scope, options.own_degree, options.sums is True)
             library = library.thin(options.rules or (), scope)
         library = library + Library.of(options.extra, scope)
         check_basis(coordinates, library)

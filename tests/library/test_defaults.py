@@ -1,11 +1,13 @@
 from itertools import product
 
+import numpy as np
 import pytest
 
 from odescope.errors import InputError
 from odescope.library.candidates import Library
 from odescope.library.defaults import check_basis, default_library, default_rules, paper_basis, paper_rules
 from odescope.library.parse import Scope, parse_term
+from odescope.library.tape import evaluate, write_tape
 from odescope.recordings.coordinate import Coordinate, Input
 
 CART = (Coordinate("x", order=2, cyclic=True), Coordinate("phi", order=2, angle=True))
@@ -217,3 +219,17 @@ def test_a_library_without_a_state_is_refused():
     with pytest.raises(InputError, match="no candidate term contains a state"):
         check_basis(CART, Library.of(("u", "1", "x_ddot"), names))
     check_basis(CART, Library.of(("u", "sin(phi)"), names))
+
+
+def test_sums_of_angles_span_what_products_do():
+    phases, names = [Coordinate(n, angle=True) for n in "abc"], "abc"
+    libraries = [
+        default_library(phases, FORCE, ["a_dot"], scope(phases, FORCE), sums=sums).without(["a_dot"])
+        for sums in (False, True)
+    ]
+    rows = np.random.default_rng(0).uniform(-3.0, 3.0, (4, 200))
+    columns = [evaluate(write_tape([*names, "u"], list(library)), rows) for library in libraries]
+    ranks = [np.linalg.matrix_rank(c) for c in (*columns, np.concatenate(columns))]
+    assert ranks == [len(libraries[0])] * 3 == [len(libraries[1])] * 3
+    assert {"sin(a - b)", "u*cos(b + c)"} <= {t.text for t in libraries[1]}
+    assert "sin(a - b)" not in {t.text for t in libraries[0]}
