@@ -24,6 +24,7 @@ STEEP = 200.0  # times as wide as a step of tanh or of a logistic function the r
 GROWTH = 30.0  # largest argument of an exponential, over the range of its variable,
 WAVES = 12.0  # and of a sine
 ARC, TURNS = 0.4, 60.0  # radians that an angle moves over: over less its functions are powers
+STEERED = 1.4  # radians: the tangent of an angle that is turned further is a pole
 BEYOND = 1.0  # of the range of its variable: how far outside of it the middle of a step may be
 FLAT = 0.3  # least one
 POLE = 2.0  # times as far below zero as noise takes what has no sign the pole of a saturation is, at least
@@ -114,6 +115,7 @@ def families_of(
     drawn = list(_by_sign(variable, low, high, constant))
     if is_angular(unit) and may_be_angle(values) if angle is None else angle:
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
+        drawn += [(f"tan({variable})", ())] if size < STEERED else []
     for kelvins, inverse, largest in _kelvins(variable, unit, low, high):
         energy = constant(ACTIVATION, ENERGIES[0], largest)
         drawn += [

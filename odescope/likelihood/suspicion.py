@@ -69,7 +69,7 @@ def suspicions(refinement: Refinement, names: Collection[str]) -> tuple[Suspicio
         suspected += [*here, *(Suspicion(r, n, "driven") for n in driven)]
     if refinement.process is not None or refinement.outcome.scale > WHITE:
         known = {s.relation for s in suspected}  # an imitation that is not good enough leaves a residual, too
-        suspected += [s for s in _residual(space, found, names) if s.relation not in known]
+        suspected += [s for s in _residual(space, found, names, terms) if s.relation not in known]
     return tuple(suspected)
 
 
@@ -153,12 +153,7 @@ def _imitation(
         constants: within functions: what holds some stands beside no other function.
         rate: name of the variable that is its rate, if one is.
     """
-    powers = dict[Term, set[float]]()
-    for p in products:
-        if p.factor is None and p.term.names.isdisjoint(constants):
-            rest = Term(tuple(f for f in p.term.factors if f[0] != Name(name)))
-            powers.setdefault(rest, set()).add(p.term.power_of(Name(name)))
-    powers = {rest: found for rest, found in powers.items() if name not in rest.names}
+    powers = _powers([p for p in products if p.term.names.isdisjoint(constants)], name)
     if any(p.factor is not None and p.term.power_of(Name(name)) for p in products):
         # A fraction divides the whole relation, so the function may be in any of its terms: those that hold its
         # numerator, or all where that is a number, as in M/(1 + I).
@@ -171,7 +166,23 @@ def _imitation(
     beside = [rest for rest, found in powers.items() if len(found) >= SEVERAL or rest in together]
     most = max((len(powers[rest]) for rest in beside), default=0)
     most = max(most, sum(len(powers[rest]) for rest in together))
-    return Suspicion(relation, name, "powers", tuple(dict.fromkeys((ONE, *beside))), most) if beside else None
+    single = [rest for rest, found in powers.items() if found]
+    return Suspicion(relation, name, "powers", tuple(dict.fromkeys((ONE, *beside, *single))), most) if beside else None
+
+
+def _powers(products: Iterable[Product], name: str) -> dict[Term, set[float]]:
+    """Return the powers of a variable in a relation, by what else there is in their terms, which holds it nowhere.
+
+    Args:
+        products: of the relation; those with a target do not count.
+        name: of the variable.
+    """
+    powers = dict[Term, set[float]]()
+    for term in (p.term for p in products if p.factor is None):
+        rest = Term(tuple(f for f in term.factors if f[0] != Name(name)))
+        if name not in rest.names:
+            powers.setdefault(rest, set()).add(term.power_of(Name(name)))
+    return powers
 
 
 def _even(term: Term, name: str) -> bool:
@@ -193,15 +204,28 @@ def _growing(space: SearchSpace, suspected: Suspicion) -> Suspicion:
     return replace(suspected, beside=tuple(dict.fromkeys((*suspected.beside, Term(((Name(own), 1),))))))
 
 
-def _residual(space: SearchSpace, found: Fit, names: Collection[str]) -> list[Suspicion]:
-    """Return the variable, in each relation, that its residual goes with most, where it clearly does with one."""
+def _residual(
+    space: SearchSpace, found: Fit, names: Collection[str], terms: Sequence[Sequence[Product]]
+) -> list[Suspicion]:
+    """Return the variable, in each relation, that its residual goes with most, where it clearly does with one.
+
+    A function of it may stand where it does by itself, and before what multiplies it there.
+
+    Args:
+        space: the candidates.
+        found: the model.
+        names: of the variables whose functions may be looked for.
+        terms: of every relation.
+    """
     missing = np.subtract(rates(space), explicit(space, found))
     suspected = list[Suspicion]()
     columns = values_of_variables(space)
     for r, column in enumerate(missing):
         shares = {n: _share(column, columns[n]) for n in space.frame.variables if n in names}
         if shares and max(shares.values()) > GOES_WITH:
-            suspected.append(Suspicion(r, max(shares, key=lambda n: shares[n]), "residual"))
+            name = max(shares, key=lambda n: shares[n])
+            beside = [rest for rest, found_here in _powers(terms[r], name).items() if found_here != {0}]
+            suspected.append(Suspicion(r, name, "residual", tuple(dict.fromkeys((ONE, *beside)))))
     return suspected
 
 

@@ -20,6 +20,7 @@ from odescope.pipeline.work import Work
 from odescope.study.options import Study
 
 WIDER = ((2, 0), (3, 0), (2, 2), (3, 2))  # degrees of the products, and of the sines and cosines with them
+FAR_BETTER = 0.5  # of the error of free runs
 NO_WORSE = 1.1  # times the error of free runs: over stretches of one record errors differ by as much and mean nothing
 
 
@@ -58,9 +59,16 @@ def with_modulated(
 
 
 def _replaces(other: Refinement, before: Refinement | None) -> bool:
-    """Say whether a model replaces the one before: it follows the record in one piece, and runs freely as well."""
-    whole = other.exact and other.outcome.width <= WIDTHS[-1]
-    return whole and (before is None or other.free_run_error <= NO_WORSE * before.free_run_error)
+    """Say whether a model replaces the one before: it follows the record in one piece, and runs freely as well.
+
+    With noise of the process it is to have no more terms, and run far better: functions are then suspected of it.
+    """
+    if not other.follows or other.outcome.width > WIDTHS[-1]:
+        return False
+    if before is None or other.exact:
+        return other.exact and (before is None or other.free_run_error <= NO_WORSE * before.free_run_error)
+    leaner = len(other.fit.present) <= len(before.fit.present)
+    return leaner and other.free_run_error < FAR_BETTER * before.free_run_error
 
 
 def _promise(found: Regressed) -> float:

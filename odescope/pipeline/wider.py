@@ -13,7 +13,7 @@ import numpy as np
 
 from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.refine import Refinement
-from odescope.likelihood.search import WIDTHS
+from odescope.likelihood.search import WIDTHS, full
 from odescope.pipeline.constants import constants_of, substitute
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import relations_form
@@ -118,10 +118,15 @@ def promises(found: Regressed, before: Regressed, least: float = EVIDENT) -> boo
 
 
 def evidently_better(other: Refinement, before: Refinement | None) -> bool:
-    """Say whether a model with another library replaces the one before: it follows the record in one piece."""
+    """Say whether a model with another library replaces the one before: it follows the record in one piece.
+
+    One that stopped at its largest number of terms replaces none: so many follow any record.
+    """
     if other.outcome.width > WIDTHS[-1]:
         return False
     if before is None:
         return other.exact
+    if full(other.space, other.fit):
+        return False
     gain = other.gained_over(before)
     return replaces(other, before) and (gain is None or gain > EVIDENT)
