@@ -18,7 +18,7 @@ from odescope.recordings.checks import is_angular
 FINEST = 200  # values of a constant that are compared, from one end of its range to the other
 SEEN = 200  # samples on which they are
 EXPONENTS = (0.2, 4.0)
-ORDERS = (1.2, 8.0)  # of Hill's function: at 1 it is a saturation
+ORDERS = (1.2, 12.0)  # of Hill's function: at 1 it is a saturation
 NEGLIGIBLE = 0.05  # of the largest value: a quantity that is never further below zero is one that has no sign
 STEEP = 200.0  # times as wide as a step of tanh or of a logistic function the range of its variable may be
 GROWTH = 30.0  # largest argument of an exponential, over the range of its variable,

@@ -12,7 +12,7 @@ from odescope.library.candidates import Library
 from odescope.library.rules import Identity
 from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.refine import Refinement
-from odescope.likelihood.search import WIDTHS
+from odescope.likelihood.search import WIDTHS, full
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.wider import regressed_with, searched_with, with_extra
@@ -61,14 +61,12 @@ def with_modulated(
 def _replaces(other: Refinement, before: Refinement | None) -> bool:
     """Say whether a model replaces the one before: it follows the record in one piece, and runs freely as well.
 
-    With noise of the process it is to have no more terms, and run far better: functions are then suspected of it.
+    With noise of the process, or in shorter pieces, it has to run far better: functions are then suspected of it.
     """
-    if not other.follows or other.outcome.width > WIDTHS[-1]:
-        return False
-    if before is None or other.exact:
-        return other.exact and (before is None or other.free_run_error <= NO_WORSE * before.free_run_error)
-    leaner = len(other.fit.present) <= len(before.fit.present)
-    return leaner and other.free_run_error < FAR_BETTER * before.free_run_error
+    if other.exact and other.outcome.width <= WIDTHS[-1]:
+        return before is None or other.free_run_error <= NO_WORSE * before.free_run_error
+    far_better = before is not None and other.free_run_error < FAR_BETTER * before.free_run_error
+    return far_better and other.follows and not full(other.space, other.fit)
 
 
 def _promise(found: Regressed) -> float:

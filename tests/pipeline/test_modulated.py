@@ -61,3 +61,19 @@ def test_products_with_inputs_are_found(system, law, seed):
 @pytest.mark.slow
 def test_a_library_without_suspicion_stays_as_it_is():
     assert "phi_dot*u**2" not in terms(logged(BRAKE), suspect=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_car_turns_by_its_speed_times_the_tangent_of_the_angle_that_it_is_steered_by(seed):
+    rng, logs = np.random.default_rng(seed), []
+    for _ in range(2):
+        v, d = 3.0 + smooth(rng, len(T), 0.02, 2.0, 1.0), smooth(rng, len(T), 0.02, 1.0, 0.25)
+        heading = solved(lambda _, u: [u[0] * np.tan(u[1]) / 1.6], [0.0], T, np.column_stack([v, d]))[:, 0]
+        logs.append({"t": T, "h": heading + 0.002 * rng.standard_normal(len(T)), "v": v, "d": d})
+    inputs = {"v": Driven(), "d": Driven()}
+    result = identify(Study(data=Data(time="t"), coordinates={"h": Measured(angle=True)}, inputs=inputs), logs)
+    (relation,) = result.model.relations
+    (found,) = (t for t in relation.terms if t.product.factor is None)
+    assert found.product.text == "v*tan(d)"
+    assert -found.coefficient == pytest.approx(1.0 / 1.6, rel=0.002)
