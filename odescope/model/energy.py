@@ -180,9 +180,9 @@ def _imbalance(energies: Energies, names: Sequence[str], columns: Sequence[Float
         error = energy - came + went
         missing.append(error - error.mean())
         turned = max(turned, *(float(np.ptp(part)) for part in (energy, kinetic, came, went)))
-    if not turned > 0.0:
+    if not 0.0 < turned < np.inf:
         return None
-    return float(np.sqrt(np.mean(np.concatenate(missing) ** 2))) / turned
+    return float(np.sqrt(np.mean((np.concatenate(missing) / turned) ** 2)))  # energies of a wrong model may be any size
 
 
 def _values(names: Sequence[str], combinations: Sequence[Combination], columns: FloatArray) -> FloatArray:
