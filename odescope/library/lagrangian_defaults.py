@@ -74,10 +74,20 @@ def default_forces(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -
     """Return the default forces: every input on every coordinate, and beside inputs a constant.
 
     What an amplifier is off pushes the same way wherever a coordinate is, so no function of an angle stands for it. Of
-    other positions the potential has the first power, which is a constant force.
+    other positions the potential has the first power, which is a constant force. Where two positions may be those of a
+    body in a plane, inputs also push along and across each angle: the thrust of a rotor turns with what it lifts.
     """
     driven = tuple(i.name for i in inputs)
-    return {c.name: (*driven, "1") if driven and (c.angle or c.cyclic) else driven for c in coordinates}
+    places = [c for c in coordinates if not c.angle]  # cyclic ones, too: it is the force that turns
+    plane = {c.name for pair in combinations(places, 2) if alike(*pair) for c in pair}
+    angles = [c.name for c in coordinates if c.angle and not c.cyclic]
+    turning = tuple(f"{i}*{f}({a})" for i in driven for a in angles for f in ("cos", "sin"))
+
+    def on(c: Coordinate) -> tuple[str, ...]:
+        constant = ("1",) if driven and (c.angle or c.cyclic) else ()
+        return (*driven, *constant, *(turning if c.name in plane else ()))
+
+    return {c.name: on(c) for c in coordinates}
 
 
 def _kinetic(coordinates: Sequence[Coordinate], degree: int, own: bool, sums: Mapping[str, str]) -> Iterator[str]:

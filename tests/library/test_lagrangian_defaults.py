@@ -35,10 +35,11 @@ def test_the_default_of_a_pendulum_on_a_cart():
     assert len(lagrangian(CART, FORCE, scope_of(CART, FORCE))) == 30
 
 
-def test_a_constant_stands_beside_inputs_where_the_potential_has_none():
+def test_beside_inputs_stand_a_constant_where_the_potential_has_none_and_in_a_plane_what_turns():
     plain, angle, level = Coordinate("a", 2), Coordinate("b", 2, angle=True), Coordinate("c", 2, cyclic=True)
     forces = default_forces((plain, angle, level), FORCE)
-    assert forces == {"a": ("u",), "b": ("u", "1"), "c": ("u", "1")}
+    turning = ("u*cos(b)", "u*sin(b)")  # of a body in the plane of a and c
+    assert forces == {"a": ("u", *turning), "b": ("u", "1"), "c": ("u", "1", *turning)}
     assert default_forces((plain, angle, level), ()) == {"a": (), "b": (), "c": ()}
     assert "a" in default_energies((plain, angle, level))[1]
 

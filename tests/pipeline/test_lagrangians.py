@@ -78,6 +78,16 @@ ROTOR = (
     {"u": 3.0},
 )
 
+HOVERCRAFT = (
+    ("x", "y", "h"),
+    "0.6*x_dot**2 + 0.6*y_dot**2 + 0.1*h_dot**2",
+    "0",
+    "0.2*x_dot**2 + 0.2*y_dot**2 + 0.05*h_dot**2",
+    ("u*cos(h)", "u*sin(h)", "w"),
+    (0.0, 0.0, 0.5),
+    {"u": 2.0, "w": 0.3},
+)
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
@@ -105,3 +115,12 @@ def test_forces_that_do_no_work_are_relations_and_no_negative_inertia(seed):
     model = found(recorded(*CHARGE, seed), "", CHARGE[0], CHARGE[-1])
     terms = [{t.text for t in relation.terms} for relation in model.relations]
     assert terms == [{"x_ddot", "x", "x_dot", "y_dot", "u"}, {"y_ddot", "x_dot", "y_dot"}]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_thrust_turns_with_what_it_pushes(seed):
+    model = found(recorded(*HOVERCRAFT, seed), "h", HOVERCRAFT[0], HOVERCRAFT[-1])
+    rates = {f"{name}_dot**2" for name in HOVERCRAFT[0]}
+    forces = {("force", "u*cos(h)"), ("force", "u*sin(h)"), ("force", "w")}
+    assert held(model) == {("kinetic", t) for t in rates} | {("dissipation", t) for t in rates} | forces
