@@ -94,10 +94,8 @@ def default_library(
     trigonometric = Library.of(waves, scope).powers(degree or 2)
     trigonometric = trigonometric.thin([Identity(f"sin({a})") for a in angles], scope)
     if sums:
-        several = (h for d in range(2, (degree or 2) + 1) for h in harmonics(angles, d))
-        trigonometric = trigonometric.that(lambda t: len(t.names) < 2) + Library.of(chain(*several), scope).that(
-            lambda t: len(t.names) > 1
-        )
+        several = Library.of(chain(*(h for d in range(2, (degree or 2) + 1) for h in harmonics(angles, d))), scope)
+        trigonometric = trigonometric.that(lambda t: len(t.names) < 2) + several.that(lambda t: len(t.names) > 1)
     moving = velocities + Library.of([*driven], scope) + positions + Library.of(targets, scope)
     asked = [] if degree is None else [MaximumDegree((*states, *driven, *waves), degree)]
     return (moving * trigonometric).thin(asked, scope) + alone

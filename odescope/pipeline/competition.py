@@ -187,9 +187,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
             ):
                 contenders += asis
                 continue
-        refinement = refine_form(work, filtered, posed) if work.study.likelihood.enabled else None
-        if posed.form == "relations" and work.study.likelihood.enabled and not work.late:
-            posed, refinement = with_sums(work, filtered, posed, refinement)
+        posed, refinement = _refined(work, filtered, posed)
         if posed.form == "relations" and work.study.suspects and not work.late:
             refinement, suspicions = _with_more(work, filtered, posed, regressed, refinement)
         own = partial(_regressed, posed, regressed, filtered.signals)
@@ -211,6 +209,16 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
     best = best_of(contenders)
     scores = tuple(c.score(c is best) for c in contenders) if len(contenders) > 1 else ()
     return Winner(best, scores, suspicions if best.form == "relations" else ())
+
+
+def _refined(work: Work, filtered: Filtered, posed: Posed) -> tuple[Posed, Refinement | None]:
+    """Return a form, relations in sums of angles where those are the better ones, and what the likelihood leads to."""
+    if not work.study.likelihood.enabled:
+        return posed, None
+    refinement = refine_form(work, filtered, posed)
+    if posed.form != "relations" or work.late:
+        return posed, refinement
+    return with_sums(work, filtered, posed, refinement)
 
 
 def _with_more(

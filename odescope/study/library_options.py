@@ -44,8 +44,8 @@ class Candidates(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             several angles of order 2: a chain of pendulums has short relations between its accelerations, and long
             explicit ones.
         sums: whether the default library has sines and cosines of sums and differences of angles in the place of
-            products of those of different angles. "auto" has whichever regression finds more with, where all angles
-            are of order 1 (phases, headings), and products elsewhere.
+            products of those of different angles. "auto" has products, and tries sums where all angles are of order 1
+            (phases, headings) and a relation would be shorter with them.
         form: what the candidates are terms of: of "relations" between states, targets and inputs; of the energies,
             dissipation and forces of Lagrange's equations ("lagrangian"); or "reactions" with one rate each. "auto"
             lets Lagrange's equations compete with relations where there are several coordinates, all of order 2.
