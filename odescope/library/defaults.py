@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import chain
 from math import comb
 
 from odescope.errors import InputError
@@ -94,7 +93,7 @@ def default_library(
     trigonometric = Library.of(waves, scope).powers(degree or 2)
     trigonometric = trigonometric.thin([Identity(f"sin({a})") for a in angles], scope)
     if sums:
-        several = Library.of(chain(*(h for d in range(2, (degree or 2) + 1) for h in harmonics(angles, d))), scope)
+        several = Library.of((h for d in range(2, (degree or 2) + 1) for (h,) in harmonics(angles, d)), scope)
         trigonometric = trigonometric.that(lambda t: len(t.names) < 2) + several.that(lambda t: len(t.names) > 1)
     moving = velocities + Library.of([*driven], scope) + positions + Library.of(targets, scope)
     asked = [] if degree is None else [MaximumDegree((*states, *driven, *waves), degree)]
