@@ -234,7 +234,8 @@ def _with_more(
         refinement: the model so far, if there is one.
     """
     suspicions = tuple[SuspicionScore, ...]()
-    refinement = with_modulated(work, filtered, regressed, refinement)  # products are simpler than functions
+    # Products are simpler than functions, which are then looked for beside the candidates that the model is made of.
+    posed, refinement = with_modulated(work, filtered, posed, regressed, refinement)
     # Too many terms imitate a rate that goes with a temperature for one function at a time to be seen in their place.
     wanting = refinement is None or refinement.wanting
     if wanting:

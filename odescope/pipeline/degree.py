@@ -53,5 +53,5 @@ def with_higher_degree(
     if found is None or not promises(found, regressed, EVIDENT if follows else 0.0):
         return refinement
     work.monitor.tell(Progress("suspicion", "search with products of higher degree", 0, 1))
-    other = searched_with(wide, filtered, found, refinement)
+    _, other = searched_with(wide, filtered, found, refinement)
     return other if other is not None and evidently_better(other, refinement) else refinement

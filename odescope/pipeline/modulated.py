@@ -14,6 +14,7 @@ from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WIDTHS, full
 from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import Posed
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.wider import regressed_with, searched_with, with_extra
 from odescope.pipeline.work import Work
@@ -25,9 +26,9 @@ NO_WORSE = 1.1  # times the error of free runs: over stretches of one record err
 
 
 def with_modulated(
-    work: Work, filtered: Filtered, regressed: Regressed, refinement: Refinement | None
-) -> Refinement | None:
-    """Return the model with inputs that multiply rates, themselves and each other, where that is evidently better.
+    work: Work, filtered: Filtered, posed: Posed, regressed: Regressed, refinement: Refinement | None
+) -> tuple[Posed, Refinement | None]:
+    """Return relations and their model: with inputs that multiply rates, themselves and each other, where it is better.
 
     Beside angles the default library holds inputs to the first power, which nothing but sines and cosines multiply, and
     two rates at most: neither a spring that turns with a shaft, nor a brake whose damping goes with its current, nor a
@@ -37,25 +38,26 @@ def with_modulated(
     Args:
         work: whose study says whether more than its library may be looked for.
         filtered: the records and their signals.
+        posed: the relations of the default library.
         regressed: what regression in the default library found.
         refinement: the model so far, if there is one.
     """
     study = work.study
     angles = any(c.angle for c in filtered.signals.coordinates)
     if study.library.by_hand or not angles or not study.suspects or not filtered.sample.complete:
-        return refinement
+        return posed, refinement
     if refinement is not None and refinement.exact:
-        return refinement
+        return posed, refinement
     wides = [with_extra(work, extra) for extra in products_of(study)]
     regressions = [(wide, found) for wide in wides if (found := regressed_with(wide, filtered)) is not None]
     if not regressions:
-        return refinement
+        return posed, refinement
     wide, found = min(regressions, key=lambda tried: _promise(tried[1]))
     if not _promise(found) < _promise(regressed) - EVIDENT:
-        return refinement
+        return posed, refinement
     work.monitor.tell(Progress("suspicion", "search with springs that turn, and inputs that multiply rates", 0, 1))
-    other = searched_with(wide, filtered, found, refinement)
-    return other if other is not None and _replaces(other, refinement) else refinement
+    in_wider, other = searched_with(wide, filtered, found, refinement)
+    return (in_wider, other) if other is not None and _replaces(other, refinement) else (posed, refinement)
 
 
 def _replaces(other: Refinement, before: Refinement | None) -> bool:

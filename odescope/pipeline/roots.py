@@ -42,5 +42,5 @@ def with_roots(
     if found is None or not found.implicit < regressed.implicit - EVIDENT:
         return refinement
     work.monitor.tell(Progress("suspicion", "search with roots beside quotients", 0, 1))
-    other = searched_with(wide, filtered, found, refinement, TIMES)
+    _, other = searched_with(wide, filtered, found, refinement, TIMES)
     return other if other is not None and evidently_better(other, refinement) else refinement

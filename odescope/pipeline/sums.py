@@ -15,10 +15,9 @@ from odescope.library.expression import Call, Term
 from odescope.library.product import Product
 from odescope.likelihood.refine import Refinement
 from odescope.pipeline.filtering import Filtered
-from odescope.pipeline.forms import Posed, relations_form
-from odescope.pipeline.stages import refine_form
+from odescope.pipeline.forms import Posed
 from odescope.pipeline.suspicion import replaces
-from odescope.pipeline.wider import LEAST, TIMES, regressed_with, within
+from odescope.pipeline.wider import TIMES, regressed_with, searched_with
 from odescope.pipeline.work import Work
 
 
@@ -48,9 +47,7 @@ def with_sums(
     if found is None:
         return posed, refinement
     work.monitor.tell(Progress("suspicion", "search with sums and differences of angles", 0, 1))
-    in_sums = relations_form(wide.study, (found,), lambda _: found)
-    spent = LEAST if refinement is None else max(LEAST, TIMES * refinement.spent)
-    other = refine_form(within(wide, spent), filtered, in_sums)
+    in_sums, other = searched_with(wide, filtered, found, refinement, TIMES)
     if other is None or (refinement is not None and not replaces(other, refinement)):
         return posed, refinement
     return in_sums, other

@@ -16,7 +16,7 @@ from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WIDTHS, full
 from odescope.pipeline.constants import constants_of, substitute
 from odescope.pipeline.filtering import Filtered
-from odescope.pipeline.forms import relations_form
+from odescope.pipeline.forms import Posed, relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.ruled_out import not_ruled_out
 from odescope.pipeline.stages import refine_form, regress_at_all
@@ -92,8 +92,8 @@ def regressed_with(work: Work, filtered: Filtered, many: int = MANY) -> Regresse
 
 def searched_with(
     work: Work, filtered: Filtered, found: Regressed, before: Refinement | None, times: float = 1.0
-) -> Refinement | None:
-    """Return the model that a search in another library ends with, None where it has none.
+) -> tuple[Posed, Refinement | None]:
+    """Return the relations of another library, and the model that a search in them ends with, None where it has none.
 
     Args:
         work: for the study with that library.
@@ -103,7 +103,8 @@ def searched_with(
         times: what it cost, that the search may cost.
     """
     limited = within(work, LEAST if before is None else max(LEAST, times * before.spent))
-    return refine_form(limited, filtered, relations_form(work.study, (found,), lambda _: found))
+    posed = relations_form(work.study, (found,), lambda _: found)
+    return posed, refine_form(limited, filtered, posed)
 
 
 def promises(found: Regressed, before: Regressed, least: float = EVIDENT) -> bool:
@@ -120,7 +121,7 @@ def promises(found: Regressed, before: Regressed, least: float = EVIDENT) -> boo
 def evidently_better(other: Refinement, before: Refinement | None) -> bool:
     """Say whether a model with another library replaces the one before: it follows the record in one piece.
 
-    One that stopped at its largest number of terms replaces none: so many follow any record.
+    One that stopped at its largest number of terms replaces no other: so many follow any record.
     """
     if other.outcome.width > WIDTHS[-1]:
         return False

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from logs import smooth, solved
 
+from odescope.pipeline import competition
 from odescope.pipeline.identification import identify
 from odescope.pipeline.modulated import products_of
+from odescope.pipeline.suspicion import with_suspected
 from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Driven, Measured, Study
 
@@ -63,17 +65,36 @@ def test_a_library_without_suspicion_stays_as_it_is():
     assert "phi_dot*u**2" not in terms(logged(BRAKE), suspect=False)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-def test_a_car_turns_by_its_speed_times_the_tangent_of_the_angle_that_it_is_steered_by(seed):
+def steered(seed):
+    """The headings of a car, noisy, with its speed and the angle that it is steered by; and how they are studied."""
     rng, logs = np.random.default_rng(seed), []
     for _ in range(2):
         v, d = 3.0 + smooth(rng, len(T), 0.02, 2.0, 1.0), smooth(rng, len(T), 0.02, 1.0, 0.25)
         heading = solved(lambda _, u: [u[0] * np.tan(u[1]) / 1.6], [0.0], T, np.column_stack([v, d]))[:, 0]
         logs.append({"t": T, "h": heading + 0.002 * rng.standard_normal(len(T)), "v": v, "d": d})
     inputs = {"v": Driven(), "d": Driven()}
-    result = identify(Study(data=Data(time="t"), coordinates={"h": Measured(angle=True)}, inputs=inputs), logs)
-    (relation,) = result.model.relations
+    return Study(data=Data(time="t"), coordinates={"h": Measured(angle=True)}, inputs=inputs), logs
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_car_turns_by_its_speed_times_the_tangent_of_the_angle_that_it_is_steered_by(seed):
+    (relation,) = identify(*steered(seed)).model.relations
     (found,) = (t for t in relation.terms if t.product.factor is None)
     assert found.product.text == "v*tan(d)"
     assert -found.coefficient == pytest.approx(1.0 / 1.6, rel=0.002)
+
+
+@pytest.mark.slow
+def test_functions_are_suspected_beside_the_candidates_that_the_model_is_made_of(monkeypatch):
+    def suspected(work, filtered, posed, refinement):
+        own = refinement.space.mechanisms
+        seen.append((posed.mechanisms, tuple(m for m in own if m.parts), [own[k].term for k in refinement.fit.present]))
+        return with_suspected(work, filtered, posed, refinement)
+
+    seen = []
+    monkeypatch.setattr(competition, "with_suspected", suspected)
+    identify(*steered(0))
+    ((posed, candidates, present),) = seen
+    assert "d*v" in present  # which the default library does not hold
+    assert posed == candidates
