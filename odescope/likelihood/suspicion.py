@@ -224,7 +224,8 @@ def _residual(
         shares = {n: _share(column, columns[n]) for n in space.frame.variables if n in names}
         if shares and max(shares.values()) > GOES_WITH:
             name = max(shares, key=lambda n: shares[n])
-            beside = [rest for rest, found_here in _powers(terms[r], name).items() if found_here != {0}]
+            able = [p for p in terms[r] if p.term.names.isdisjoint(space.frame.constants)]
+            beside = [rest for rest, powers in _powers(able, name).items() if powers != {0}]
             suspected.append(Suspicion(r, name, "residual", tuple(dict.fromkeys((ONE, *beside)))))
     return suspected
 
