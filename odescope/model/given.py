@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from odescope.arrays import FloatArray, Table
 from odescope.errors import InputError, nearest, said
+from odescope.recordings.coordinate import Input
 
 GivenInputs: TypeAlias = Table | ArrayLike | None
 GivenState: TypeAlias = Mapping[str, float] | Table | ArrayLike | None
@@ -31,22 +32,25 @@ def sample_times(t: ArrayLike) -> FloatArray:
     return found
 
 
-def sampled_inputs(given: GivenInputs, names: Sequence[str], count: int) -> FloatArray:
-    """Return inputs (N, m).
+def sampled_inputs(given: GivenInputs, inputs: Sequence[Input], t: FloatArray) -> FloatArray:
+    """Return inputs (N, m); the time, of a model that names it, need not be given.
 
     Args:
         given: by name, each of shape (N,) or one number throughout; or an array of shape (N, m), (N,) for one input.
-        names: of the inputs, in their order.
-        count: how many samples there are.
+        inputs: of the model, in their order.
+        t: (N,) sample times in seconds.
 
     Raises:
         InputError: an input is missing, is not of that shape, or not finite.
     """
+    count, names = len(t), [i.name for i in inputs]
     wanted = f"inputs must be {_spelled(names, 'u', '[...]')} or an array of shape ({count}, {len(names)})" + (
         f", a column each for {', '.join(names)}" if names else ", or None: the model has no inputs"
     )
-    columns = {} if given is None and not names else _by_name(given)
+    clock = {i.name: t for i in inputs if i.is_time}
+    columns = {} if given is None and len(clock) == len(names) else _by_name(given)
     if columns is not None:
+        columns = {**clock, **columns}
         lacking = [name for name in names if name not in columns]
         if lacking:
             raise InputError(f"{wanted}; {lacking[0]!r} is missing, {nearest(lacking[0], columns)}")

@@ -67,7 +67,8 @@ def simulate(
         model: what to integrate.
         t: (N,) ascending sample times in seconds.
         inputs: as they were recorded: by name, in a dict or dataframe, each of shape (N,) or one number throughout; or
-            an array (N, inputs) in the order of `model.inputs`, (N,) for one; None where the model has none.
+            an array (N, inputs) in the order of `model.inputs`, (N,) for one; None where the model has none. The time,
+            `t` of a model that names it, is `t` where it is not given.
         initial: states at t[0]: by name, velocities too, or (n,) in the order of `model.states`.
         rtol: relative tolerance of a step.
         atol: absolute tolerance of a step, in the units of the states; by default 1e-10, of states that are smaller
@@ -78,7 +79,7 @@ def simulate(
     """
     check_kind(model, Model, "what is simulated")
     t = sample_times(t)
-    driving = sampled_inputs(inputs, [i.name for i in model.inputs], len(t))
+    driving = sampled_inputs(inputs, model.inputs, t)
     start = first_state(initial, model.states)
     return follow(model, t, drive(model.inputs, t, driving), start, rtol, atol)
 

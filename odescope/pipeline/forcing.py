@@ -21,9 +21,9 @@ from odescope.model.choice_notes import unsettled
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.competition import Contender, NoLaw
 from odescope.pipeline.suspicion import replaces
-from odescope.recordings.coordinate import state_names
+from odescope.recordings.coordinate import TIME, state_names
 from odescope.recordings.record import Records
-from odescope.study.clock import TIME, keeps_time
+from odescope.study.clock import keeps_time
 from odescope.study.options import Study
 
 

@@ -15,6 +15,7 @@ from odescope.errors import InputError
 
 Hold = Literal["linear", "zero", "band-limited"]
 
+TIME = "t"  # the name of the time in a library and among the inputs of a model
 LONGEST_NAME = 64
 HIGHEST_ORDER = 8
 
@@ -91,6 +92,11 @@ class Input(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise InputError(f"input {self.name!r}: hold must be one of {expected}, got {self.hold!r}")
         if not math.isfinite(self.delay):
             raise InputError(f"input {self.name!r}: delay must be a number of seconds, got {self.delay!r}")
+
+    @property
+    def is_time(self) -> bool:
+        """Whether this is the time itself, of a library that names it."""
+        return self.name == TIME and self.unit == "s"
 
 
 def state_names(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:

@@ -7,11 +7,9 @@ import re
 import msgspec
 
 from odescope.errors import InputError
-from odescope.recordings.coordinate import state_names
+from odescope.recordings.coordinate import TIME, state_names
 from odescope.study.library_options import Candidates
 from odescope.study.options import Driven, Study
-
-TIME = "t"
 
 
 def with_time(study: Study) -> Study:

@@ -56,6 +56,21 @@ def test_states_by_name_or_in_order(initial):
         assert np.array_equal(CART.simulate(t, PUSH, initial).states, EXPECTED)
 
 
+def test_the_time_itself_need_not_be_given():
+    x, t = Coordinate("x"), Input("t", unit="s")
+    rows = [("x_dot", "1", 1.0), (None, "x", 2.0), (None, "t", -3.0)]
+    late, moved = T + 5.0, Input("t", unit="degC")
+    exact = 0.2 * np.exp(-2.0 * T) + 1.5 * (late - 0.5 - (5.0 - 0.5) * np.exp(-2.0 * T))
+    for given in (None, {}, {"t": late}, late):
+        states = simulate(build([x], [t], rows), late, given, [0.2]).states
+        assert states[:, 0] == pytest.approx(exact, rel=1e-6)
+    driven = build([x], [Input("u"), t], [*rows, (None, "u", -1.0)])
+    both = simulate(driven, late, {"u": PUSH, "t": late}, [0.2]).states
+    assert np.array_equal(simulate(driven, late, {"u": PUSH}, [0.2]).states, both)
+    with pytest.raises(InputError, match=r"'t' is missing"):
+        simulate(build([x], [moved], rows), late, {}, [0.2])
+
+
 def test_one_number_is_an_input_that_is_held():
     held = simulate(CART, T, {"u": 0.5}, START)
     assert np.array_equal(held.states, simulate(CART, T, np.full(len(T), 0.5), START).states)
