@@ -148,6 +148,15 @@ def _season(t, x, _):
     return x[0] * (1.0 - 0.5 * x[1]) + 0.2 * np.sin(0.9 * t), x[1] * (0.4 * x[0] - 0.8)
 
 
+def _pumped(t, x, _):
+    return x[1], -(2.0 + 1.1 * np.cos(3.3 * t + 0.4)) * x[0] - 0.1 * x[1]
+
+
+def _contagion(t, x, _):
+    infected = (0.5 + 0.125 * np.cos(0.3 * t)) * x[0] * x[1]
+    return 0.03 - 0.03 * x[0] - infected, infected - 0.2 * x[1]
+
+
 ONE_INPUT = {"u": Driven()}
 THREE = ((0.1, 2.0), (1.5, 0.3), (1.0, 1.0))
 SYSTEMS = {
@@ -230,6 +239,20 @@ SYSTEMS = {
     "populations, unrecorded season": System(
         _season, [(1.0, 2.0)], np.arange(0.0, 40.0, 0.05), "ab", 1, Candidates(),
         [{"a": 1.0, "a*b": -0.5, "sin(rate_t*t)": 0.2}, {"b": -0.8, "a*b": 0.4}], {"rate_t": 0.9},
+    ),
+    "swing, unrecorded pumping": System(
+        _pumped, [(1.0, 0.0)], np.arange(0.0, 40.0, 0.02), "x", 2, Candidates(),
+        [{
+            "x": -2.0, "x_dot": -0.1,
+            "x*cos(rate_t*t)": -1.1 * np.cos(0.4), "x*sin(rate_t*t)": 1.1 * np.sin(0.4),
+        }], {"rate_t": 3.3},
+    ),
+    "contagion, unrecorded season": System(
+        _contagion, [(0.6, 0.05), (0.9, 0.01)], np.arange(0.0, 200.0, 0.2), "ab", 1, Candidates(),
+        [
+            {"1": 0.03, "a": -0.03, "a*b": -0.5, "a*b*cos(rate_t*t)": -0.125},
+            {"b": -0.2, "a*b": 0.5, "a*b*cos(rate_t*t)": 0.125},
+        ], {"rate_t": 0.3},
     ),
 }  # fmt: skip
 

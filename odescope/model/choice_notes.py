@@ -12,6 +12,7 @@ from odescope.model.scores import (
     SuspicionScore,
     VersionScore,
 )
+from odescope.recordings.coordinate import TIME
 
 TOLD = 6  # notes of one kind
 EXACT = 10.0  # standard errors: from here on whole numbers
@@ -26,10 +27,13 @@ SUSPECTED = {
     "temperature": "{variable} is a temperature by its unit, or by name and size: rates may go with it by Arrhenius",
     "periodic": "what is unexplained of {target} goes at {low:.4g} to {high:.4g} rad/s, as under a forcing that was"
     " not recorded",
+    "swinging": "what is unexplained of {target} goes with {variable} times a sine of {low:.4g} to {high:.4g} rad/s, as"
+    " where a coefficient goes to and fro",
     "recurring": "what is unexplained of {target} repeats along {variable}, at {low:.4g} to {high:.4g} rad a unit"
     " of it, as the cogging of a motor does",
 }
-UNCOUNTED = ("driven", "residual", "periodic", "recurring")  # reasons that no number of terms gives
+WAVES = ("periodic", "swinging", "recurring")  # reasons that ask for a sine of a rate of its own
+UNCOUNTED = ("driven", "residual", *WAVES)  # reasons that no number of terms gives
 JOINT = ("pair", "sine")  # reasons that are of no variable, and of too many functions to name
 ALIKE = 0.01  # of a sum: by less recordings do not differ in it
 MANY = 3  # powers of one variable that are rarely a law
@@ -92,7 +96,7 @@ def _version(of: VersionScore) -> str:
 def _of_a_suspicion(found: SuspicionScore) -> str:
     """Return what competed with powers and fractions of a variable, and how, with a warning where these are left."""
     what = SUSPECTED[found.reason].format(variable=found.variable, target=found.target, low=found.low, high=found.high)
-    if found.reason in ("periodic", "recurring"):
+    if found.reason in WAVES:
         return f"{what}: {_forced(found)}"
     if not found.tried:
         return f"{what}: functions of it could not be tried; {_held_within(found)}"
@@ -110,7 +114,7 @@ def _forced(found: SuspicionScore) -> str:
     if not found.tried:
         return (
             f"sines of the time are tried where [data] time names a column of numbers, in seconds, and nothing else is"
-            f" called {found.variable} or rate_{found.variable}"
+            f" called {TIME} or rate_{TIME}"
         )
     return f"{listed(found.found)} instead" if found.found else f"{listed(found.tried)} were tried and are no better"
 

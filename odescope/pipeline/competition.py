@@ -18,6 +18,7 @@ from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
 from odescope.model.scores import FormScore, SuspicionScore
 from odescope.pipeline.angular import with_angles
+from odescope.pipeline.common_denominators import with_common_denominators
 from odescope.pipeline.constants import constants_of, substitute, substituted_at
 from odescope.pipeline.degree import with_higher_degree
 from odescope.pipeline.filtering import Filtered, Prepared
@@ -236,6 +237,8 @@ def _with_more(
     suspicions = tuple[SuspicionScore, ...]()
     # Products are simpler than functions, which are then looked for beside the candidates that the model is made of.
     posed, refinement = with_modulated(work, filtered, posed, regressed, refinement)
+    if refinement is not None and refinement.exact:
+        refinement = with_common_denominators(work, filtered, posed, refinement)
     # Too many terms imitate a rate that goes with a temperature for one function at a time to be seen in their place.
     wanting = refinement is None or refinement.wanting
     if wanting:

@@ -14,6 +14,7 @@ import numpy as np
 
 from odescope.errors import InputError, NoModelError
 from odescope.events import Event, Monitor, Note, Progress
+from odescope.library.expression import ONE, Term
 from odescope.library.readable import readable
 from odescope.likelihood.periodic import Forcing, periodic
 from odescope.likelihood.refine import Refinement
@@ -99,7 +100,7 @@ def _sought(
     rate = _rate_of(study, forcing)
     if rate is None:
         return None, _score(before, forcing, (), ())
-    waves = _waves(records, forcing.variable, rate)
+    waves = tuple(_times(forcing.beside, wave) for wave in _waves(records, forcing.variable, rate))
     monitor.tell(Progress("suspicion", "search with a sine of the rate at which the residual goes", 0, 1))
     try:
         named = _named(study, forcing, rate, waves)
@@ -158,6 +159,10 @@ def _waves(records: Records, variable: str | None, rate: str) -> tuple[str, ...]
     return f"sin({rate}*{since})", f"cos({rate}*{since})"
 
 
+def _times(beside: Term, wave: str) -> str:
+    return wave if beside == ONE else f"{readable(beside)}*{wave}"
+
+
 def _named(study: Study, forcing: Forcing, rate: str, waves: tuple[str, ...]) -> Study:
     """Return the study with a forcing among the candidates of its relations.
 
@@ -202,5 +207,7 @@ def _score(before: Refinement, forcing: Forcing, tried: tuple[str, ...], found: 
     """Return what was made of a periodic residual; the range is that of the rate that it goes at."""
     target = before.space.frame.targets[forcing.relation]
     low, high = forcing.rate - forcing.width, forcing.rate + forcing.width
-    reason = "periodic" if forcing.variable is None else "recurring"
-    return SuspicionScore(target, forcing.variable or TIME, reason, 0, low, high, tried, found, None)
+    variable, reason = (forcing.variable, "recurring") if forcing.variable else (TIME, "periodic")
+    if forcing.beside != ONE:
+        variable, reason = readable(forcing.beside), "swinging"
+    return SuspicionScore(target, variable, reason, 0, low, high, tried, found, None)

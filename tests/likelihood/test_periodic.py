@@ -62,6 +62,40 @@ def test_the_rate_of_a_forcing_and_the_share_that_goes_with_it(rate, runs):
     assert line.share == pytest.approx(share, abs=1e-6)
 
 
+PUMPED = System(
+    (Coordinate("x", 2),),
+    ("u",),
+    ((0, 0, "1", 1.0), (0, -1, "x_dot", 0.2), (0, -1, "u", 0.0), (0, -1, "x", 1.5), (0, -1, "x**2", 0.0)),
+    (0,),
+    lambda th, x, u: [-(th[1] * x[1] + (th[3] + u[0]) * x[0])],
+)
+
+
+def pumped(rate):
+    """Return the space of a spring whose stiffness goes to and fro, which is not recorded: its input is another."""
+    t = SPRING_STEP * (np.arange(3 * len(drive()))[:, None] + np.array([0.0, 0.5, 1.0]))
+    stiffness = 0.5 * np.cos(rate * t + 0.3)[:-1, :, None]
+    states = PUMPED.trajectory(PUMPED.theta, [0.5, 0.0], stiffness, SPRING_STEP)
+    other = np.random.default_rng(1).standard_normal((len(t), 3, 1))
+    return space(PUMPED, shots(states, other, SPRING_STEP, 1e-4, np.random.default_rng(0), SPREAD))
+
+
+def test_a_coefficient_that_goes_to_and_fro_is_told_with_what_it_multiplies():
+    it = pumped(1.7)
+    line = periodic(it)
+    assert (line.variable, line.relation, line.beside.text) == (None, 0, "x")
+    assert abs(line.rate - 1.7) < 0.5 * line.width
+    products = [m.parts[0].product for m in it.mechanisms]
+    terms = [p.term for p in products if p.factor is None and p.text != "1"]
+    columns = [*it.evaluated(terms, np.zeros(len(it.mechanisms)))]
+    t = it.segments.step * np.arange(len(columns[0]))
+    swinging = columns[[term.text for term in terms].index("x")]
+    waves = [swinging * np.cos(line.rate * t), swinging * np.sin(line.rate * t)]
+    target, fixed, count = rates(it)[0], [np.ones(len(t))], len(columns)
+    share = 1.0 - forward(columns, target, [*fixed, *waves], count) / forward(columns, target, fixed, count)
+    assert line.share == pytest.approx(share, abs=1e-6)
+
+
 def test_a_forcing_that_is_recorded_is_no_suspicion():
     states = SPRING.trajectory(SPRING.theta, [0.5, 0.0], drive()[:-1], SPRING_STEP)
     assert periodic(space(SPRING, shots(states, drive(), SPRING_STEP, 1e-3, np.random.default_rng(0), SPREAD))) is None

@@ -170,3 +170,30 @@ def test_a_sine_of_a_position_is_looked_for_where_it_may_be_a_candidate(form, po
     coordinates = {"q": Measured(order=2), "x": Measured(order=2, cyclic=True), "i": Measured(), "w": Measured(order=2)}
     study = Study(coordinates=coordinates, data=Data(time="t"), library=Candidates(form=form))
     assert _positions(study) == positions
+
+
+@pytest.mark.slow
+def test_a_swing_that_is_pumped_has_a_stiffness_that_goes_to_and_fro():
+    t = np.arange(0.0, 40.0, 0.02)
+    x = solve_ivp(
+        lambda now, s: [s[1], -(2.0 + 1.1 * np.cos(3.3 * now + 0.4)) * s[0] - 0.1 * s[1]],
+        (0.0, t[-1]),
+        [1.0, 0.0],
+        t_eval=t,
+        rtol=1e-9,
+        atol=1e-11,
+    ).y[0]
+    read = x + NOISE * x.std() * np.random.default_rng(0).standard_normal(len(t))
+    result = identify(Study(coordinates={"x": Measured(order=2)}, data=Data(time="t")), {"t": t, "x": read})
+    found = {row.term: row for row in result.coefficients if row.equation == "x_ddot"}
+    truth = {
+        "x": -2.0,
+        "x_dot": -0.1,
+        "x*cos(rate_t*t)": -1.1 * np.cos(0.4),
+        "x*sin(rate_t*t)": 1.1 * np.sin(0.4),
+    }
+    assert set(found) == set(truth)
+    assert all(abs(found[term].coefficient - value) < 4.0 * found[term].std_error for term, value in truth.items())
+    (constant,) = [p for p in result.model.parameters if p.name == "rate_t"]
+    assert abs(constant.value - 3.3) < 4.0 * constant.std_error
+    assert any("goes to and fro" in note for note in result.notes)

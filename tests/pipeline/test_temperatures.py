@@ -66,3 +66,51 @@ def test_the_rate_is_found_in_both_balances_where_no_library_names_it(seed, how)
 def test_a_rate_that_the_library_names_is_found_in_both_balances(seed, how):
     library = {"basis": ("c", "T", "q", "Tc", "exp(-E/T)"), "degree": 2, "parameters": {"E": (1e3, 2e4)}}
     assert exact(identify(study(**library), logged(seed, **how)).model, "E")
+
+
+def stepped_bath(seed, rates, start):
+    """Return two recordings of a and b in a bath whose temperature is stepped, by `rates` (a, b, T)."""
+    rng, t, logs = np.random.default_rng(seed), np.arange(0.0, END, PERIOD), []
+    for _ in range(2):
+        bath = stepped(rng, 300.0, 345.0, 4.0)
+        x = solve_ivp(
+            lambda now, x, bath=bath: rates(*x, bath(now)),
+            (0.0, END),
+            rng.uniform(*start),
+            t_eval=t,
+            rtol=1e-9,
+            atol=1e-11,
+            max_step=PERIOD,
+        ).y
+        a, b = (row + 0.5 * NOISE * row.std() * rng.standard_normal(len(t)) for row in x)
+        logs.append({"t": t, "a": a, "b": b, "T": bath(t)})
+    return logs
+
+
+def in_a_row(a, b, temperature):
+    first, second = 2e6 * np.exp(-5000.0 / temperature) * a, 5e9 * np.exp(-7800.0 / temperature) * b
+    return [-first, first - second]
+
+
+def there_and_back(a, b, temperature):
+    there, back = 2e6 * np.exp(-5000.0 / temperature) * a, 3e10 * np.exp(-8500.0 / temperature) * b
+    return [back - there, there - back]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize(
+    ("rates", "start", "energies", "terms"),
+    [
+        (in_a_row, ([1.0, 0.0], [3.0, 0.5]), (5000.0, 7800.0), [1, 2]),
+        (there_and_back, ([1.0, 0.0], [3.0, 1.5]), (5000.0, 8500.0), [2, 2]),
+    ],
+    ids=["in a row", "there and back"],
+)
+def test_two_reactions_have_energies_of_their_own(rates, start, energies, terms, seed):
+    kelvins = Study(data=Data(time="t"), coordinates={"a": Measured(), "b": Measured()}, inputs={"T": Driven(unit="K")})
+    model = identify(kelvins, stepped_bath(seed, rates, start)).model
+    found = sorted(model.parameters, key=lambda p: p.value)
+    assert [len(r.terms) - 1 for r in model.relations] == terms
+    assert all(abs(p.value - e) < 4.0 * p.std_error for p, e in zip(found, energies, strict=True))
+    assert all("exp" in t.text for r in model.relations for t in r.terms[1:])
