@@ -22,7 +22,7 @@ from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.estimate import Signals
 from odescope.signals.filling import BANDS
-from odescope.signals.relative_noise import RelativeNoise, relative_noise
+from odescope.signals.relative_noise import noise_of_recordings, relative_noise
 
 OVERSAMPLING = 8  # block averages a period of the highest cutoff
 SEGMENT = 25  # block averages a segment
@@ -43,9 +43,9 @@ class Segments:
     seconds; runs the first average of every record and the one after its last; weight (N, c) by what 1 / noise of an
     average is multiplied, 0 where nothing was measured, None for 1 throughout; driven the samples that inputs follow
     from, None where none can be late; share (N, c) that of `weight` which follows from the number of samples alone, the
-    rest from noise that grows with the readings; steady the channels whose noise cannot; floor (c,) what it is at
-    least, None for nothing; decorrelation (n, n), unit lower triangular, makes independent parts of the defects between
-    segments, None where they are independent.
+    rest from noise that grows with the readings or differs between recordings; steady the channels whose noise cannot
+    grow; floor (c,) what it is at least, None for nothing; decorrelation (n, n), unit lower triangular, makes
+    independent parts of the defects between segments, None where they are independent.
     """
 
     measured: FloatArray
@@ -133,19 +133,20 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
     """
     period, block = records.runs[0].sample_period, _block(records, signals, records.runs[0].sample_period)
     seen = _seen(records, signals, differentiator, block)
-    growth = _growth(seen, signals, period)
-    if block > 1 and records.samples <= SINGLE and any(g is not None for g in growth):
+    deviations = _deviations(seen, signals, period, block)
+    if block > 1 and records.samples <= SINGLE and any(d is not None for d in deviations):
         block, seen = 1, _seen(records, signals, differentiator, 1)
-        growth = _growth(seen, signals, period)
+        deviations = _deviations(seen, signals, period, block)
     y, share, smooth, runs = seen.measured, seen.share, seen.filtered, seen.runs
     noise = _noise(signals, y)
     largest, weights = noise.copy(), share.copy()
-    for k, grows in enumerate(growth):
-        if grows is not None:
+    for k, own in enumerate(deviations):
+        if own is not None:
             there = share[:, k] > 0.0
-            noise[k] *= grows.level
-            largest[k] = noise[k] * grows.deviations[there].max()
-            weights[there, k] /= grows.deviations[there]
+            level = float(np.sqrt(np.mean(own[there] ** 2)))
+            largest[k] = noise[k] * own[there].max()
+            noise[k] *= level
+            weights[there, k] *= level / own[there]
     unequal = None if np.all(weights == 1.0) else weights
     start, count, joined = _cut(runs, length, unequal)
     driven = sampled_inputs(records, signals.inputs, seen.centres, block)
@@ -199,19 +200,27 @@ def _noise(signals: Signals, measured: FloatArray) -> FloatArray:
     return np.array([max(c.noise, 1e-12 * float(np.ptp(measured[:, k]))) for k, c in enumerate(signals.channels)])
 
 
-def _growth(seen: _Seen, signals: Signals, period: float) -> list[RelativeNoise | None]:
-    """Return for every channel how its noise grows with its readings, None where it does not."""
-    error, steady = _smoothing_error(signals, _noise(signals, seen.measured), period), _steady(signals)
-    found = list[RelativeNoise | None]()
+def _deviations(seen: _Seen, signals: Signals, period: float, block: int) -> list[FloatArray | None]:
+    """Return for every channel how noisy its averages (N,) are, in units of the noise that they seemed to have.
+
+    None where that is the same for all: noise neither grows with the readings nor differs between recordings.
+    """
+    noise, found = _noise(signals, seen.measured), list[FloatArray | None]()
+    error, steady = _smoothing_error(signals, noise, period), _steady(signals)
     for k, c in enumerate(signals.coordinates):
         row, share = signals.states.index(c.name), seen.share[:, k]
-        smooth = seen.filtered[:, row]
+        smooth, there = seen.filtered[:, row], share > 0.0
         rest = share * (seen.measured[:, k] - smooth)
+        below = signals.channels[k].cutoff * period * len(share) / max(float(np.sum(share**2)), 1e-300)
         # Only where half of the band of what was measured is above the cutoff is what the filter leaves noise for sure.
-        noisy = np.sum(share**2) > BANDS * signals.channels[k].cutoff * period * len(share)
-        grows = k not in steady and noisy
-        found.append(relative_noise(rest, smooth, share > 0.0, float(error[row])) if grows else None)
-    return found
+        noisy = BANDS * below < 1.0
+        grows = relative_noise(rest, smooth, there, float(error[row])) if k not in steady and noisy else None
+        by = np.ones(len(rest)) if grows is None else grows.level * grows.deviations
+        told, rest = 1.0 - 2.0 * below * block, rest / (by * noise[k] / np.sqrt(block))
+        least = signals.channels[k].floor / noise[k]
+        differs = noise_of_recordings(rest, there, seen.runs, told, least) if noisy and told > 0.0 else None
+        found.append(by if differs is None else by * differs)
+    return [None if np.all(by == 1.0) else by for by in found]
 
 
 def _steady(signals: Signals) -> tuple[int, ...]:

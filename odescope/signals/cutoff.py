@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.signals.noise import noise_level
+from odescope.signals.noise import noise_levels
 from odescope.signals.spectral import Spectrum, bin_frequencies
 
 PERIODOGRAM_WINDOW = 4096  # samples
@@ -59,13 +59,14 @@ class LeastRisk(msgspec.Struct, frozen=True, tag="least_risk", tag_field="kind",
     """The cutoff at which an unbiased estimate of the risk of the wanted derivative is least.
 
     risk(K) = sum over w > K of w^2k (P - s2) + sum over w <= K of w^2k s2, with P the power of the record less the
-    cubic that suits K and s2 the noise floor; walked in bands, because the cubic changes with K.
+    cubic that suits K and s2 the noise floor, of each record its own where they differ; walked in bands, because the
+    cubic changes with K.
     """
 
     def hertz(self, channel: Sequence[FloatArray], period: float, order: int) -> float:
         """Return the cutoff in hertz; several records are pooled by frequency."""
         spectra = [Spectrum.of(samples) for samples in channel]
-        floor = noise_level(spectra) ** 2
+        floors = noise_levels(spectra) ** 2
         frequencies = [bin_frequencies(len(samples), period) for samples in channel]
         edges = np.geomspace(2.0 * min(f[1] for f in frequencies), 0.475 / period, BANDS)
         bins = [np.searchsorted(f, edges, side="right") for f in frequencies]
@@ -74,7 +75,7 @@ class LeastRisk(msgspec.Struct, frozen=True, tag="least_risk", tag_field="kind",
         def gain(band: int, last: int) -> tuple[FloatArray, FloatArray]:
             """Change of risk, bin by bin, of moving the cutoff from edge `band` to edge `last`."""
             where, change = [], []
-            for spectrum, f, b, cubic in zip(spectra, frequencies, bins, cubics, strict=True):
+            for spectrum, f, b, cubic, floor in zip(spectra, frequencies, bins, cubics, floors, strict=True):
                 kept = slice(b[band], b[last])
                 where.append(f[kept])
                 change.append((f[kept] * period) ** (2 * order) * (2.0 * floor - spectrum.power(cubic[band], kept)))

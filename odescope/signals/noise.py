@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.signals.relative_noise import BY_MEDIAN, differ
 from odescope.signals.spectral import Spectrum
 
 # The median of chi-squared with one degree of freedom: each bin of a cosine transform of white noise has that spread.
@@ -71,9 +72,22 @@ def _written(columns: Sequence[FloatArray], moves: float) -> bool:
 
 
 def noise_level(spectra: Sequence[Spectrum]) -> float:
-    """Return the standard deviation of the white noise, from the median power of the upper half of the spectra."""
+    """Return the standard deviation of the white noise of all records together."""
+    levels, counts = noise_levels(spectra), [len(s.values) for s in spectra]
+    return float(np.sqrt(np.average(levels**2, weights=counts))) if np.ptp(levels) else float(levels[0])
+
+
+def noise_levels(spectra: Sequence[Spectrum]) -> FloatArray:
+    """Return the standard deviation of the white noise of every record (runs,), from the median power of upper halves.
+
+    It is the same in all where nothing clearly says otherwise.
+    """
     upper = []
     for spectrum in spectra:
         count = len(spectrum.values)
         upper.append(spectrum.power(spectrum.cubic(count // 2), slice(count // 2, count)))
-    return float(np.sqrt(np.median(np.concatenate(upper)) / MEDIAN_CHI_SQUARED))
+    each = np.array([np.median(u) if len(u) else 0.0 for u in upper])
+    if not differ(each, np.array([len(u) for u in upper]), BY_MEDIAN):
+        each = np.full(len(upper), np.median(np.concatenate(upper)))
+    levels: FloatArray = np.sqrt(each / MEDIAN_CHI_SQUARED)
+    return levels

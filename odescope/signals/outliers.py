@@ -19,7 +19,7 @@ from odescope.recordings.record import Record, Records, Stretch
 from odescope.signals.appearance import appearance
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.filling import filled
-from odescope.signals.relative_noise import FAR, usual_deviations
+from odescope.signals.relative_noise import FAR, recording_levels, usual_deviations
 from odescope.signals.taken_out import taken_out
 
 STEPS = 0.25  # root mean squares of the motion from sample to sample: what is nearer may be a kink of the signal
@@ -94,16 +94,18 @@ def _robustly_filtered(
     for _ in range(rounds):
         found = differentiator.derivatives(clipped, records.runs[0].sample_period, coordinate.order)
         smooth = [s[0] for s in found.values]
-        rest = np.concatenate([(y - s)[n] for y, s, n in zip(recorded, smooth, measured, strict=True)])
+        left = [(y - s)[n] for y, s, n in zip(recorded, smooth, measured, strict=True)]
+        levels = recording_levels(left)
+        rest = np.concatenate([r / level for r, level in zip(left, levels, strict=True)])
         bound = BEND * robust_deviation(rest)
         if bound == 0.0:  # more than half of the samples are on the filtered signal: nothing says what is usual
             break
         taken.append((found.cutoff, bound))
         if growing:
             width = usual_deviations(rest, np.concatenate([s[n] for s, n in zip(smooth, measured, strict=True)]))
-            grown = [BEND * width(s) for s in smooth]
+            grown = [BEND * level * width(s) for s, level in zip(smooth, levels, strict=True)]
         else:
-            grown = [np.full(len(s), bound) for s in smooth]
+            grown = [np.full(len(s), level * bound) for s, level in zip(smooth, levels, strict=True)]
         again = [_clipped(y, s, b) for y, s, b in zip(recorded, smooth, grown, strict=True)]
         moved = max(float(np.abs(a - b).max()) for a, b in zip(again, clipped, strict=True))
         clipped = again
@@ -123,12 +125,16 @@ def _without_spikes(recorded: Sequence[FloatArray]) -> list[FloatArray]:
     if sum(map(len, recorded)) < MANY:
         return list(recorded)
     found, between = list(recorded), [_between_neighbours(y) for y in recorded]
-    bound = FAR * robust_deviation(np.concatenate([y - m for y, (m, _) in zip(found, between, strict=True)]))
-    for _ in range(IN_A_ROW if bound > 0.0 else 0):
-        spikes = [_spikes(y, *those, bound) for y, those in zip(found, between, strict=True)]
+    off = [y - m for y, (m, _) in zip(found, between, strict=True)]
+    levels = recording_levels(off)
+    usual = robust_deviation(np.concatenate([o / level for o, level in zip(off, levels, strict=True)]))
+    bounds = [FAR * level * usual for level in levels]
+    for _ in range(IN_A_ROW if usual > 0.0 else 0):
+        spikes = [_spikes(y, *those, bound) for y, those, bound in zip(found, between, bounds, strict=True)]
         if not any(map(np.any, spikes)):
             break
-        found = [np.where(far, _clipped(y, m, bound), y) for y, far, (m, _) in zip(found, spikes, between, strict=True)]
+        far = zip(found, spikes, between, bounds, strict=True)
+        found = [np.where(there, _clipped(y, m, bound), y) for y, there, (m, _), bound in far]
         between = [_between_neighbours(y) for y in found]
     return found
 
@@ -291,9 +297,12 @@ def _residuals(
     if not taken:
         return bound, [np.full(len(r), np.inf) for r in rest], rest
     measured = [run.counted(coordinate.name) > 0.0 for run in records]
-    there = [np.concatenate([v[n] for v, n in zip(values, measured, strict=True)]) for values in (rest, smooth)]
+    levels = recording_levels([r[n] for r, n in zip(rest, measured, strict=True)])
+    alike = [r / level for r, level in zip(rest, levels, strict=True)]
+    there = [np.concatenate([v[n] for v, n in zip(values, measured, strict=True)]) for values in (alike, smooth)]
     width, least = usual_deviations(*there), steps * float(np.sqrt(np.mean(motion**2)))
-    return bound, [np.maximum(FAR * width(s), max(FAR * bound / BEND, least)) for s in smooth], rest
+    far = zip(smooth, levels, strict=True)
+    return bound, [np.maximum(FAR * level * width(s), max(FAR * level * bound / BEND, least)) for s, level in far], rest
 
 
 def _left_signal(rest: Sequence[FloatArray]) -> float:

@@ -1,21 +1,23 @@
-"""Noise that grows with what is measured.
+"""Noise that grows with what is measured, or differs between recordings.
 
 docs/method.md, Structure by likelihood.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from odescope.arrays import BoolArray, FloatArray, robust_deviation
+from odescope.arrays import BoolArray, FloatArray, IntArray, robust_deviation
 
 SHARES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)  # of the mean variance that does not grow with the reading
 FAR = 5.0  # standard deviations beyond which a sample says nothing of the signal
 SURE = 10.0  # fall of -2 ln(likelihood) that is asked for: odds of 150 to 1
 WORTH = 1.2  # times the information that constant noise leaves, at least
+BY_MEDIAN = 5.44  # times the inverse of so many samples: the variance of the logarithm of what their median says
+BY_MEAN = 2.0  # the same of what their mean says
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,59 @@ def relative_noise(rest: FloatArray, signal: FloatArray, there: BoolArray, error
     if best is None or np.mean(1.0 / best[there]) < WORTH:
         return None
     return RelativeNoise(np.sqrt(best), float(np.sqrt(np.mean(r**2 / best[there]) / np.mean(r**2))))
+
+
+def noise_of_recordings(
+    rest: FloatArray, there: BoolArray, runs: Sequence[tuple[int, int]], told: float, least: float
+) -> FloatArray | None:
+    """Return the noise of every reading (n,) as its recording has it; None where it seems to be the same in all.
+
+    Another sensor, another range, another day: the samples of a recording that is noisier weigh less.
+
+    Args:
+        rest: (n,) readings less the signal, in units of the noise that they seemed to have.
+        there: (n,) which of them were measured.
+        runs: the first reading of every recording and the one after its last.
+        told: share of the noise that such a residual holds, as so many independent samples.
+        least: noise that a reading has at least, as what was rounded has, in the same units.
+    """
+    squares = [rest[low:high][there[low:high]] ** 2 for low, high in runs]
+    counts, sums = np.array([len(s) for s in squares]), np.array([float(s.sum()) for s in squares])
+    if not np.all(counts > 0):
+        return None
+    variances = np.maximum(sums / counts, told * least**2)
+    if not differ(variances, counts, BY_MEAN / told):
+        return None
+    return np.repeat(np.sqrt(variances / told), [high - low for low, high in runs])
+
+
+def differ(variances: FloatArray, counts: IntArray, scatter: float) -> bool:
+    """Say whether the noise of recordings differs clearly, and so much that it is worth telling them apart.
+
+    Args:
+        variances: (runs,) of the noise of each.
+        counts: (runs,) of the samples that tell it.
+        scatter: `BY_MEDIAN` or `BY_MEAN`.
+    """
+    if len(variances) < 2 or not np.all(variances > 0.0):
+        return False
+    logs, total = np.log(variances), float(counts.sum())
+    apart = float(counts @ (logs - counts @ logs / total) ** 2) / scatter
+    return apart > SURE * len(logs) and float(counts @ (1.0 / variances)) * float(counts @ variances) > WORTH * total**2
+
+
+def recording_levels(rest: Sequence[FloatArray]) -> list[float]:
+    """Return how noisy each recording is, over the root mean square of all; 1 for all where they are alike.
+
+    Args:
+        rest: (n,) what a filter leaves of each, whatever outliers are among.
+    """
+    counts = np.array([len(r) for r in rest])
+    variances = np.array([robust_deviation(r) ** 2 if len(r) else 0.0 for r in rest])
+    if not differ(variances, counts, BY_MEDIAN):
+        return [1.0] * len(rest)
+    levels: list[float] = np.sqrt(variances / (counts @ variances / counts.sum())).tolist()
+    return levels
 
 
 def usual_deviations(rest: FloatArray, smooth: FloatArray) -> Callable[[FloatArray], FloatArray]:

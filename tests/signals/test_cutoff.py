@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from odescope.signals.cutoff import FixedCutoff, LeastRisk, NoiseCeiling
 from odescope.signals.differentiators import Spectral
-from odescope.signals.noise import MEDIAN_CHI_SQUARED, noise_level
+from odescope.signals.noise import MEDIAN_CHI_SQUARED, noise_level, noise_levels
 from odescope.signals.spectral import Spectrum, bin_frequencies
 
 # name: right-hand side, starts (one record each), duration, samples, order of the target
@@ -132,6 +132,26 @@ def test_records_are_pooled_whatever_their_sequence_and_however_often_they_come(
     assert LeastRisk().hertz([*channel, *channel], period, order) == pytest.approx(once, rel=1e-12)
     spectra = [Spectrum.of(s) for s in channel]
     assert noise_level([*spectra, *spectra]) == pytest.approx(noise_level(spectra), rel=1e-12)
+
+
+@pytest.mark.parametrize("times", [2.0, 4.0, 10.0])
+@pytest.mark.parametrize("name", ["Lorenz", "Michaelis-Menten"])
+def test_a_recording_that_is_noisier_than_another_has_a_noise_of_its_own(name, times):
+    period, records, _, order = simulated(name)
+    records = [r for r in records for _ in range(2)]
+    sigma = 0.01 * np.concatenate(records).std()
+    levels = np.tile([sigma, times * sigma], len(records) // 2)
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        channel = [r + own * rng.standard_normal(len(r)) for r, own in zip(records, levels, strict=True)]
+        found = noise_levels([Spectrum.of(s) for s in channel])
+        assert np.abs(np.log(found / levels)).max() < np.log(1.3)
+        assert np.mean(found / levels) == pytest.approx(1.0, abs=0.07)
+        together = noise_level([Spectrum.of(s) for s in channel])
+        assert together == pytest.approx(np.sqrt(np.mean(levels**2)), rel=0.2)
+        # The noise of the louder one is not taken for a signal, whatever the other one's is.
+        loud = [r + times * sigma * rng.standard_normal(len(r)) for r in records]
+        assert LeastRisk().hertz(channel, period, order) < 3.0 * LeastRisk().hertz(loud, period, order)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])

@@ -7,7 +7,7 @@ from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral
 from odescope.signals.outliers import gate_outliers
-from odescope.signals.relative_noise import relative_noise, usual_deviations
+from odescope.signals.relative_noise import noise_of_recordings, recording_levels, relative_noise, usual_deviations
 
 COUNT = 100
 THERE = np.ones(COUNT, dtype=bool)
@@ -69,3 +69,37 @@ def test_readings_of_a_large_signal_with_a_share_of_noise_are_no_outliers(seed):
     x[120] += 3.0
     (run,) = gate_outliers(Records.of(Record(t, x[:, None], ("x",))), (Coordinate("x", 1),), Spectral())
     assert np.flatnonzero(run.counted("x") == 0.0).tolist() == [120]
+
+
+def recordings(levels, seed, count=400):
+    return [level * np.random.default_rng((seed, k)).standard_normal(count) for k, level in enumerate(levels)]
+
+
+def test_recordings_of_one_sensor_are_not_told_apart():
+    runs = [(400 * k, 400 * (k + 1)) for k in range(4)]
+    there = np.ones(1600, dtype=bool)
+    for seed in range(100):
+        rest = recordings([1.0] * 4, seed)
+        assert recording_levels(rest) == [1.0] * 4
+        assert noise_of_recordings(np.concatenate(rest), there, runs, 0.8, 0.0) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_recording_that_is_noisier_is_told_with_its_size(seed):
+    levels = np.array([1.0, 1.0, 3.0])
+    rest = recordings(levels, seed)
+    usual = levels / np.sqrt(np.mean(levels**2))
+    assert recording_levels(rest) == pytest.approx(usual, rel=0.15)
+    rest[0][:10] = 40.0  # outliers move no median
+    assert recording_levels(rest) == pytest.approx(usual, rel=0.15)
+    runs, there = [(400 * k, 400 * (k + 1)) for k in range(3)], np.arange(1200) >= 10
+    found = noise_of_recordings(np.sqrt(0.8) * np.concatenate(rest), there, runs, 0.8, 0.0)
+    assert found[[0, 400, 800]] == pytest.approx(levels, rel=0.15)
+    assert all(np.ptp(found[low:high]) == 0.0 for low, high in runs)
+
+
+def test_what_was_rounded_is_no_quieter_than_its_steps():
+    still, moving = np.zeros(400) + 1e-9, 0.3 * np.random.default_rng(0).standard_normal(400)
+    runs, there = [(0, 400), (400, 800)], np.ones(800, dtype=bool)
+    assert noise_of_recordings(np.concatenate([still, moving]), there, runs, 1.0, 0.3) is None
+    assert recording_levels([np.zeros(400), moving]) == [1.0, 1.0]
