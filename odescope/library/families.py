@@ -14,6 +14,7 @@ from odescope.library.expression import Term
 from odescope.library.parse import Scope, parse_term
 from odescope.library.tape import evaluate, write_tape
 from odescope.recordings.checks import is_angular
+from odescope.recordings.coordinate import free_name
 
 FINEST = 200  # values of a constant that are compared, from one end of its range to the other
 SEEN = 200  # samples on which they are
@@ -202,10 +203,7 @@ def _constant(variable: str, taken: Collection[str], role: str, least: float, la
         least: its least value.
         largest: its largest.
     """
-    name = f"{role}_{variable}"
-    while name in taken:
-        name += "_"
-    made = Constant(name, least, largest, least)
+    made = Constant(free_name(f"{role}_{variable}", taken), least, largest, least)
     return replace(made, nominal=float(made.evenly(1)[0]))
 
 

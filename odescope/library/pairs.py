@@ -15,6 +15,7 @@ from odescope.library.expression import Term
 from odescope.library.families import may_be_angle
 from odescope.library.parse import Scope, parse_term
 from odescope.recordings.checks import is_angular
+from odescope.recordings.coordinate import free_name
 
 STEEPEST = 10.0  # weight of a variable within a function, times the range of the variable
 WEIGHTS = (0.4, 1.0, 2.5)  # the same, where it is looked for
@@ -93,7 +94,7 @@ def _weighted(one: str, other: str, values: Mapping[str, FloatArray], taken: Col
     """Return the logistic function and the exponential of a sum with weights, and where to look for these."""
     ranges = [float(np.ptp(values[name])) for name in (one, other)]
     weights = [
-        Constant(_named(f"weight_{name}_{one}_{other}", taken), -STEEPEST / r, STEEPEST / r, 0.0)
+        Constant(free_name(f"weight_{name}_{one}_{other}", taken), -STEEPEST / r, STEEPEST / r, 0.0)
         for name, r in zip((one, other), ranges, strict=True)
     ]
     a, b = (w.name for w in weights)
@@ -105,7 +106,7 @@ def _weighted(one: str, other: str, values: Mapping[str, FloatArray], taken: Col
         reach = max(reach, abs(low), abs(high))
         points += [(first, second, low + place * (high - low)) for place in PLACES]
     reach *= 2.0 * STEEPEST / max(WEIGHTS)
-    offset = Constant(_named(f"offset_{one}_{other}", taken), -reach, reach, 0.0)
+    offset = Constant(free_name(f"offset_{one}_{other}", taken), -reach, reach, 0.0)
     scope = Scope.of([one, other], constants=[a, b, offset.name])
     step = parse_term(f"1/(1 + exp({offset.name} - {a}*{one} - {b}*{other}))", scope)
     growth = parse_term(f"exp({a}*{one} + {b}*{other})", scope)
@@ -113,9 +114,3 @@ def _weighted(one: str, other: str, values: Mapping[str, FloatArray], taken: Col
         PairFamily(step, (*weights, offset), tuple(((a, x), (b, y), (offset.name, z)) for x, y, z in points)),
         PairFamily(growth, tuple(weights), tuple(((a, x), (b, y)) for x, y in pairs)),
     ]
-
-
-def _named(name: str, taken: Collection[str]) -> str:
-    while name in taken:
-        name += "_"
-    return name

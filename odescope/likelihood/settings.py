@@ -22,7 +22,7 @@ from odescope.library.tape import evaluate, write_tape
 from odescope.likelihood.program import Frame
 from odescope.model.relation import FoundParameter
 from odescope.model.scores import DelayScore, OffsetScore
-from odescope.recordings.coordinate import Coordinate, Hold, Input
+from odescope.recordings.coordinate import Coordinate, Hold, Input, free_name
 from odescope.signals.estimate import Signals
 
 SHARP = 0.01  # width of dry friction that searches begin with, in root mean squares of the velocity: nearly a jump
@@ -116,9 +116,7 @@ def with_settings(
     widths, constants = dict[str, Atom](), {c.name: c for c in declared}
     for number, (text, argument) in enumerate(sorted(arguments.items()), start=1):
         plain = text if text.isidentifier() else str(number)
-        name = f"width_{plain}"
-        while name in signals.names or name in constants:
-            name += "_"
+        name = free_name(f"width_{plain}", {*signals.names, *constants})
         widths[text] = Name(name)
         usual = _root_mean_square(argument, signals)
         constants[name] = Constant(name, SHARP * usual, BLUNT * usual, SHARP * usual, optional=True)

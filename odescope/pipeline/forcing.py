@@ -22,7 +22,7 @@ from odescope.model.choice_notes import unsettled
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.competition import Contender, NoLaw
 from odescope.pipeline.suspicion import replaces
-from odescope.recordings.coordinate import TIME, state_names
+from odescope.recordings.coordinate import TIME, free_name, state_names
 from odescope.recordings.record import Records
 from odescope.study.clock import keeps_time
 from odescope.study.options import Study
@@ -133,9 +133,7 @@ def _rate_of(study: Study, forcing: Forcing) -> str | None:
     if forcing.variable is None:
         return name if keeps_time(study) and name not in study.parameters else None
     taken = {*state_names(study.measured()), *study.inputs, *study.parameters, *study.library.functions}
-    while name in taken:
-        name += "_"
-    return name
+    return free_name(name, taken)
 
 
 def _waves(records: Records, variable: str | None, rate: str) -> tuple[str, ...]:

@@ -52,25 +52,27 @@ def with_arrhenius(
     if not factors or not amounts:
         return refinement, ()
     balances = [r for r, c in enumerate(signals.coordinates) if c.name in amounts]
-    held = refinement is not None and _holds(refinement)
-    if refinement is not None and not refinement.wanting:
-        if not suspicions or (held and settled and not _imitates(refinement, balances, factors)):
+    law = refinement if refinement is not None and _holds(refinement) else None
+    wanting = refinement is None or refinement.wanting
+    if refinement is not None and not wanting:
+        if not suspicions or (law is not None and settled and not _imitates(law, balances, factors)):
             return refinement, ()
         if refinement.lacks_nothing and settled:  # what else stands in doubt may be all wrong
             work = within(work, max(LEAST, TIMES * refinement.spent))
     spans = {c.name: (c.low, c.high) for f in factors for c in f.constants}
-    one = None if held else _with_rates(work, filtered, amounts, factors, spans)
-    best = one if one is not None and evidently_better(one, refinement) else refinement
-    if best is None or best is refinement or _imitates(best, balances, factors):
-        more, found = _factors(work, filtered, tuple(spans)), () if best is None else best.settings.parameters
+    if law is None:
+        one = _with_rates(work, filtered, amounts, factors, spans)
+        law = one if one is not None and evidently_better(one, refinement) else None
+    if wanting if law is None else _imitates(law, balances, factors):
+        more, found = _factors(work, filtered, tuple(spans)), () if law is None else law.settings.parameters
         known = {p.name: (p.value / CLOSE, p.value * CLOSE) for p in found if p.name in spans}
         spans = spans | known | {c.name: (c.low, c.high) for f in more for c in f.constants}
         two = _with_rates(work, filtered, amounts, (*factors, *more), spans)
-        if two is not None and evidently_better(two, best):
-            best, factors = two, (*factors, *more)
-    if best is None or best is refinement:
+        if two is not None and evidently_better(two, law or refinement):
+            law, factors = two, (*factors, *more)
+    if law is None or law is refinement:
         return refinement, ()
-    return best, tuple(_scores(best, factors, filtered, best.gained_over(refinement)))
+    return law, tuple(_scores(law, factors, filtered, law.gained_over(refinement)))
 
 
 def _with_rates(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import keyword
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Literal, get_args
 
 import msgspec
@@ -34,6 +34,15 @@ def check_name(name: str, what: str) -> None:
             f"{what} {shown} is not a plain name: expected an ASCII letter or underscore followed by letters, digits "
             f"or underscores, no Python keyword, at most {LONGEST_NAME} characters"
         )
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """Return a name, with the first number from 2 on that makes it one that is not taken."""
+    found, number = name, 1
+    while found in taken:
+        number += 1
+        found = f"{name}_{number}"
+    return found
 
 
 class Coordinate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
