@@ -22,7 +22,9 @@ from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.estimate import Signals
 from odescope.signals.filling import BANDS
+from odescope.signals.noise import noise_levels
 from odescope.signals.relative_noise import noise_of_recordings, relative_noise
+from odescope.signals.spectral import Spectrum
 
 OVERSAMPLING = 8  # block averages a period of the highest cutoff
 SEGMENT = 25  # block averages a segment
@@ -133,10 +135,10 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
     """
     period, block = records.runs[0].sample_period, _block(records, signals, records.runs[0].sample_period)
     seen = _seen(records, signals, differentiator, block)
-    deviations = _deviations(seen, signals, period, block)
+    deviations = _deviations(seen, records, signals, period, block)
     if block > 1 and records.samples <= SINGLE and any(d is not None for d in deviations):
         block, seen = 1, _seen(records, signals, differentiator, 1)
-        deviations = _deviations(seen, signals, period, block)
+        deviations = _deviations(seen, records, signals, period, block)
     y, share, smooth, runs = seen.measured, seen.share, seen.filtered, seen.runs
     noise = _noise(signals, y)
     largest, weights = noise.copy(), share.copy()
@@ -200,10 +202,18 @@ def _noise(signals: Signals, measured: FloatArray) -> FloatArray:
     return np.array([max(c.noise, 1e-12 * float(np.ptp(measured[:, k]))) for k, c in enumerate(signals.channels)])
 
 
-def _deviations(seen: _Seen, signals: Signals, period: float, block: int) -> list[FloatArray | None]:
+def _deviations(seen: _Seen, records: Records, signals: Signals, period: float, block: int) -> list[FloatArray | None]:
     """Return for every channel how noisy its averages (N,) are, in units of the noise that they seemed to have.
 
-    None where that is the same for all: noise neither grows with the readings nor differs between recordings.
+    None where that is the same for all: noise neither grows with the readings nor differs between recordings. Spectra
+    tell the noise of a recording, but what grows with its readings, too, only once that is divided out.
+
+    Args:
+        seen: the averages.
+        records: that they are of.
+        signals: coordinates and their noise.
+        period: of the samples, in seconds.
+        block: samples an average.
     """
     noise, found = _noise(signals, seen.measured), list[FloatArray | None]()
     error, steady = _smoothing_error(signals, noise, period), _steady(signals)
@@ -213,14 +223,19 @@ def _deviations(seen: _Seen, signals: Signals, period: float, block: int) -> lis
         rest = share * (seen.measured[:, k] - smooth)
         below = signals.channels[k].cutoff * period * len(share) / max(float(np.sum(share**2)), 1e-300)
         # Only where half of the band of what was measured is above the cutoff is what the filter leaves noise for sure.
-        noisy = BANDS * below < 1.0
-        grows = relative_noise(rest, smooth, there, float(error[row])) if k not in steady and noisy else None
-        by = np.ones(len(rest)) if grows is None else grows.level * grows.deviations
-        told, rest = 1.0 - 2.0 * below * block, rest / (by * noise[k] / np.sqrt(block))
+        grows = None
+        if BANDS * below < 1.0 and k not in steady:
+            grows = relative_noise(rest, smooth, there, float(error[row]))
         least = signals.channels[k].floor / noise[k]
-        differs = noise_of_recordings(rest, there, seen.runs, told, least) if noisy and told > 0.0 else None
-        found.append(by if differs is None else by * differs)
-    return [None if np.all(by == 1.0) else by for by in found]
+        if grows is None:
+            levels = noise_levels([Spectrum.of(run.column(c.name)) for run in records]) / noise[k]
+            own = np.repeat(np.maximum(levels, least), [high - low for low, high in seen.runs])
+            found.append(own if np.ptp(own) else None)
+        else:
+            by, told = grows.level * grows.deviations, 1.0 - 2.0 * below * block
+            differs = noise_of_recordings(rest / by * np.sqrt(block) / noise[k], there, seen.runs, told, least)
+            found.append(by if differs is None else by * differs)
+    return found
 
 
 def _steady(signals: Signals) -> tuple[int, ...]:

@@ -18,7 +18,7 @@ from odescope.likelihood.searches import SHORT_RECORD, joined, searches
 from odescope.likelihood.segments import Segments
 from odescope.parallel.workers import Workers
 from odescope.signals.noise import SOLVER
-from odescope.signals.relative_noise import SURE, relative_noise
+from odescope.signals.relative_noise import SURE, noise_of_recordings, relative_noise
 
 ROUNDS = 4  # searches anew, at most
 SMOOTH = 0.5  # correlation of neighbours, above which what a model leaves is no noise
@@ -141,8 +141,10 @@ def with_noise_left(space: SearchSpace, found: Fit, sure: float = SURE) -> Segme
         grows = None
         if c not in segments.steady:
             grows = relative_noise(rest, signal[:, c], there, level * np.sqrt(1.0 - free))
-        after = np.full(len(before), level) if grows is None else level * grows.level * grows.deviations[there]
-        noise[c] = level * (1.0 if grows is None else grows.level)
+        each = np.full(len(rest), level) if grows is None else level * grows.level * grows.deviations
+        differs = noise_of_recordings(rest / each, there, segments.runs, free, float(least[c]) / level)
+        after = (each if differs is None else each * differs)[there]
+        noise[c] = np.sqrt(np.mean(after**2)) if np.ptp(after) else level
         weights[there, c] = share[there, c] * noise[c] / after
         ratio[c] = after.max() / before.max()
         gain += float(np.sum(2.0 * np.log(before / after) + (rest[there] / before) ** 2 - (rest[there] / after) ** 2))

@@ -15,7 +15,7 @@ from odescope.likelihood.segments import cut_segments
 from odescope.likelihood.settled_noise import followed, with_noise_left
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral
-from odescope.signals.estimate import Channel, Signals
+from odescope.signals.estimate import Channel, Signals, estimate_signals
 
 NOISE = 2e-3
 
@@ -79,6 +79,32 @@ def test_averages_of_a_short_log_whose_noise_grows_weigh_by_their_readings():
     steady = replace(channel, floor=channel.noise)  # what a solver leaves
     alike = cut_segments(records, Signals((), (), (), 0.05, (steady,), (Coordinate("x", 1),), ()), Spectral())
     assert alike.weight is None
+
+
+@pytest.mark.parametrize("louder", [2.0, 5.0])
+def test_averages_of_a_recording_that_is_noisier_weigh_less(louder):
+    t, rng = 0.05 * np.arange(1200), np.random.default_rng(0)
+    waves = [np.sin(0.6 * t), np.cos(0.5 * t)]
+    read = [w + level * 0.01 * rng.standard_normal(1200) for w, level in zip(waves, (1.0, louder), strict=True)]
+    records = Records(tuple(Record(t, x[:, None], ("x",)) for x in read))
+    signals = estimate_signals(records, [Coordinate("x", 1)], [], Spectral())
+    data = cut_segments(records, signals, Spectral())
+    assert signals.channels[0].noise == pytest.approx(0.01 * np.sqrt(0.5 * (1.0 + louder**2)), rel=0.1)
+    deviations = [data.noise[0] / data.weight[low:high, 0] * np.sqrt(data.block) for low, high in data.runs]
+    assert all(np.ptp(d) == 0.0 for d in deviations)
+    assert [d[0] for d in deviations] == pytest.approx([0.01, 0.01 * louder], rel=0.1)
+
+
+def test_the_noise_that_a_model_leaves_is_that_of_each_recording():
+    space, found, states = spring(NOISE)
+    half = len(states) // 2
+    measured = space.segments.measured.copy()
+    measured[half:] += 3.0 * NOISE * np.random.default_rng(5).standard_normal(measured[half:].shape)
+    louder = space.on(replace(space.segments, measured=measured, runs=((0, half), (half, len(states)))))
+    left = with_noise_left(louder, found)
+    deviations = left.noise[0] / left.weight[:, 0]
+    assert [deviations[0], deviations[-1]] == pytest.approx([NOISE, np.sqrt(10.0) * NOISE], rel=0.1)
+    assert np.ptp(deviations[:half]) == np.ptp(deviations[half:]) == 0.0
 
 
 @pytest.mark.slow

@@ -47,7 +47,7 @@ STUDY = Study(data=Data(time="t"), coordinates={"q": Measured(order=2, angle=Tru
 def test_a_recording_that_is_noisier_is_no_noise_of_the_process(noises, seed):
     result = identify(STUDY, swings(noises, seed))
     assert result.refinement.exact
-    assert 0.6 < result.refinement.scale < 1.2
+    assert 0.85 < result.refinement.scale < 1.15
     found = {row.term: row for row in result.coefficients if row.kind == "term"}
     assert set(found) == set(TRUTH)
     assert all(abs(found[term].coefficient - value) < 4.0 * found[term].std_error for term, value in TRUTH.items())
