@@ -109,18 +109,21 @@ class _Relations:
         if None in below.values():
             return None
         said = explicit(space, self.refinement.fit)[relation]
+        if not np.isfinite(said).all():  # relations that do not determine their targets somewhere
+            return None
         divisor = np.array([*common.values()]) @ space.evaluated([*common], theta)
         plain = {t: k for (r, target, t), k in self.numbers.items() if r == relation and not target}
         chosen = _few(space.evaluated([*plain], theta), divisor * said, most - len(common))
         if not len(chosen) < most - len(common):
             return None
-        theta[[k for (r, _, _), k in self.numbers.items() if r == relation]] = 0.0
+        own = self.posed.mechanisms
+        theta[[k for k, m in enumerate(own) if m.parts[0].relation == relation]] = 0.0  # other targets, too
         for term, k in below.items():
             theta[k] = common[term]
-        own = [*plain.values()]
+        numbers = [*plain.values()]
         for column, coefficient in chosen.items():
-            theta[own[column]] = -coefficient
-        return Start((theta * space.sizes(theta))[: len(self.posed.mechanisms)])
+            theta[numbers[column]] = -coefficient
+        return Start((theta * space.sizes(theta))[: len(own)])
 
 
 def _few(columns: FloatArray, target: FloatArray, most: int) -> dict[int, float]:
