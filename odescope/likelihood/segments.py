@@ -32,6 +32,7 @@ SHORT = 6  # block averages of a segment in which a model that lacks most is not
 LEAST_SEGMENT = 4
 FEW = 50  # averages in all: of fewer the residual variance, by which a model is judged, scatters by more than a fifth
 SINGLE = 1000  # samples of a log, at most, that is not averaged where noise grows: each has a weight of its own
+DENSE = 0.9  # of the samples of a recording, at least, were measured: its spectrum then tells its noise
 LARGEST = 60_000  # averages in all: of longer logs the likelihood takes the first part of every record, to bound memory
 
 
@@ -206,7 +207,8 @@ def _deviations(seen: _Seen, records: Records, signals: Signals, period: float, 
     """Return for every channel how noisy its averages (N,) are, in units of the noise that they seemed to have.
 
     None where that is the same for all: noise neither grows with the readings nor differs between recordings. Spectra
-    tell the noise of a recording, but what grows with its readings, too, only once that is divided out.
+    tell the noise of a recording, but what grows with its readings, too, only once that is divided out. What is filled
+    in between few samples is smoother than what was measured, and says nothing of their noise.
 
     Args:
         seen: the averages.
@@ -226,13 +228,16 @@ def _deviations(seen: _Seen, records: Records, signals: Signals, period: float, 
         grows = None
         if BANDS * below < 1.0 and k not in steady:
             grows = relative_noise(rest, smooth, there, float(error[row]))
+        by = None if grows is None else grows.level * grows.deviations
         least = signals.channels[k].floor / noise[k]
-        if grows is None:
+        if any(np.mean(share[low:high] ** 2) < DENSE for low, high in seen.runs):
+            found.append(by)
+        elif by is None:
             levels = noise_levels([Spectrum.of(run.column(c.name)) for run in records]) / noise[k]
             own = np.repeat(np.maximum(levels, least), [high - low for low, high in seen.runs])
             found.append(own if np.ptp(own) else None)
         else:
-            by, told = grows.level * grows.deviations, 1.0 - 2.0 * below * block
+            told = 1.0 - 2.0 * below * block
             differs = noise_of_recordings(rest / by * np.sqrt(block) / noise[k], there, seen.runs, told, least)
             found.append(by if differs is None else by * differs)
     return found
