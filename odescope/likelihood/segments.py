@@ -230,7 +230,7 @@ def _deviations(seen: _Seen, records: Records, signals: Signals, period: float, 
             grows = relative_noise(rest, smooth, there, float(error[row]))
         by = None if grows is None else grows.level * grows.deviations
         least = signals.channels[k].floor / noise[k]
-        if any(np.mean(share[low:high] ** 2) < DENSE for low, high in seen.runs):
+        if len(seen.runs) < 2 or any(np.mean(share[low:high] ** 2) < DENSE for low, high in seen.runs):
             found.append(by)
         elif by is None:
             levels = noise_levels([Spectrum.of(run.column(c.name)) for run in records]) / noise[k]

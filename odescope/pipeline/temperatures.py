@@ -45,7 +45,8 @@ def with_arrhenius(
         suspicions: against its terms, and what was found for them.
     """
     study, signals, settled = work.study, filtered.signals, all(s.found for s in suspicions)
-    if study.library.by_hand or not filtered.sample.complete:
+    wanting = refinement is None or refinement.wanting
+    if study.library.by_hand or not filtered.sample.complete or not (wanting or suspicions):
         return refinement, ()
     factors = _factors(work, filtered, ())
     amounts = [n for n in signals.states if n in study.suspects and n not in {f.variable for f in factors}]
@@ -53,9 +54,8 @@ def with_arrhenius(
         return refinement, ()
     balances = [r for r, c in enumerate(signals.coordinates) if c.name in amounts]
     law = refinement if refinement is not None and _holds(refinement) else None
-    wanting = refinement is None or refinement.wanting
     if refinement is not None and not wanting:
-        if not suspicions or (law is not None and settled and not _imitates(law, balances, factors)):
+        if law is not None and settled and not _imitates(law, balances, factors):
             return refinement, ()
         if refinement.lacks_nothing and settled:  # what else stands in doubt may be all wrong
             work = within(work, max(LEAST, TIMES * refinement.spent))
