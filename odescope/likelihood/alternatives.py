@@ -19,7 +19,10 @@ from odescope.likelihood.add_and_drop import GAIN
 from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.function_space import FEW
+from odescope.likelihood.held_out import thinned
 from odescope.likelihood.imitation import Choice, Imitated, Placed
+from odescope.likelihood.noise_levels import estimate_noise
+from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import Outcome, search
 from odescope.likelihood.settings import Start
@@ -153,6 +156,23 @@ class _Work(Sharing):
         whole[kept] = fit.theta
         return replace(outcome, fit=replace(fit, theta=whole, present=kept[fit.present], held=kept[fit.held]))
 
+    def gain_under_noise(self, process: Noisy, fit: Fit) -> float | None:
+        """Return by how much a model with functions is likelier than one without, both with noise of the process.
+
+        Args:
+            process: the one without.
+            fit: of the one with functions, in segments without it.
+        """
+        space = self.space.on(thinned(process.space.segments))
+        costs = list[float]()
+        for theta in (self.padded(process.fit.theta), fit.theta):
+            begun = space.begin(theta, space.segments.spread)
+            if begun is None:
+                return None
+            there, found, cost = estimate_noise(space, begun)
+            costs.append(cost + there.price(found))
+        return costs[0] - costs[1]
+
     def told(self, fit: Fit, outcome: Outcome | None, gain: float | None, plain: int) -> Alternative:
         """Return what came of it.
 
@@ -226,6 +246,8 @@ def alternative(
     outcome = work.searched(standing)
     if outcome is None:
         return None
+    if refinement.process is not None:
+        gain = work.gain_under_noise(refinement.process, outcome.fit)
     if before is not None and np.isfinite(outcome.width) and work.holds_functions(outcome.fit):
         gain = price(before) - price(outcome.fit)
     return work.told(outcome.fit, outcome, gain, candidates)

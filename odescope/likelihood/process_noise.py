@@ -21,10 +21,10 @@ from odescope.likelihood.expansion import correlated, decorrelated
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
 from odescope.likelihood.negligible import one_less
-from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
+from odescope.likelihood.noise_levels import estimate_noise, with_noise
 from odescope.likelihood.path import SURE, VERY, ModelPath
 from odescope.likelihood.program import Program
-from odescope.likelihood.search import Outcome, WhiteResiduals
+from odescope.likelihood.search import WhiteResiduals
 from odescope.likelihood.search_space import Move, SearchSpace
 from odescope.likelihood.segments import Segments
 
@@ -87,10 +87,16 @@ def robust_evidence(space: SearchSpace, found: Fit) -> Evidence | None:
     return None if expanded is None else weigh(space, found, *expanded)
 
 
-def white(found: Fit, evidence: Evidence) -> bool:
-    """Say whether defects scatter as noise of the process does: what lacks in a law makes some stretches worse."""
+def white(found: Fit, evidence: Evidence, share: float = 0.5) -> bool:
+    """Say whether defects scatter as noise of the process does: what lacks in a law makes some stretches worse.
+
+    Args:
+        found: the model.
+        evidence: for its coefficients, of all blocks of the record.
+        share: of the coefficients that have to say so.
+    """
     ratios = evidence.variances / np.maximum(found.variances, 1e-300)
-    return bool(ratios.size and np.median(ratios) < COLOURED)
+    return bool(ratios.size and np.quantile(ratios, share) < COLOURED)
 
 
 @np.errstate(over="ignore")  # of coefficients that ran away
@@ -128,16 +134,6 @@ def _expanded(
     moved = ends[:, :, n:] + np.matmul(ends[:, :, :n], follow[joints]) - follow[joints + 1]
     gradient[joints] += np.einsum("ji,jip->jp", weighted, moved)
     return expansion.information, in_blocks(gradient)
-
-
-def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
-    """Return the penalised marginal cost of a model that follows its record, on the cut that `space` has."""
-    segments = space.segments
-    strict = with_noise(space, segments.noise * np.sqrt(max(outcome.scale, 1.0)), segments.spread * outcome.width)
-    found = strict.again(outcome.fit, segments.initial, strict.segments.spread)
-    if found is None:
-        return np.inf
-    return marginal_cost(strict, found) + space.price(found)
 
 
 def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[FloatArray]) -> SearchSpace:

@@ -24,18 +24,20 @@ from odescope.likelihood.held_out import thinned, without_held_out
 from odescope.likelihood.holds import holds_of
 from odescope.likelihood.input_searches import Between
 from odescope.likelihood.negligible import without_negligible
+from odescope.likelihood.noise_or_terms import cost_without_process_noise, few_with_process_noise
 from odescope.likelihood.path import ModelPath, telling
 from odescope.likelihood.process_noise import (
     PATH_SHARE,
+    PIECES,
     Noisy,
-    cost_without_process_noise,
     in_pieces,
     search_with_process_noise,
+    white,
 )
 from odescope.likelihood.program import Frame
 from odescope.likelihood.search import CHANCE, WHITE, LikelihoodSearch, Outcome, fitted_again, full, in_whole
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.searches import FOLLOWED, JOINED_SHARE, joined, searches
+from odescope.likelihood.searches import FOLLOWED, JOINED_SHARE, SHORT_RECORD, joined, searches
 from odescope.likelihood.segments import SEGMENT, Segments
 from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
 from odescope.likelihood.settled_noise import with_noise_settled
@@ -101,12 +103,17 @@ class Refinement:
 
     @property
     def lacks_nothing(self) -> bool:
-        """Whether what such a model leaves is no more than the noise and chance."""
-        return self.process is None and _leaves_noise(self.space, self.outcome)
+        """Whether what the model leaves is no more than noise, of the measurement or of the process, and chance.
+
+        One law of several that lacks something shows in its own coefficients alone.
+        """
+        if self.process is not None:
+            return white(self.process.fit, self.process.evidence, 1.0)
+        return _leaves_noise(self.space, self.outcome)
 
     @property
     def wanting(self) -> bool:
-        """Whether such a model leaves more than noise, or has so many terms that it imitates what is not there."""
+        """Whether the model leaves more than noise, or has so many terms that it imitates what is not there."""
         return not self.lacks_nothing or full(self.space, self.fit)
 
     @property
@@ -115,14 +122,22 @@ class Refinement:
         return np.inf if self.path is None else self.path.choice.error
 
     def gained_over(self, before: Refinement | None) -> float | None:
-        """Return by how much the deviance is less than that of another model that follows the record, too.
+        """Return by how much the deviance is less than that of another model, noise of the process counted.
 
-        None where these do not compare: averages of other numbers of samples, as other holds of inputs ask for, have
-        other densities, and where pieces of the record are joined less closely more is left to chance.
+        None where these do not compare: one does not follow the record, or only the other without such noise; averages
+        of other numbers of samples, as other holds of inputs ask for, have other densities, and where pieces of the
+        record are joined less closely more is left to chance.
         """
-        if before is None or not (self.exact and before.exact):
+        if before is None or not (self.follows and before.follows):
             return None
-        like = self.space.segments.block == before.space.segments.block and self.outcome.width == before.outcome.width
+        there = before.space.segments
+        if self.space.segments.block != there.block or self.space.segments.samples != there.samples:
+            return None
+        if before.process is not None:
+            if self.process is not None:
+                return before.process.penalised - self.process.penalised
+            return before.process.penalised - cost_without_process_noise(self.space.on(there), self.outcome)
+        like = self.process is None and self.outcome.width == before.outcome.width
         return before.outcome.deviance - self.outcome.deviance if like else None
 
 
@@ -240,16 +255,21 @@ def _judged(
         space, best = with_steps_settled(space, best, begun, workers)
         space, best = with_narrow_friction(space, without_negligible(space, best))
     process, adopted, scale = None, False, best.scale
-    if not _leaves_noise(space, best):
+    noise_left, path, fewer = _leaves_noise(space, best), None, None
+    if noise_left:
+        path = _path(space, best)
+        if path is not None and space.segments.samples > SHORT_RECORD:
+            fewer = few_with_process_noise(space.on(cut(PIECES[0])), best, path)
+    if not noise_left or fewer is not None:
         space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
+        near = near if fewer is None else [fewer, *near]
         process, adopted = _with_process_noise(cut, space, best, begun, near, terms)
     evidence: Evidence | None
-    path: ModelPath | None
     if process is not None and adopted:
         found, last, evidence, path = process.fit, process.space, process.evidence, process.path
         covariance = evidence.covariance
     else:
-        path = _path(space, best)
+        path = path or _path(space, best)
         if path is not None and terms is not None:
             path, best, scale = _shortened(space, best, path.chosen_at(terms))
         found, last, evidence = best.fit, space, _evidence(space, best, scale)

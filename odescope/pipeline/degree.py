@@ -45,11 +45,11 @@ def with_higher_degree(
     angles = any(c.angle for c in signals.coordinates)
     if study.library.by_hand or angles or not study.suspects or not filtered.sample.complete:
         return refinement
-    if refinement is not None and refinement.exact and not (functions or quotients(refinement)):
+    follows = refinement is not None and (refinement.exact or refinement.lacks_nothing)
+    if refinement is not None and follows and not (functions or quotients(refinement)):
         return refinement
     wides, many = (with_basis(work, basis_of(study), degree) for degree in DEGREES), FEW if functions else FEW_ENOUGH
     wide, found = next(((w, f) for w in wides if (f := regressed_with(w, filtered, many)) is not None), (work, None))
-    follows = refinement is not None and refinement.exact
     if found is None or not promises(found, regressed, EVIDENT if follows else 0.0):
         return refinement
     work.monitor.tell(Progress("suspicion", "search with products of higher degree", 0, 1))

@@ -16,13 +16,12 @@ from odescope.likelihood.search import WIDTHS, full
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
 from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.suspicion import FAR_BETTER, NO_WORSE
 from odescope.pipeline.wider import regressed_with, searched_with, with_extra
 from odescope.pipeline.work import Work
 from odescope.study.options import Study
 
 WIDER = ((2, 0), (3, 0), (2, 2), (3, 2))  # degrees of the products, and of the sines and cosines with them
-FAR_BETTER = 0.5  # of the error of free runs
-NO_WORSE = 1.1  # times the error of free runs: over stretches of one record errors differ by as much and mean nothing
 
 
 def with_modulated(
@@ -33,7 +32,7 @@ def with_modulated(
     Beside angles the default library holds inputs to the first power, which nothing but sines and cosines multiply, and
     two rates at most: neither a spring that turns with a shaft, nor a brake whose damping goes with its current, nor a
     pendulum on what turns at a speed that was recorded, nor the cubic drag of a ship. Nothing is tried where a model
-    follows the record, or a library was written by hand.
+    follows the record and leaves no more than noise, or a library was written by hand.
 
     Args:
         work: whose study says whether more than its library may be looked for.
@@ -46,7 +45,7 @@ def with_modulated(
     angles = any(c.angle for c in filtered.signals.coordinates)
     if study.library.by_hand or not angles or not study.suspects or not filtered.sample.complete:
         return posed, refinement
-    if refinement is not None and refinement.exact:
+    if refinement is not None and (refinement.exact or refinement.lacks_nothing):
         return posed, refinement
     wides = [with_extra(work, extra) for extra in products_of(study)]
     regressions = [(wide, found) for wide in wides if (found := regressed_with(wide, filtered)) is not None]

@@ -9,6 +9,8 @@ import numpy as np
 from odescope.events import Progress
 from odescope.library.readable import readable
 from odescope.likelihood.alternatives import alternative
+from odescope.likelihood.beginnings import EVIDENT
+from odescope.likelihood.path import FAITHFUL
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.standing import Alternative
 from odescope.likelihood.suspicion import JOINT, Suspicion, suspicions, values_of_variables, with_pairs
@@ -19,6 +21,8 @@ from odescope.pipeline.stages import refine_form
 from odescope.pipeline.units import units_of
 from odescope.pipeline.work import Work
 
+FAR_BETTER = 0.5  # of the error of free runs
+NO_WORSE = 1.1  # times the error of free runs: over stretches of one record errors differ by as much and mean nothing
 LEAST = 0.5  # units of budget: what the comparison may cost where the search before cost next to nothing
 
 
@@ -67,7 +71,7 @@ def _promises(refinement: Refinement, found: Alternative) -> bool:
     """Say whether a model with functions may be better than the one without."""
     if not found.mechanisms:
         return False
-    if refinement.exact:
+    if refinement.follows:
         return found.gain is not None and found.gain > found.least
     return found.outcome is not None and found.outcome.rank < refinement.outcome.rank
 
@@ -77,14 +81,21 @@ def replaces(other: Refinement, refinement: Refinement) -> bool:
 
     Of two that do, the one that follows it in longer pieces stays, else the likelier. Where the other did not, what the
     record lacks for a law may be put down to functions, so these must run freely no worse over what is held out; nor
-    may they where likelihoods do not compare.
+    may they where likelihoods do not compare. With noise of the process they are to be evidently likelier and take the
+    place of as many terms, or run far better.
     """
+    gain, ratio = other.gained_over(refinement), other.free_run_error / max(refinement.free_run_error, 1e-300)
+    if other.process is not None:
+        leaner = len(other.fit.free) <= len(refinement.fit.free)
+        as_near = ratio <= NO_WORSE or other.free_run_error <= FAITHFUL
+        return gain is not None and gain > EVIDENT and ((leaner and as_near) or ratio < FAR_BETTER)
     if not other.exact:
         return False
     if refinement.exact and other.outcome.width != refinement.outcome.width:
         return other.outcome.width < refinement.outcome.width
-    gain = other.gained_over(refinement)
-    return other.free_run_error <= refinement.free_run_error if gain is None else gain > 0.0
+    if gain is None or not refinement.exact:
+        return ratio <= 1.0 and (gain is None or gain > 0.0)
+    return gain > 0.0
 
 
 def _scored(

@@ -121,9 +121,10 @@ def promises(found: Regressed, before: Regressed, least: float = EVIDENT) -> boo
 def evidently_better(other: Refinement, before: Refinement | None) -> bool:
     """Say whether a model with another library replaces the one before: it follows the record in one piece.
 
-    One that stopped at its largest number of terms replaces no other: so many follow any record.
+    Or with noise of the process, as the one before does. One that stopped at its largest number of terms replaces no
+    other: so many follow any record.
     """
-    if other.outcome.width > WIDTHS[-1]:
+    if other.process is None and other.outcome.width > WIDTHS[-1]:
         return False
     if before is None:
         return other.exact

@@ -31,8 +31,8 @@ from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.noise_levels import estimate_noise
+from odescope.likelihood.noise_or_terms import cost_without_process_noise
 from odescope.likelihood.process_noise import (
-    cost_without_process_noise,
     robust_evidence,
     robust_wald,
     search_with_process_noise,

@@ -170,13 +170,19 @@ def test_what_is_fixed_by_name_is_not_suspected():
     assert parse_study(study_toml(study(suspect=False))) == study(suspect=False)
 
 
-def ending(exact, deviance, error, block=1, width=0.001):
-    """Return what the choice between two ends of a likelihood stage looks at."""
-    space = SimpleNamespace(segments=SimpleNamespace(block=block))
+def ending(exact, deviance, error, block=1, width=0.001, noisy=None, terms=5):
+    """Return what the choice between two ends of a likelihood stage looks at; with noise of the process its cost."""
+    space = SimpleNamespace(segments=SimpleNamespace(block=block, samples=1000))
     outcome = SimpleNamespace(deviance=deviance, width=width)
     made = SimpleNamespace(exact=exact, outcome=outcome, free_run_error=error, space=space)
+    made.process = None if noisy is None else SimpleNamespace(penalised=noisy)
+    made.follows, made.fit = exact or noisy is not None, SimpleNamespace(free=range(terms))
     made.gained_over = partial(Refinement.gained_over, made)
     return made
+
+
+def noisy(cost, error, terms):
+    return ending(False, 0.0, error, noisy=cost, terms=terms)
 
 
 @pytest.mark.parametrize(
@@ -192,6 +198,13 @@ def ending(exact, deviance, error, block=1, width=0.001):
         (ending(True, 100.0, 0.01), ending(True, -900.0, 0.02, block=5), False),
         (ending(True, 100.0, 0.01, width=1.0), ending(True, 120.0, 0.02), True),  # which follows in one piece
         (ending(True, 100.0, 0.02), ending(True, 80.0, 0.01, width=1.0), False),
+        (noisy(100.0, 0.10, 5), noisy(80.0, 0.10, 5), True),
+        (noisy(100.0, 0.10, 5), noisy(95.0, 0.10, 4), False),  # which is hardly likelier
+        (noisy(100.0, 0.10, 5), noisy(80.0, 0.12, 4), False),  # nor runs as near
+        (noisy(100.0, 0.10, 5), noisy(80.0, 0.09, 6), False),  # one more function explains anything
+        (noisy(100.0, 0.10, 5), noisy(80.0, 0.04, 6), True),
+        (noisy(100.0, 0.004, 5), noisy(80.0, 0.006, 4), True),  # both are near enough
+        (ending(True, 100.0, 0.01), noisy(-900.0, 0.001, 4), False),
     ],
 )
 def test_functions_replace_what_does_not_follow_the_record_only_if_they_run_freely_no_worse(before, after, replaced):
