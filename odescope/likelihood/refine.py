@@ -125,8 +125,8 @@ class Refinement:
         """Return by how much the deviance is less than that of another model, noise of the process counted.
 
         None where these do not compare: one does not follow the record, or only the other without such noise; averages
-        of other numbers of samples, as other holds of inputs ask for, have other densities, and where pieces of the
-        record are joined less closely more is left to chance.
+        of other numbers of samples, as other holds of inputs ask for, have other densities, where pieces of the record
+        are joined less closely more is left to chance, and what one alone is driven by is not in the other's record.
         """
         if before is None or not (self.follows and before.follows):
             return None
@@ -136,6 +136,8 @@ class Refinement:
         if before.process is not None:
             if self.process is not None:
                 return before.process.penalised - self.process.penalised
+            if self.space.frame.variables != before.space.frame.variables:
+                return None
             return before.process.penalised - cost_without_process_noise(self.space.on(there), self.outcome)
         like = self.process is None and self.outcome.width == before.outcome.width
         return before.outcome.deviance - self.outcome.deviance if like else None

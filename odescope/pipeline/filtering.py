@@ -31,7 +31,7 @@ from odescope.recordings.tables import on_uniform_time
 from odescope.regression.problem import pose
 from odescope.selection.ranking import rank
 from odescope.signals.delays import LARGEST, Delay, delayed, estimate_delays, with_delays
-from odescope.signals.estimate import Signals, estimate_signals
+from odescope.signals.estimate import Signals, estimate_signals, most_dropped
 from odescope.signals.filling import filled
 from odescope.signals.gated import Reasons, gated_records
 from odescope.signals.outliers import Clipping, clip_outliers, count_clipped, settle_clipping
@@ -92,7 +92,8 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
         posed = _without_angles(study, {name for pair in shafts for name in pair})
         stays, libraries = not_ruled_out(study, sample.records), tuple[Library, ...]()
         if "relations" in study.forms():
-            posed, libraries = _decidable(posed, stays, sample.records.samples)
+            left = sum(len(run) - 2 * most_dropped(len(run)) for run in sample.records)
+            posed, libraries = _decidable(posed, stays, left)
         mechanisms: dict[Form, Mechanisms] = {
             form: posed.mechanisms(form) for form in study.forms() if form != "relations"
         }
@@ -112,7 +113,7 @@ def _decidable(study: Study, stays: Stays, samples: int) -> tuple[Study, tuple[L
     Args:
         study: says what the candidates are.
         stays: says of a candidate term whether the records rule it out.
-        samples: how many there are.
+        samples: how many there are without the ends of records.
 
     Raises:
         InputError: a library has more candidates than there are samples.

@@ -175,12 +175,17 @@ def _stride(like: Signals, run: Record) -> int:
     return stride
 
 
+def most_dropped(samples: int) -> int:
+    """Return how many of so many samples are dropped at each end of a record at most."""
+    return samples // 20
+
+
 def _kept(
     signals: Signals, stretch: Stretch, values: Sequence[FloatArray], stride: int, margin: float
 ) -> tuple[float, FloatArray]:
     """Return the time of the first sample that is kept of a record, and the columns (names, n)."""
     run, period = stretch.record, signals.period / stride
-    drop = min(round(margin / (min(c.cutoff for c in signals.channels) * period)), len(run) // 20)
+    drop = min(round(margin / (min(c.cutoff for c in signals.channels) * period)), most_dropped(len(run)))
     first = max(stretch.first, drop) if stretch.begins else stretch.first
     stop = min(stretch.stop, len(run) - drop) if stretch.ends else stretch.stop
     found = zip(signals.coordinates, values, strict=True)

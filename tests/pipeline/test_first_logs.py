@@ -51,3 +51,22 @@ def test_an_epidemic_of_15_days_has_its_law(seed):
     laws = [{q.text for q in relation.terms} for relation in result.model.relations]
     assert laws == [{"S_dot", "I*S"}, {"I_dot", "I", "I*S"}]
     assert any("15 samples cannot decide between all of the default library" in note for note in result.notes)
+
+
+def test_hares_and_lynxes_of_21_years_have_a_law():
+    """Pelts in thousands, 1900 to 1920 (Hudson Bay Company; Elton and Nicholson, J. Anim. Ecol. 11, 1942).
+
+    Of the 21 samples filtering leaves 19, for which there are 20 candidates of degree 3.
+    """
+    hares = (30, 47.2, 70.2, 77.4, 36.3, 20.6, 18.1, 21.4, 22, 25.4, 27.1)
+    hares += (40.3, 57, 76.6, 52.3, 19.5, 11.2, 7.6, 14.6, 16.2, 24.7)
+    lynxes = (4, 6.1, 9.8, 35.2, 59.4, 41.7, 19, 13, 8.3, 9.1, 7.4, 8)
+    lynxes += (12.3, 19.5, 45.7, 51.1, 29.7, 15.8, 9.7, 10.1, 8.6)
+    study = Study(data=Data(time="year"), coordinates={"hare": Measured(), "lynx": Measured()})
+    result = identify(study, {"year": np.arange(1900.0, 1921.0), "hare": np.array(hares), "lynx": np.array(lynxes)})
+    prey, predator = ({q.text: q.coefficient for q in relation.terms} for relation in result.model.relations)
+    assert set(prey) == {"hare_dot", "hare", "hare*lynx"}
+    assert -prey["hare"] == pytest.approx(0.55, abs=0.1)
+    assert prey["hare*lynx"] == pytest.approx(0.028, abs=0.005)
+    assert {"lynx", "hare*lynx"} <= set(predator)
+    assert any("21 samples cannot decide" in note for note in result.notes)
