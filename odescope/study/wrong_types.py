@@ -25,4 +25,5 @@ def in_words_of_toml(message: str) -> str:
         return message
     wanted = " or ".join(_TYPES.get(name, name) for name in found["wanted"].split(" | ") if name != "null")
     came = "" if found["came"] is None else f", not {_CAME.get(found['came'], found['came'])}"
-    return f"`{found['path'] or 'the study'}` must be {wanted}{found['bound'] or ''}{came}"
+    what_to_do = ": put it in [brackets]" if (found["wanted"], found["came"]) == ("array", "str") else ""
+    return f"`{found['path'] or 'the study'}` must be {wanted}{found['bound'] or ''}{came}{what_to_do}"

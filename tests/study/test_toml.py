@@ -110,7 +110,7 @@ def test_what_a_study_leaves_out_has_its_default():
         ("order = 2", "order = 2.5", ["`coordinates.x.order` must be a whole number, not one with decimals"]),
         ("order = 2", "order = 9", ["order must be a whole number from 1 to 8"]),
         ('"t"', "1", ["`data.time` must be a text, not a whole number"]),
-        ('["run.csv"]', '"run.csv"', ["`data.files` must be a list, not a text"]),
+        ('["run.csv"]', '"run.csv"', ["`data.files` must be a list, not a text: put it in [brackets]"]),
         ("[inputs.u]", "[inputs.u]\nhold = 'zoh'", ["unknown value 'zoh'", "`inputs.u.hold`", "linear, zero"]),
         ("[inputs.u]", "[inputs.u]\n[library]\npreset = 'papr'", ["unknown value 'papr'", "did you mean 'paper'?"]),
         ("[data]", "[data]\ngaps = 'spilt'", ["unknown value 'spilt'", "did you mean 'split'?"]),
