@@ -21,7 +21,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.function_space import FEW
 from odescope.likelihood.held_out import thinned
 from odescope.likelihood.imitation import Choice, Imitated, Placed
-from odescope.likelihood.noise_levels import estimate_noise
+from odescope.likelihood.noise_or_terms import cost_with_process_noise
 from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import Outcome, search
@@ -164,14 +164,8 @@ class _Work(Sharing):
             fit: of the one with functions, in segments without it.
         """
         space = self.space.on(thinned(process.space.segments))
-        costs = list[float]()
-        for theta in (self.padded(process.fit.theta), fit.theta):
-            begun = space.begin(theta, space.segments.spread)
-            if begun is None:
-                return None
-            there, found, cost = estimate_noise(space, begun)
-            costs.append(cost + there.price(found))
-        return costs[0] - costs[1]
+        before, after = (cost_with_process_noise(space, t) for t in (self.padded(process.fit.theta), fit.theta))
+        return before - after if np.isfinite(before) else None
 
     def told(self, fit: Fit, outcome: Outcome | None, gain: float | None, plain: int) -> Alternative:
         """Return what came of it.

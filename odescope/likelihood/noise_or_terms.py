@@ -17,13 +17,30 @@ from odescope.likelihood.search_space import SearchSpace
 
 
 def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
-    """Return the penalised marginal cost of a model that follows its record, on the cut that `space` has."""
+    """Return the penalised marginal cost of a model that follows its record, on the cut that `space` has.
+
+    Infinite where it cannot be followed there.
+    """
     segments = space.segments
     strict = with_noise(space, segments.noise * np.sqrt(outcome.scale), segments.spread * outcome.width)
     found = strict.again(outcome.fit, segments.initial, strict.segments.spread)
     if found is None:
         return np.inf
     return marginal_cost(strict, found) + space.price(found)
+
+
+def cost_with_process_noise(space: SearchSpace, theta: FloatArray) -> float:
+    """Return the same of a model with process noise of the size that makes it likeliest.
+
+    Args:
+        space: data cut into short segments, and candidates.
+        theta: (mechanisms,) coefficients to begin with.
+    """
+    begun = space.begin(theta, space.segments.spread)
+    if begun is None:
+        return np.inf
+    there, found, cost = estimate_noise(space, begun)
+    return cost + there.price(found)
 
 
 def few_with_process_noise(space: SearchSpace, outcome: Outcome, path: ModelPath) -> FloatArray | None:
@@ -38,11 +55,5 @@ def few_with_process_noise(space: SearchSpace, outcome: Outcome, path: ModelPath
     if np.array_equal(knee.present, path.steps[0].fit.present):
         return None
     space = space.on(thinned(space.segments))
-    costs = [cost_without_process_noise(space, outcome)]
-    for theta in (outcome.fit.theta, knee.theta):
-        begun = space.begin(theta, space.segments.spread)
-        if begun is None:
-            return None
-        there, found, cost = estimate_noise(space, begun)
-        costs.append(cost + there.price(found))
-    return knee.theta if costs[-1] < min(costs[:-1]) else None
+    all_terms = min(cost_without_process_noise(space, outcome), cost_with_process_noise(space, outcome.fit.theta))
+    return knee.theta if cost_with_process_noise(space, knee.theta) < all_terms else None

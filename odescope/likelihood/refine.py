@@ -257,12 +257,11 @@ def _judged(
         space, best = with_steps_settled(space, best, begun, workers)
         space, best = with_narrow_friction(space, without_negligible(space, best))
     process, adopted, scale = None, False, best.scale
-    noise_left, path, fewer = _leaves_noise(space, best), None, None
-    if noise_left:
-        path = _path(space, best)
-        if path is not None and space.segments.samples > SHORT_RECORD:
-            fewer = few_with_process_noise(space.on(cut(PIECES[0])), best, path)
-    if not noise_left or fewer is not None:
+    only_noise, fewer = _leaves_noise(space, best), None
+    path = _path(space, best) if only_noise else None
+    if path is not None and space.segments.samples > SHORT_RECORD:
+        fewer = few_with_process_noise(space.on(cut(PIECES[0])), best, path)
+    if not only_noise or fewer is not None:
         space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
         near = near if fewer is None else [fewer, *near]
         process, adopted = _with_process_noise(cut, space, best, begun, near, terms)

@@ -84,18 +84,17 @@ def replaces(other: Refinement, refinement: Refinement) -> bool:
     may they where likelihoods do not compare. With noise of the process they are to be evidently likelier and take the
     place of as many terms, or run far better.
     """
-    gain, ratio = other.gained_over(refinement), other.free_run_error / max(refinement.free_run_error, 1e-300)
+    gain, error, before = other.gained_over(refinement), other.free_run_error, refinement.free_run_error
     if other.process is not None:
         leaner = len(other.fit.free) <= len(refinement.fit.free)
-        as_near = ratio <= NO_WORSE or other.free_run_error <= FAITHFUL
-        return gain is not None and gain > EVIDENT and ((leaner and as_near) or ratio < FAR_BETTER)
+        runs_as_well = error <= NO_WORSE * before or error <= FAITHFUL
+        return gain is not None and gain > EVIDENT and ((leaner and runs_as_well) or error < FAR_BETTER * before)
     if not other.exact:
         return False
     if refinement.exact and other.outcome.width != refinement.outcome.width:
         return other.outcome.width < refinement.outcome.width
-    if gain is None or not refinement.exact:
-        return ratio <= 1.0 and (gain is None or gain > 0.0)
-    return gain > 0.0
+    likelier = gain is None or gain > 0.0
+    return likelier and (error <= before or (refinement.exact and gain is not None))
 
 
 def _scored(
