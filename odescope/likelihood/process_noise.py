@@ -87,16 +87,10 @@ def robust_evidence(space: SearchSpace, found: Fit) -> Evidence | None:
     return None if expanded is None else weigh(space, found, *expanded)
 
 
-def white(found: Fit, evidence: Evidence, share: float = 0.5) -> bool:
-    """Say whether defects scatter as noise of the process does: what lacks in a law makes some stretches worse.
-
-    Args:
-        found: the model.
-        evidence: for its coefficients, of all blocks of the record.
-        share: of the coefficients that have to say so.
-    """
+def white(found: Fit, evidence: Evidence) -> bool:
+    """Say whether defects scatter as noise of the process does: what lacks in a law makes some stretches worse."""
     ratios = evidence.variances / np.maximum(found.variances, 1e-300)
-    return bool(ratios.size and np.quantile(ratios, share) < COLOURED)
+    return bool(ratios.size and np.median(ratios) < COLOURED)
 
 
 @np.errstate(over="ignore")  # of coefficients that ran away

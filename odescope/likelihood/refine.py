@@ -32,7 +32,6 @@ from odescope.likelihood.process_noise import (
     Noisy,
     in_pieces,
     search_with_process_noise,
-    white,
 )
 from odescope.likelihood.program import Frame
 from odescope.likelihood.search import CHANCE, WHITE, LikelihoodSearch, Outcome, fitted_again, full, in_whole
@@ -103,12 +102,7 @@ class Refinement:
 
     @property
     def lacks_nothing(self) -> bool:
-        """Whether what the model leaves is no more than noise, of the measurement or of the process, and chance.
-
-        One law of several that lacks something shows in its own coefficients alone.
-        """
-        if self.process is not None:
-            return white(self.process.fit, self.process.evidence, 1.0)
+        """Whether some model of its candidates leaves no more than the noise and chance, if with more terms."""
         return _leaves_noise(self.space, self.outcome)
 
     @property
@@ -125,8 +119,8 @@ class Refinement:
         """Return by how much the deviance is less than that of another model, noise of the process counted.
 
         None where these do not compare: one does not follow the record, or only the other without such noise; averages
-        of other numbers of samples, as other holds of inputs ask for, have other densities, where pieces of the record
-        are joined less closely more is left to chance, and what one alone is driven by is not in the other's record.
+        of other numbers of samples, as other holds of inputs ask for, have other densities, as have other inputs under
+        such noise, and where pieces of the record are joined less closely more is left to chance.
         """
         if before is None or not (self.follows and before.follows):
             return None
@@ -134,10 +128,10 @@ class Refinement:
         if self.space.segments.block != there.block or self.space.segments.samples != there.samples:
             return None
         if before.process is not None:
+            if holds_of(self.space) != holds_of(before.space):
+                return None
             if self.process is not None:
                 return before.process.penalised - self.process.penalised
-            if self.space.frame.variables != before.space.frame.variables:
-                return None
             return before.process.penalised - cost_without_process_noise(self.space.on(there), self.outcome)
         like = self.process is None and self.outcome.width == before.outcome.width
         return before.outcome.deviance - self.outcome.deviance if like else None

@@ -172,11 +172,9 @@ def test_what_is_fixed_by_name_is_not_suspected():
 
 def ending(exact, deviance, error, block=1, width=0.001, noisy=None, terms=5):
     """Return what the choice between two ends of a likelihood stage looks at; with noise of the process its cost."""
-    space = SimpleNamespace(
-        segments=SimpleNamespace(block=block, samples=1000), frame=SimpleNamespace(variables=("x",))
-    )
+    segments = SimpleNamespace(block=block, samples=1000, driven=None)
     outcome = SimpleNamespace(deviance=deviance, width=width)
-    made = SimpleNamespace(exact=exact, outcome=outcome, free_run_error=error, space=space)
+    made = SimpleNamespace(exact=exact, outcome=outcome, free_run_error=error, space=SimpleNamespace(segments=segments))
     made.process = None if noisy is None else SimpleNamespace(penalised=noisy)
     made.follows, made.fit = exact or noisy is not None, SimpleNamespace(free=range(terms))
     made.gained_over = partial(Refinement.gained_over, made)
@@ -215,7 +213,7 @@ def test_functions_replace_what_does_not_follow_the_record_only_if_they_run_free
 
 def test_what_the_time_drives_is_compared_by_its_free_runs_with_what_has_noise_of_the_process():
     forced = ending(True, 80.0, 0.05)
-    forced.space.frame.variables += ("t",)
+    forced.space.segments.driven = SimpleNamespace(holds=("linear",))
     assert forced.gained_over(noisy(100.0, 0.10, 5)) is None
     assert replaces(forced, noisy(100.0, 0.10, 5))
 
