@@ -132,7 +132,9 @@ class Refinement:
                 return None
             if self.process is not None:
                 return before.process.penalised - self.process.penalised
-            return before.process.penalised - cost_without_process_noise(self.space.on(there), self.outcome)
+            own = self.space.segments
+            pieces = replace(there, noise=own.noise, spread=own.spread, decorrelation=None)
+            return before.process.penalised - cost_without_process_noise(self.space.on(pieces), self.outcome)
         like = self.process is None and self.outcome.width == before.outcome.width
         return before.outcome.deviance - self.outcome.deviance if like else None
 
