@@ -6,14 +6,18 @@ mean nothing: each earns its price, and what they leave is white. docs/method.md
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.held_out import thinned
 from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
 from odescope.likelihood.path import ModelPath
+from odescope.likelihood.process_noise import PIECES
 from odescope.likelihood.search import Outcome
 from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.segments import Segments
 
 
 def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
@@ -43,17 +47,20 @@ def cost_with_process_noise(space: SearchSpace, theta: FloatArray) -> float:
     return cost + there.price(found)
 
 
-def few_with_process_noise(space: SearchSpace, outcome: Outcome, path: ModelPath) -> FloatArray | None:
+def few_with_process_noise(
+    cut: Callable[[int], Segments], space: SearchSpace, outcome: Outcome, path: ModelPath
+) -> FloatArray | None:
     """Return the coefficients of the short model on a path if process noise makes it likelier than all terms.
 
     Args:
-        space: data cut into short segments, and candidates.
+        cut: cuts the data into segments of so many averages.
+        space: candidates.
         outcome: the end of a search for a model that follows the record without process noise.
         path: from that to the shortest.
     """
     knee = path.at_knee().choice.fit
     if np.array_equal(knee.present, path.steps[0].fit.present):
         return None
-    space = space.on(thinned(space.segments))
-    all_terms = min(cost_without_process_noise(space, outcome), cost_with_process_noise(space, outcome.fit.theta))
-    return knee.theta if cost_with_process_noise(space, knee.theta) < all_terms else None
+    pieces = space.on(thinned(cut(PIECES[0])))
+    all_terms = min(cost_without_process_noise(pieces, outcome), cost_with_process_noise(pieces, outcome.fit.theta))
+    return knee.theta if cost_with_process_noise(pieces, knee.theta) < all_terms else None

@@ -28,7 +28,6 @@ from odescope.likelihood.noise_or_terms import cost_without_process_noise, few_w
 from odescope.likelihood.path import ModelPath, telling
 from odescope.likelihood.process_noise import (
     PATH_SHARE,
-    PIECES,
     Noisy,
     in_pieces,
     search_with_process_noise,
@@ -256,7 +255,7 @@ def _judged(
     only_noise, fewer = _leaves_noise(space, best), None
     path = _path(space, best) if only_noise else None
     if path is not None and space.segments.samples > SHORT_RECORD:
-        fewer = few_with_process_noise(space.on(cut(PIECES[0])), best, path)
+        fewer = few_with_process_noise(cut, space, best, path)
     if not only_noise or fewer is not None:
         space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
         near = near if fewer is None else [fewer, *near]

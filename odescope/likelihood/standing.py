@@ -19,11 +19,12 @@ from odescope.likelihood.settings import Start
 class Alternative:
     """A model with functions in the place of what is suspected.
 
-    `mechanisms` are the functions in all relations, candidates beside those of the model, none where the search dropped
-    all, and `constants` theirs; `start` holds their coefficients. `gain` is the fall of the penalised cost, at prices
-    that count all functions that were tried, None where one of the two does not follow the record, and `least` what it
-    has to be above; `tried` are these, by number of the suspicion. `outcome` is that of a search with them: there is
-    none where functions alone are better by so much.
+    `mechanisms` are the functions in all relations, candidates beside those of the model, none where the search
+    dropped all, and `constants` theirs; `start` holds their coefficients. `gain` is the fall of the penalised cost,
+    at prices that count all functions that were tried, both with noise of the process where the model has some,
+    None where one of the two does not follow the record, and `least` what it has to be above; `tried` are these, by
+    number of the suspicion. `outcome` is that of a search with them: there is none where functions alone are better
+    by so much.
     """
 
     mechanisms: tuple[Mechanism, ...]
