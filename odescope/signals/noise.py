@@ -7,12 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.signals.coloured_noise import coloured_noise
 from odescope.signals.relative_noise import BY_MEDIAN, differ
-from odescope.signals.spectral import Spectrum
-
-# The median of chi-squared with one degree of freedom: each bin of a cosine transform of white noise has that spread.
-MEDIAN_CHI_SQUARED = 0.45493642311957174
-
+from odescope.signals.spectral import MEDIAN_CHI_SQUARED, Spectrum
 
 SENSOR = 1e-5  # standard deviations of a channel: the white noise of most sensors is more than that, and
 TURNS_ON = 0.1  # of its standard deviation: what is never further off a line turns on and on
@@ -80,7 +77,8 @@ def noise_level(spectra: Sequence[Spectrum]) -> float:
 def noise_levels(spectra: Sequence[Spectrum]) -> FloatArray:
     """Return the standard deviation of the white noise of every record (runs,), from the median power of upper halves.
 
-    It is the same in all where nothing clearly says otherwise.
+    It is the same in all where nothing clearly says otherwise. Where a sensor filtered it, it is that of white noise as
+    dense as theirs is where signals are (`coloured_noise`).
     """
     upper = []
     for spectrum in spectra:
@@ -90,4 +88,5 @@ def noise_levels(spectra: Sequence[Spectrum]) -> FloatArray:
     if not differ(each, np.array([len(u) for u in upper]), BY_MEDIAN):
         each = np.full(len(upper), np.median(np.concatenate(upper)))
     levels: FloatArray = np.sqrt(each / MEDIAN_CHI_SQUARED)
-    return levels
+    seen = float(np.sqrt(np.mean(levels**2)))
+    return levels * max(1.0, coloured_noise(spectra) / seen) if seen > 0.0 else levels

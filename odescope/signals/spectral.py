@@ -20,6 +20,8 @@ from scipy.special import ndtr
 
 from odescope.arrays import FloatArray
 
+# The median of chi-squared with one degree of freedom: each bin of a cosine transform of white noise has that spread.
+MEDIAN_CHI_SQUARED = 0.45493642311957174
 TREND_DEGREE = 3
 EDGE = 0.025  # of the cutoff: deviation of the error function by which a smooth gain falls
 EDGE_DEVIATIONS = 5.0  # of these from the cutoff, where the gain is 1 - 3e-7, to the middle of the fall
