@@ -15,6 +15,7 @@ from odescope.arrays import FloatArray
 from odescope.signals.relative_noise import BY_MEDIAN, SURE
 from odescope.signals.spectral import MEDIAN_CHI_SQUARED, Spectrum
 
+SENSOR = 1e-5  # standard deviations of a channel: the white noise of most sensors is more than that
 THIRDS = 3  # bands an octave
 BANDS = 5 * THIRDS  # no sensor is filtered to less than a thirtieth of half the sampling rate
 FEWEST = 6  # bins of a band
@@ -52,6 +53,8 @@ class _Bands(NamedTuple):
 def coloured_noise(spectra: Sequence[Spectrum]) -> float:
     """Return the standard deviation of white noise as dense as the noise is where the signals are, 0 where it is white.
 
+    It is 0, too, where there is less near half the sampling rate than any sensor has: a solver has no noise.
+
     The density of noise is s0 / (1 + sin^2(w / 2) / corner), that of exponential smoothing, from the octave in which
     the spectrum is flattest, up and down as far as that holds. Signals begin where there is more than that below it. A
     sensor that takes more away above is no concern.
@@ -59,14 +62,17 @@ def coloured_noise(spectra: Sequence[Spectrum]) -> float:
     bands = _bands(spectra)
     if len(bands.bins) <= THIRDS + 1 or _white(bands.part(0, THIRDS + 1)):
         return 0.0
-    level, largest = np.log(bands.median), LARGEST * float(np.mean([np.mean(s.values[1:] ** 2) for s in spectra]))
-    least = SLIGHT * float(bands.bins[:THIRDS] @ bands.median[:THIRDS] / bands.bins[:THIRDS].sum())
+    power = float(np.mean([np.mean(s.values[1:] ** 2) for s in spectra]))
+    above = float(bands.bins[:THIRDS] @ bands.median[:THIRDS] / bands.bins[:THIRDS].sum())
+    if above < SENSOR**2 * power:
+        return 0.0
+    level = np.log(bands.median)
     flat = np.ptp(np.lib.stride_tricks.sliding_window_view(level, THIRDS + 1), axis=1)
     for first in np.argsort(flat).tolist():
         if flat[first] > STEEPEST:
             break
         found = _around(bands, first)
-        if least < found <= largest:
+        if SLIGHT * above < found <= LARGEST * power:
             return float(np.sqrt(found))
     return 0.0
 

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.signals.coloured_noise import coloured_noise
+from odescope.signals.coloured_noise import SENSOR, coloured_noise
 from odescope.signals.relative_noise import BY_MEDIAN, differ
 from odescope.signals.spectral import MEDIAN_CHI_SQUARED, Spectrum
 
-SENSOR = 1e-5  # standard deviations of a channel: the white noise of most sensors is more than that, and
 TURNS_ON = 0.1  # of its standard deviation: what is never further off a line turns on and on
 DIGITS = 9  # decimal digits of its standard deviation: no logger writes more, and solvers do
 SOLVER = 1e-4  # standard deviations of a channel by which the solution of a solver may be off
