@@ -8,6 +8,7 @@ more; one without any weighs nothing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,6 +28,7 @@ from odescope.signals.relative_noise import noise_of_recordings, relative_noise
 from odescope.signals.spectral import Spectrum
 
 OVERSAMPLING = 8  # block averages a period of the highest cutoff
+FEWEST = 4  # the same, at least, where more have coloured noise
 SEGMENT = 25  # block averages a segment
 SHORT = 6  # block averages of a segment in which a model that lacks most is not lost
 LEAST_SEGMENT = 4
@@ -253,7 +255,10 @@ def _block(records: Records, signals: Signals, period: float) -> int:
     """Return how many samples make an average."""
     if any(i.hold == "zero" for i in signals.inputs):
         return 1  # what a held input does between its switches is not in an average over several of them
-    block = max(1, int(1.0 / (OVERSAMPLING * max(c.cutoff for c in signals.channels) * period)))
+    ends = 1.0 / (max(c.cutoff for c in signals.channels) * period)
+    # Averages over as many samples as a sensor has smoothed have white noise, but they must follow the signals.
+    smoothed = min(math.ceil(1.0 / min(c.white for c in signals.channels)), int(ends / FEWEST))
+    block = max(1, int(ends / OVERSAMPLING), smoothed)
     enough = sum(len(r) for r in records) // FEW
     block = max(1, min(block, enough, min(len(r) for r in records) // (4 * LEAST_SEGMENT)))
     return block - (block + 1) % 2  # the centre of an odd block is a sample, at which the filtered signal is known

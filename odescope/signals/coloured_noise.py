@@ -50,8 +50,18 @@ class _Bands(NamedTuple):
         return _Bands(*(values[first:last] for values in self))
 
 
-def coloured_noise(spectra: Sequence[Spectrum]) -> float:
-    """Return the standard deviation of white noise as dense as the noise is where the signals are, 0 where it is white.
+class Coloured(NamedTuple):
+    """Noise that is not white: `deviation` of white noise as dense as it is where signals are, `white` up to where.
+
+    That is a share of half the sampling rate: up to there it is half as dense or more.
+    """
+
+    deviation: float
+    white: float
+
+
+def coloured_noise(spectra: Sequence[Spectrum]) -> Coloured:
+    """Return how dense the noise is where the signals are; a deviation of 0 where it is white.
 
     It is 0, too, where there is less near half the sampling rate than any sensor has: a solver has no noise.
 
@@ -59,26 +69,25 @@ def coloured_noise(spectra: Sequence[Spectrum]) -> float:
     the spectrum is flattest, up and down as far as that holds. Signals begin where there is more than that below it. A
     sensor that takes more away above is no concern.
     """
-    bands = _bands(spectra)
+    bands, none = _bands(spectra), Coloured(0.0, 1.0)
     if len(bands.bins) <= THIRDS + 1 or _white(bands.part(0, THIRDS + 1)):
-        return 0.0
+        return none
     power = float(np.mean([np.mean(s.values[1:] ** 2) for s in spectra]))
     above = float(bands.bins[:THIRDS] @ bands.median[:THIRDS] / bands.bins[:THIRDS].sum())
     if above < SENSOR**2 * power:
-        return 0.0
-    level = np.log(bands.median)
-    flat = np.ptp(np.lib.stride_tricks.sliding_window_view(level, THIRDS + 1), axis=1)
+        return none
+    flat = np.ptp(np.lib.stride_tricks.sliding_window_view(np.log(bands.median), THIRDS + 1), axis=1)
     for first in np.argsort(flat).tolist():
         if flat[first] > STEEPEST:
             break
         found = _around(bands, first)
-        if SLIGHT * above < found <= LARGEST * power:
-            return float(np.sqrt(found))
-    return 0.0
+        if SLIGHT * above < found.deviation**2 <= LARGEST * power:
+            return found
+    return none
 
 
-def _around(bands: _Bands, first: int) -> float:
-    """Return the variance of white noise as dense as noise is an octave below what has the shape of noise.
+def _around(bands: _Bands, first: int) -> Coloured:
+    """Return the noise an octave below what has its shape from this octave on.
 
     No corner is known better than that. What looks so in the topmost octave and a little more alone is white, and the
     foot of a signal: it is said to be infinite.
@@ -94,9 +103,10 @@ def _around(bands: _Bands, first: int) -> float:
             last += 1
         else:
             break
+    white = min(2.0 ** (-first / THIRDS), 2.0 / np.pi * float(np.arcsin(min(1.0, np.sqrt(corner)))))
     if more[first - 1] > 0.0 if first > 0 else last < 2 * THIRDS:
-        return np.inf
-    return float(np.exp(s0 - np.log1p(0.25 * bands.sine[last - 1] / corner)))
+        return Coloured(np.inf, white)
+    return Coloured(float(np.exp(0.5 * (s0 - np.log1p(0.25 * bands.sine[last - 1] / corner)))), white)
 
 
 def _white(bands: _Bands) -> bool:

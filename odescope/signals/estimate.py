@@ -14,13 +14,15 @@ from odescope.recordings.coordinate import Coordinate, Input, state_names
 from odescope.recordings.periods import PERIODS_DIFFER
 from odescope.recordings.record import Record, Records, Stretch, within
 from odescope.signals.appearance import telling
+from odescope.signals.coloured_noise import Coloured, coloured_noise
 from odescope.signals.differentiators import Derivatives, Differentiator, derivatives_like
 from odescope.signals.filling import measured_derivatives
 from odescope.signals.noise import least_noise
-from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, differentiate, differentiate_smoothly
+from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, Spectrum, differentiate, differentiate_smoothly
 
 OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
 INPUT_BAND = 0.9  # of half the decimated rate: where inputs end
+LACKING = 0.1  # of the samples of a channel: of more its spectrum does not tell how its sensor filters
 SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below the cutoff
 
 
@@ -28,13 +30,15 @@ SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below
 class Channel:
     """What was found in one coordinate: noise (standard deviation, its unit), cutoff (hertz).
 
-    The noise is no less than `floor`, see `odescope.signals.noise.least_noise`.
+    The noise is no less than `floor`, see `odescope.signals.noise.least_noise`, and white up to `white`, a share of
+    half the sampling rate, see `odescope.signals.coloured_noise`.
     """
 
     name: str
     noise: float
     cutoff: float
     floor: float = 0.0
+    white: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,22 +105,27 @@ def estimate_signals(
         NoModelError: a coordinate holds nothing above its noise.
     """
     period = _common_period(records)
-    found, floors = [], []
+    found, channels = [], list[Channel]()
     for c in coordinates:
         derivatives = measured_derivatives(records, c, differentiator)
         # What was filled in, or is the mean of several, is off the steps of the sensor.
         measured = [run.column(c.name)[run.counted(c.name) == 1.0] for run in records]
-        floors.append(least_noise(measured, derivatives.noise))
-        found.append(replace(derivatives, noise=max(derivatives.noise, floors[-1])))
+        floor, coloured = least_noise(measured, derivatives.noise), _coloured(records, c)
+        found.append(replace(derivatives, noise=max(derivatives.noise, floor, coloured.deviation)))
         _check_signal(records, c, found[-1], period)
+        channels.append(Channel(c.name, found[-1].noise, found[-1].cutoff, floor, coloured.white))
     enough = max(1, records.samples // least) if least else records.samples
     stride = min(enough, max(1, int(1.0 / (period * OVERSAMPLING * max(d.cutoff for d in found))))) if decimate else 1
     names = (*state_names(coordinates), *(c.target for c in coordinates), *(i.name for i in inputs))
-    channels = tuple(
-        Channel(c.name, d.noise, d.cutoff, floor) for c, d, floor in zip(coordinates, found, floors, strict=True)
-    )
-    signals = Signals(names, (), (), period * stride, channels, tuple(coordinates), tuple(inputs))
+    signals = Signals(names, (), (), period * stride, tuple(channels), tuple(coordinates), tuple(inputs))
     return _gathered(signals, records.stretches, [d.values for d in found], margin)
+
+
+def _coloured(records: Records, coordinate: Coordinate) -> Coloured:
+    """Return the noise of a coordinate where its sensor filters; white where samples lack: what fills in is smooth."""
+    lacks = np.concatenate([run.counted(coordinate.name) == 0.0 for run in records])
+    columns = [run.column(coordinate.name) for run in records]
+    return coloured_noise([Spectrum.of(c) for c in columns]) if np.mean(lacks) < LACKING else Coloured(0.0, 1.0)
 
 
 def signals_like(

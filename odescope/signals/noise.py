@@ -88,4 +88,4 @@ def noise_levels(spectra: Sequence[Spectrum]) -> FloatArray:
         each = np.full(len(upper), np.median(np.concatenate(upper)))
     levels: FloatArray = np.sqrt(each / MEDIAN_CHI_SQUARED)
     seen = float(np.sqrt(np.mean(levels**2)))
-    return levels * max(1.0, coloured_noise(spectra) / seen) if seen > 0.0 else levels
+    return levels * max(1.0, coloured_noise(spectra).deviation / seen) if seen > 0.0 else levels

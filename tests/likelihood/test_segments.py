@@ -22,8 +22,9 @@ def record(t, noise=0.0, seed=0, hold_u=None):
     return Record(t, np.column_stack([x + noise * rng.standard_normal(len(t)), u]), ("x", "u"))
 
 
-def cut(runs, noise=1e-3, cutoff=4.0, hold="linear"):
-    found = Signals((), (), (), PERIOD, (Channel("x", noise, cutoff),), (Coordinate("x", 2),), (Input("u", hold),))
+def cut(runs, noise=1e-3, cutoff=4.0, hold="linear", white=1.0):
+    channel = Channel("x", noise, cutoff, white=white)
+    found = Signals((), (), (), PERIOD, (channel,), (Coordinate("x", 2),), (Input("u", hold),))
     return cut_segments(Records(tuple(runs)), found, Spectral())
 
 
@@ -52,6 +53,26 @@ def test_averages_carry_white_noise_of_the_stated_size():
     assert data.noise[0] == pytest.approx(0.05 / np.sqrt(data.block))
     # The filtered signal's error cancels over a block, so neighbours are not correlated.
     assert abs(np.corrcoef(error[:-1], error[1:])[0, 1]) < 0.1
+
+
+@pytest.mark.parametrize(("cutoff", "eight", "samples"), [(20.0, 3, 5), (8.0, 7, 9), (60.0, 1, 1)])
+def test_averages_are_over_what_a_sensor_smoothed_but_at_least_four_a_period(cutoff, eight, samples):
+    runs = [record(PERIOD * np.arange(4001))]
+    assert cut(runs, cutoff=cutoff).block == eight
+    assert cut(runs, cutoff=cutoff, white=0.11).block == samples
+    assert cut(runs, cutoff=cutoff, white=0.11, hold="zero").block == 1
+
+
+def test_averages_of_smoothed_noise_have_white_noise_of_the_density_below_its_corner():
+    t, rng = PERIOD * np.arange(40_001), np.random.default_rng(4)
+    smoothed = np.convolve(rng.standard_normal(len(t)), np.full(9, 1.0 / 9.0), "same")
+    runs = [Record(t, record(t).values + np.outer(0.05 * smoothed, [1.0, 0.0]), ("x", "u"))]
+    data = cut(runs, noise=0.05, cutoff=10.0, white=0.11)
+    error = data.measured[:, 0] - record(centres(data)).values[:, 0]
+    assert abs(np.corrcoef(error[:-1], error[1:])[0, 1]) < 0.25
+    plain = cut(runs, noise=0.05, cutoff=25.0)
+    rest = plain.measured[:, 0] - record(centres(plain)).values[:, 0]
+    assert np.corrcoef(rest[:-1], rest[1:])[0, 1] > 0.5
 
 
 def test_spread_is_the_scatter_of_filtered_white_noise():

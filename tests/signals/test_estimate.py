@@ -238,3 +238,15 @@ def test_other_whole_records_are_filtered_as_those_before(differentiator):
     slow = record(0.037 * np.arange(500), x=np.sin(0.1 * np.arange(500)), u=np.zeros(500))
     with pytest.raises(InputError, match=r"a recording is sampled every 0\.037 s"):
         signals_like(both, [Stretch.whole(slow)], differentiator)
+
+
+@pytest.mark.parametrize("taken_out", [0, 40])
+def test_the_noise_of_a_sensor_that_averages_is_known_whether_a_few_samples_count_or_not(taken_out):
+    rng, t = np.random.default_rng(5), 0.01 * np.arange(4000)
+    smoothed = np.convolve(rng.standard_normal(len(t)), np.full(5, 0.2), "same")
+    counts = np.ones((len(t), 1))
+    counts[rng.choice(len(t), taken_out, replace=False)] = 0.0
+    run = Record(t, (np.sin(t) + 0.01 * smoothed)[:, None], ("x",), counts=counts if taken_out else None)
+    channel = estimate_signals(Records.of([run]), [Coordinate("x")], [], Spectral()).channels[0]
+    assert 0.007 < channel.noise < 0.014
+    assert 0.1 < channel.white < 0.4
