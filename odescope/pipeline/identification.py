@@ -47,7 +47,7 @@ from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Recorded, Records
 from odescope.selection.advice import advice
-from odescope.signals.estimate import Signals
+from odescope.signals.estimate import Signals, filter_notes
 from odescope.signals.first_order import order_advice
 from odescope.signals.gated import Reasons
 from odescope.signals.shafts import shaft_note
@@ -174,7 +174,8 @@ class Identification:
             searches = self.searches
             dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
         told = notes_of(self.model.scores, dependent, self._doubts)
-        read = (*converted(self.study), *map(shaft_note, self.shafts), *self._few_candidates)
+        filtered = filter_notes(self.signals, self.records.runs[0].sample_period)
+        read = (*converted(self.study), *map(shaft_note, self.shafts), *filtered, *self._few_candidates)
         return tuple(dict.fromkeys((*told, *read, *self.warnings)))
 
     @property

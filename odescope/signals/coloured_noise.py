@@ -60,6 +60,9 @@ class Coloured(NamedTuple):
     white: float
 
 
+WHITE = Coloured(0.0, 1.0)
+
+
 def coloured_noise(spectra: Sequence[Spectrum]) -> Coloured:
     """Return how dense the noise is where the signals are; a deviation of 0 where it is white.
 
@@ -69,13 +72,13 @@ def coloured_noise(spectra: Sequence[Spectrum]) -> Coloured:
     the spectrum is flattest, up and down as far as that holds. Signals begin where there is more than that below it. A
     sensor that takes more away above is no concern.
     """
-    bands, none = _bands(spectra), Coloured(0.0, 1.0)
+    bands = _bands(spectra)
     if len(bands.bins) <= THIRDS + 1 or _white(bands.part(0, THIRDS + 1)):
-        return none
+        return WHITE
     power = float(np.mean([np.mean(s.values[1:] ** 2) for s in spectra]))
     above = float(bands.bins[:THIRDS] @ bands.median[:THIRDS] / bands.bins[:THIRDS].sum())
     if above < SENSOR**2 * power:
-        return none
+        return WHITE
     flat = np.ptp(np.lib.stride_tricks.sliding_window_view(np.log(bands.median), THIRDS + 1), axis=1)
     for first in np.argsort(flat).tolist():
         if flat[first] > STEEPEST:
@@ -83,14 +86,14 @@ def coloured_noise(spectra: Sequence[Spectrum]) -> Coloured:
         found = _around(bands, first)
         if SLIGHT * above < found.deviation**2 <= LARGEST * power:
             return found
-    return none
+    return WHITE
 
 
 def _around(bands: _Bands, first: int) -> Coloured:
     """Return the noise an octave below what has its shape from this octave on.
 
-    No corner is known better than that. What looks so in the topmost octave and a little more alone is white, and the
-    foot of a signal: it is said to be infinite.
+    No corner is known better than that. It is taken to be white unless there is less above, which a filter takes away,
+    or the shape is seen over two octaves: white noise and the foot of a signal look so in one and a little more.
     """
     level, last = np.log(bands.median), first + THIRDS + 1
     within = np.minimum(DEPARTS / np.sqrt(bands.weight), FAR)
@@ -103,9 +106,10 @@ def _around(bands: _Bands, first: int) -> Coloured:
             last += 1
         else:
             break
+    seen = more[first - 1] < 0.0 if first > 0 else last >= 2 * THIRDS
+    if not seen:
+        return WHITE
     white = min(2.0 ** (-first / THIRDS), 2.0 / np.pi * float(np.arcsin(min(1.0, np.sqrt(corner)))))
-    if more[first - 1] > 0.0 if first > 0 else last < 2 * THIRDS:
-        return Coloured(np.inf, white)
     return Coloured(float(np.exp(0.5 * (s0 - np.log1p(0.25 * bands.sine[last - 1] / corner)))), white)
 
 

@@ -14,7 +14,7 @@ from odescope.recordings.coordinate import Coordinate, Input, state_names
 from odescope.recordings.periods import PERIODS_DIFFER
 from odescope.recordings.record import Record, Records, Stretch, within
 from odescope.signals.appearance import telling
-from odescope.signals.coloured_noise import Coloured, coloured_noise
+from odescope.signals.coloured_noise import WHITE, Coloured, coloured_noise
 from odescope.signals.differentiators import Derivatives, Differentiator, derivatives_like
 from odescope.signals.filling import measured_derivatives
 from odescope.signals.noise import least_noise
@@ -125,7 +125,14 @@ def _coloured(records: Records, coordinate: Coordinate) -> Coloured:
     """Return the noise of a coordinate where its sensor filters; white where samples lack: what fills in is smooth."""
     lacks = np.concatenate([run.counted(coordinate.name) == 0.0 for run in records])
     columns = [run.column(coordinate.name) for run in records]
-    return coloured_noise([Spectrum.of(c) for c in columns]) if np.mean(lacks) < LACKING else Coloured(0.0, 1.0)
+    return coloured_noise([Spectrum.of(c) for c in columns]) if np.mean(lacks) < LACKING else WHITE
+
+
+def filter_notes(signals: Signals, period: float) -> tuple[str, ...]:
+    """Return what to say of the coordinates whose sensors filter, of records that are sampled so."""
+    ends = ((c.name, 0.5 * c.white / period) for c in signals.channels if c.white < 1.0)
+    said = "the noise of {} ends near {:.3g} Hz, as behind a filter: how much it is is told from below there"
+    return tuple(said.format(name, hertz) for name, hertz in ends)
 
 
 def signals_like(

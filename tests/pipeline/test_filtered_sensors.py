@@ -48,6 +48,7 @@ def test_a_stage_slides_with_friction_whatever_filters_its_position(sensor, seed
     assert terms(result.model) in ([{"u", "x_dot", "tanh"}], [{"u", "x_dot", "sign"}])
     force = next(-t.coefficient for t in result.model.relations[0].terms if t.text == "u")
     assert 1.0 / force == pytest.approx(95.0, rel=0.01)
+    assert any("as behind a filter" in note for note in result.notes)
 
 
 @pytest.mark.slow
