@@ -131,7 +131,7 @@ def _coloured(records: Records, coordinate: Coordinate) -> Coloured:
 def filter_notes(signals: Signals, period: float) -> tuple[str, ...]:
     """Return what to say of the coordinates whose sensors filter, of records that are sampled so."""
     ends = ((c.name, 0.5 * c.white / period) for c in signals.channels if c.white < 1.0)
-    said = "the noise of {} ends near {:.3g} Hz, as behind a filter: how much it is is told from below there"
+    said = "the noise of {} ends near {:.3g} Hz, as behind a filter: its level is told from below that"
     return tuple(said.format(name, hertz) for name, hertz in ends)
 
 
