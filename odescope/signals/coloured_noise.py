@@ -72,9 +72,10 @@ def coloured_noise(spectra: Sequence[Spectrum]) -> Coloured:
     the spectrum is flattest, up and down as far as that holds. Signals begin where there is more than that below it. A
     sensor that takes more away above is no concern.
     """
-    bands = _bands(spectra)
-    if len(bands.bins) <= THIRDS + 1 or _white(bands.part(0, THIRDS + 1)):
+    top = _bands(spectra, THIRDS + 1)
+    if len(top.bins) <= THIRDS or _white(top):
         return WHITE
+    bands = _bands(spectra, BANDS)
     power = float(np.mean([np.mean(s.values[1:] ** 2) for s in spectra]))
     above = float(bands.bins[:THIRDS] @ bands.median[:THIRDS] / bands.bins[:THIRDS].sum())
     if above < SENSOR**2 * power:
@@ -127,13 +128,13 @@ def _shape(bands: _Bands) -> tuple[float, float]:
     return float(s0[best]), float(CORNERS[best])
 
 
-def _bands(spectra: Sequence[Spectrum]) -> _Bands:
-    """Return the bands of which the spectra have enough bins."""
-    medians, means, bins = np.zeros(BANDS), np.zeros(BANDS), np.zeros(BANDS)
+def _bands(spectra: Sequence[Spectrum], count: int) -> _Bands:
+    """Return those of the topmost so many bands of which the spectra have enough bins."""
+    medians, means, bins = np.zeros(count), np.zeros(count), np.zeros(count)
     for spectrum in spectra:
-        edges = np.rint(len(spectrum.values) * 2.0 ** (-np.arange(BANDS + 1) / THIRDS)).astype(int)
+        edges = np.rint(len(spectrum.values) * 2.0 ** (-np.arange(count + 1) / THIRDS)).astype(int)
         cubics = spectrum.cubics((edges[::-1] - 1).tolist())[::-1]
-        for k in range(BANDS):
+        for k in range(count):
             size = edges[k] - edges[k + 1]
             if size >= FEWEST:
                 power = spectrum.power(cubics[k + 1], slice(edges[k + 1], edges[k]))
@@ -141,5 +142,5 @@ def _bands(spectra: Sequence[Spectrum]) -> _Bands:
                 means[k] += float(power.sum())
                 bins[k] += size
     there = (bins > 0.0) & (medians > 0.0)
-    sine = np.sin(0.5 * np.pi * 2.0 ** (-(np.arange(BANDS) + 0.5) / THIRDS)) ** 2
+    sine = np.sin(0.5 * np.pi * 2.0 ** (-(np.arange(count) + 0.5) / THIRDS)) ** 2
     return _Bands(medians[there] / bins[there], means[there] / bins[there], bins[there], sine[there])
