@@ -21,20 +21,19 @@ from odescope.likelihood.sampled_inputs import SampledInputs, sampled_inputs
 from odescope.recordings.coordinate import Hold
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Differentiator, derivatives_like
-from odescope.signals.estimate import Signals
+from odescope.signals.estimate import DENSE, Signals
 from odescope.signals.filling import BANDS
 from odescope.signals.noise import noise_levels
 from odescope.signals.relative_noise import noise_of_recordings, relative_noise
 from odescope.signals.spectral import Spectrum
 
 OVERSAMPLING = 8  # block averages a period of the highest cutoff
-FEWEST = 4  # the same, at least, where more have coloured noise
+FEWEST = 4  # the same where a sensor's filter asks for longer averages
 SEGMENT = 25  # block averages a segment
 SHORT = 6  # block averages of a segment in which a model that lacks most is not lost
 LEAST_SEGMENT = 4
 FEW = 50  # averages in all: of fewer the residual variance, by which a model is judged, scatters by more than a fifth
 SINGLE = 1000  # samples of a log, at most, that is not averaged where noise grows: each has a weight of its own
-DENSE = 0.9  # of the samples of a recording, at least, were measured: its spectrum then tells its noise
 LARGEST = 60_000  # averages in all: of longer logs the likelihood takes the first part of every record, to bound memory
 
 

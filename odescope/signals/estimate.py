@@ -22,7 +22,7 @@ from odescope.signals.spectral import EDGE, EDGE_DEVIATIONS, Spectrum, different
 
 OVERSAMPLING = 8  # samples a period of the highest cutoff that regression sees; products of signals need the room
 INPUT_BAND = 0.9  # of half the decimated rate: where inputs end
-LACKING = 0.1  # of the samples of a channel: of more its spectrum does not tell how its sensor filters
+DENSE = 0.9  # of the samples of a recording, at least, were measured: its spectrum then tells its noise
 SIGNAL_OVER_NOISE = 5.0  # times the variance that noise alone would leave below the cutoff
 
 
@@ -123,9 +123,8 @@ def estimate_signals(
 
 def _coloured(records: Records, coordinate: Coordinate) -> Coloured:
     """Return the noise of a coordinate where its sensor filters; white where samples lack: what fills in is smooth."""
-    lacks = np.concatenate([run.counted(coordinate.name) == 0.0 for run in records])
-    columns = [run.column(coordinate.name) for run in records]
-    return coloured_noise([Spectrum.of(c) for c in columns]) if np.mean(lacks) < LACKING else WHITE
+    dense = all(np.mean(run.counted(coordinate.name) > 0.0) >= DENSE for run in records)
+    return coloured_noise([Spectrum.of(run.column(coordinate.name)) for run in records]) if dense else WHITE
 
 
 def filter_notes(signals: Signals, period: float) -> tuple[str, ...]:
