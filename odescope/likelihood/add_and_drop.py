@@ -78,11 +78,43 @@ class Moves:
         """Cost and the penalties of the parameters."""
         return found.cost / self.scale + self.space.price(found)
 
-    def without(self, here: Fit, k: int) -> Fit | None:
-        """Return the fit without a present mechanism."""
+    def refit(
+        self,
+        here: Fit,
+        theta: FloatArray,
+        present: IntArray,
+        strength: FloatArray | None = None,
+        limit: float | None = None,
+    ) -> Fit | None:
+        """Return the fit of other mechanisms from the initial states of the one at hand.
+
+        It ends early where it will be worth less than that: of no use where the cost decides. Where a statistic does,
+        it goes on.
+
+        Args:
+            here: the fit at hand.
+            theta: (mechanisms,) coefficients to begin with.
+            present: numbers of the mechanisms.
+            strength: (mechanisms,) which coefficients are to be held first.
+            limit: the cost above which it is of no use, where that is another.
+        """
+        space, penalty = self.space, self.space.penalty
+        if limit is None:
+            paid = penalty[here.present].sum() - penalty[space.alive(present, theta)].sum()
+            limit = np.inf if self.judge.binding else here.cost + self.scale * float(paid)
+        return space.fit(theta, present, here.x0, self.defect_std, strength, limit=limit)
+
+    def without(self, here: Fit, k: int, limit: float | None = None) -> Fit | None:
+        """Return the fit without a present mechanism.
+
+        Args:
+            here: the fit with it.
+            k: its number.
+            limit: as in `refit`.
+        """
         theta = here.theta.copy()
         theta[k] = 0.0
-        return self.space.fit(theta, here.present[here.present != k], here.x0, self.defect_std, here.strength)
+        return self.refit(here, theta, here.present[here.present != k], here.strength, limit)
 
     def having(self, here: Fit, k: int, begin: Mapping[int, float]) -> Fit | None:
         """Return the fit with an absent mechanism.
@@ -95,7 +127,7 @@ class Moves:
         present: IntArray = np.union1d(here.present, [k])
         theta = here.theta.copy()
         theta[[*begin]] = [*begin.values()]
-        return self.space.fit(theta, present, here.x0, self.defect_std, here.strength)
+        return self.refit(here, theta, present, here.strength)
 
     def begin_anew(self, here: Fit) -> Fit | None:
         """Fit from the coefficients that the linear relations have at the smoothed states, where that is better.
@@ -115,7 +147,7 @@ class Moves:
         theta = divided(self.space, here)
         if theta is None:
             return None
-        trial = self.space.fit(theta, np.flatnonzero(theta), here.x0, self.defect_std)
+        trial = self.refit(here, theta, np.flatnonzero(theta))
         if trial is None or self.penalised(trial) >= self.penalised(here):
             return None
         for k in np.setxor1d(trial.present, here.present).tolist():
@@ -187,7 +219,7 @@ class Moves:
         if again is None:
             return None
         theta[free] = again
-        trial = space.fit(theta, np.union1d(free[kept], here.held), here.x0, self.defect_std, here.strength)
+        trial = self.refit(here, theta, np.union1d(free[kept], here.held), here.strength)
         if trial is None or self.penalised(trial) >= self.penalised(here) - GAIN:
             return None
         self._note_all(here, trial)
@@ -208,7 +240,7 @@ class Moves:
             if statistic > LOOK_ALIKE * self.space.penalty[k]:
                 return None
             detour = replace(self, trail=[], barred={k})
-            there = detour.without(here, k)
+            there = detour.without(here, k, limit=HOPELESS * here.cost)
             if there is not None:
                 detour._note("drop", k, statistic, there)
             for _ in range(DETOUR):
@@ -251,7 +283,7 @@ class Moves:
             if again is None:
                 continue
             theta[free] = again
-            trial = space.fit(theta, np.union1d(kept, here.held), here.x0, self.defect_std, here.strength)
+            trial = self.refit(here, theta, np.union1d(kept, here.held), here.strength)
             if trial is None or (self.judge.binding and self._weak(trial)):
                 continue
             if self.penalised(trial) < self.penalised(here) - GAIN:
@@ -284,7 +316,7 @@ class Moves:
                     continue
                 theta = found.theta.copy()
                 theta[free] = again
-                trial = space.fit(theta, np.union1d(free[kept], found.held), here.x0, self.defect_std)
+                trial = self.refit(here, theta, np.union1d(free[kept], found.held))
                 if trial is None or (self.judge.binding and self._weak(trial)):
                     continue
                 if self.penalised(trial) < self.penalised(here) - GAIN:

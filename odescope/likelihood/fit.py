@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,9 +16,10 @@ from odescope.likelihood.kernel import Sums
 from odescope.likelihood.program import Program
 
 ITERATIONS = 40
-CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit
+CONVERGED = 1e-3  # fall of the cost, in units of the variance that is left, that ends a fit
 UNDAMPED = 1e-4  # damping to begin with
 LARGEST_DAMPING = 1e8
+PACE = 3  # steps: as far as the longest of the last ones the remaining ones will hardly go
 STALL = 0.05  # fall of the cost that a step has to bring, and
 SLIP = 1.0  # rise above which one that failed was too long: of others
 PATIENCE = 5  # one after the other end a fit, which no move of a search would notice
@@ -153,10 +155,12 @@ def fit(
     defect_std: FloatArray,
     iterations: int = ITERATIONS,
     tolerance: float = CONVERGED,
+    limit: float = np.inf,
 ) -> Fit | None:
     """Return the fit of a program from a start, or None where the start itself cannot be integrated.
 
-    Steps are accepted only when they lower the cost.
+    Steps are accepted only when they lower the cost. Falls are judged in units of the variance that a model leaves: far
+    off the record no digit more of its cost says anything.
 
     Args:
         evaluator: the data.
@@ -167,24 +171,29 @@ def fit(
         defect_std: (n,) standard deviations of the defects between segments, infinite for independent segments.
         iterations: steps at most.
         tolerance: fall of the cost that ends it.
+        limit: a cost above which the fit is of no use: where it will hardly come below, it ends.
     """
     damping, more, failed, stalled, converged = UNDAMPED, 10.0, np.inf, 0, False
+    falls = deque[float](maxlen=PACE)
     present = np.arange(len(program.mechanisms))
     descent = _Descent(evaluator, program, np.setdiff1d(present, held), defect_std)
     here = descent.at(theta, x0)
     if here is None:
         return None
     largest = np.abs(theta).max(initial=1e-300)
-    for _ in range(iterations):
+    for left in reversed(range(iterations)):
         trial = descent.lower(here, damping)
         fall = -np.inf if trial is None else here.cost - trial.cost
-        converged = abs(fall) < (tolerance if fall >= 0.0 else tolerance * 1e-3)
-        stalled = 0 if fall > STALL else stalled + int(fall > -SLIP)
+        unit = max(min(here.cost, here.cost - fall) / evaluator.segments.samples, 1.0)
+        converged = abs(fall) < unit * (tolerance if fall >= 0.0 else tolerance * 1e-3)
+        stalled = 0 if fall > unit * STALL else stalled + int(fall > -unit * SLIP)
         if trial is not None and fall >= 0.0:
             # What had to be damped once would have to be again.
             damping = max(damping / 10.0, 1e-9) if np.isinf(failed) else damping
             here, more, failed = trial, 10.0, np.inf
-            if np.abs(here.theta).max(initial=0.0) > RUNAWAY * largest:
+            falls.append(fall)
+            runaway = np.abs(here.theta).max(initial=0.0) > RUNAWAY * largest
+            if runaway or (len(falls) == PACE and here.cost - left * max(falls) > limit):
                 break
         else:
             more = 10.0 * more if abs(fall + failed) < SAME * abs(fall) else 10.0

@@ -146,6 +146,9 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, thread,
     for i in range(n):
         if following[i] < 0:
             targets += 1
+    apart = True
+    for k in range(owner.shape[0]):
+        apart &= places.factor[k] < 0 or places.factor[k] == owner[k]
     channels, inputs, constants = y_data.shape[1], u_data.shape[2], settings.constants
     width = n + effects.first.shape[0] - 1
     x, xs, dx, xa = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES))
@@ -225,7 +228,7 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, thread,
             for i in range(n):
                 for lane in range(going):
                     xs[i, lane] = x[i, lane] + (ahead[stage - 1, lane] * dx[i, lane] if stage else 0.0)
-            slopes(code, places, effects, weight, stage, going, xs, u, scratch, dx)
+            slopes(code, places, apart, effects, weight, stage, going, xs, u, scratch, dx)
             if stage == 0:
                 for lane in range(going):
                     h[lane] = usual
@@ -249,7 +252,7 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, thread,
             for i in range(n):
                 for lane in range(going):
                     xa[i, lane] = adds[stage, lane] * dx[i, lane] + (xa[i, lane] if stage else x[i, lane])
-        step_sensitivities(s, following, owner, effects, scratch, ahead, adds, going)
+        step_sensitivities(s, following, owner, apart, effects, scratch, ahead, adds, going)
         for i in range(n):
             for lane in range(going):
                 x[i, lane] = xa[i, lane]

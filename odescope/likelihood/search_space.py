@@ -177,6 +177,7 @@ class SearchSpace:
         strength: FloatArray | None = None,
         iterations: int = ITERATIONS,
         tolerance: float = CONVERGED,
+        limit: float = np.inf,
     ) -> Fit | None:
         """Return the fit of the present mechanisms; only they are on the tape.
 
@@ -188,13 +189,14 @@ class SearchSpace:
             strength: (mechanisms,) which coefficients are to be held first; by default those of large contributions.
             iterations: steps at most.
             tolerance: fall of the cost that ends it.
+            limit: a cost above which the fit is of no use.
         """
-        present = self._alive(present, theta)
+        present = self.alive(present, theta)
         held = held_of(self.mechanisms, present, self._size(theta) if strength is None else strength)
         program, found = self.program(present), None
         for _ in range(GAUGES):
             places = np.searchsorted(present, held)
-            there = fit(self.evaluator, program, theta[present], places, x0, defect_std, iterations, tolerance)
+            there = fit(self.evaluator, program, theta[present], places, x0, defect_std, iterations, tolerance, limit)
             if there is None:
                 break  # beside a pole rounding decides whether the same relations can be followed in another gauge
             whole = np.zeros(len(self.mechanisms))
@@ -210,7 +212,7 @@ class SearchSpace:
             theta = self._rescaled(whole, held)
         return found
 
-    def _alive(self, present: IntArray, theta: FloatArray) -> IntArray:
+    def alive(self, present: IntArray, theta: FloatArray) -> IntArray:
         """Return the present mechanisms with the constants that they need, less settings that say nothing any more.
 
         No present term names these, or a constant is where it would be without its mechanism.

@@ -3,7 +3,7 @@
 Targets y solve A(x, u) y = b(x, u), so by the implicit function theorem A dy = -(d rho/dx dx + d rho/d theta), with
 rho = A y - b. The stages of the states depend on no sensitivity: they are computed first, with the derivatives of rho.
 Then the sensitivities, S' = f_x S + f_theta, go through the four stages one column after the other, while a column
-is in a first-level cache.
+is in a first-level cache. Where no relation holds the target of another, A is diagonal, and each stands for itself.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Effects(NamedTuple):
 class Scratch(NamedTuple):
     """Room for a step of L lanes.
 
-    Shapes: work (slots, L) the tape; a (T, T, L); y, v (T, L); g (T, n, L); acts (n,) whether a relation depends on the
+    Shapes: work (slots, L) the tape; a (T, T, L); y, v (T, L); g (T, n, L); acts (T, n) whether a target depends on a
     state. Of every stage: inv (4, T, T, L) the inverse of A; pull (4, T, n, L) minus the derivatives of the targets by
     the states; push (4, E, L) those of rho by the parameters, effect by effect. flow (2, n, L) is a column of the
     sensitivities at a stage and at the next, total (n, L) at the end of the step, rate (L,) one of its slopes.
@@ -73,8 +73,8 @@ def scratch_for(slots, targets, n, effects, lanes):
         np.empty((targets, lanes)),
         np.empty((targets, lanes)),
         np.empty((targets, n, lanes)),
-        np.empty(n, dtype=np.bool_),
-        np.empty((STAGES, targets, targets, lanes)),
+        np.empty((targets, n), dtype=np.bool_),
+        np.zeros((STAGES, targets, targets, lanes)),
         np.empty((STAGES, targets, n, lanes)),
         np.empty((STAGES, effects, lanes)),
         np.empty((2, n, lanes)),
@@ -84,7 +84,7 @@ def scratch_for(slots, targets, n, effects, lanes):
 
 
 @kernel("contract")
-def slopes(code, places, effects, weight, stage, lanes, x, u, scratch, dx):
+def slopes(code, places, apart, effects, weight, stage, lanes, x, u, scratch, dx):
     """Compute x' of all lanes at a stage, and what the sensitivities need of it.
 
     One function, because what it computes on the way stays in cache.
@@ -92,6 +92,7 @@ def slopes(code, places, effects, weight, stage, lanes, x, u, scratch, dx):
     Args:
         code: instructions of the tape.
         places: where parts stand, `Places`.
+        apart: whether no relation holds the target of another.
         effects: of the parameters.
         weight: (parts,) coefficients, shares included.
         stage: its number.
@@ -127,27 +128,29 @@ def slopes(code, places, effects, weight, stage, lanes, x, u, scratch, dx):
         else:
             for lane in range(lanes):
                 v[r, lane] -= c * work[at, lane]
-    _invert(a, inv[stage], targets, lanes)
+    _invert(a, inv[stage], targets, lanes, apart)
     for t in range(targets):
+        begin, end = (t, t + 1) if apart else (0, targets)
         for lane in range(lanes):
-            y[t, lane] = inv[stage, t, 0, lane] * v[0, lane]
-        for r in range(1, targets):
+            y[t, lane] = inv[stage, t, begin, lane] * v[begin, lane]
+        for r in range(begin + 1, end):
             for lane in range(lanes):
                 y[t, lane] += inv[stage, t, r, lane] * v[r, lane]
     for i in range(n):
         source = following[i]
         for lane in range(lanes):
             dx[i, lane] = x[source, lane] if source >= 0 else y[-1 - source, lane]
-    for i in range(n):
-        acts[i] = False
-        for r in range(targets):
+    for r in range(targets):
+        for i in range(n):
+            acts[r, i] = False
             for lane in range(lanes):
                 g[r, i, lane] = 0.0
     for q in range(grad.shape[0]):
         k, i, at = grad[q, 0], grad[q, 1], grad[q, 2]
         c, r, of = weight[k], owner[k], factor[k]
         if c != 0.0:
-            acts[i] = True
+            for t in range(r if apart else 0, r + 1 if apart else targets):
+                acts[t, i] = True
             if of >= 0:
                 for lane in range(lanes):
                     g[r, i, lane] += c * y[of, lane] * work[at, lane]
@@ -155,11 +158,12 @@ def slopes(code, places, effects, weight, stage, lanes, x, u, scratch, dx):
                 for lane in range(lanes):
                     g[r, i, lane] += c * work[at, lane]
     for t in range(targets):
+        begin, end = (t, t + 1) if apart else (0, targets)
         for i in range(n):
-            if acts[i]:
+            if acts[t, i]:
                 for lane in range(lanes):
-                    pull[stage, t, i, lane] = inv[stage, t, 0, lane] * g[0, i, lane]
-                for r in range(1, targets):
+                    pull[stage, t, i, lane] = inv[stage, t, begin, lane] * g[begin, i, lane]
+                for r in range(begin + 1, end):
                     for lane in range(lanes):
                         pull[stage, t, i, lane] += inv[stage, t, r, lane] * g[r, i, lane]
     for q in range(effects.part.shape[0]):
@@ -173,13 +177,14 @@ def slopes(code, places, effects, weight, stage, lanes, x, u, scratch, dx):
 
 
 @kernel("contract")
-def step_sensitivities(s, following, owner, effects, scratch, ahead, adds, lanes):
+def step_sensitivities(s, following, owner, apart, effects, scratch, ahead, adds, lanes):
     """Take the step of the sensitivities whose stages `slopes` has been through.
 
     Args:
         s: (n, n + p, L) sensitivities; changed.
         following: (n,) as in `Frame`.
         owner: (parts,) relation of each.
+        apart: whether no relation holds the target of another.
         effects: of the parameters.
         scratch: what `slopes` left.
         ahead: (4, L) seconds that a stage's slope is followed to where the next is taken.
@@ -206,13 +211,14 @@ def step_sensitivities(s, following, owner, effects, scratch, ahead, adds, lanes
                     for lane in range(lanes):
                         rate[lane] = 0.0
                     for k in range(n):
-                        if acts[k]:
+                        if acts[t, k]:
                             for lane in range(lanes):
                                 rate[lane] -= pull[stage, t, k, lane] * flow[here, k, lane]
                     for q in range(begin, end):
                         r = owner[part[q]]
-                        for lane in range(lanes):
-                            rate[lane] -= inv[stage, t, r, lane] * push[stage, q, lane]
+                        if r == t or not apart:
+                            for lane in range(lanes):
+                                rate[lane] -= inv[stage, t, r, lane] * push[stage, q, lane]
                 if stage == 0:
                     for lane in range(lanes):
                         flow[there, i, lane] = s[i, j, lane] + ahead[stage, lane] * rate[lane]
@@ -227,24 +233,17 @@ def step_sensitivities(s, following, owner, effects, scratch, ahead, adds, lanes
 
 
 @kernel("contract")
-def _invert(a, inv, targets, lanes):
-    if targets == 1:
-        for lane in range(lanes):
-            inv[0, 0, lane] = 1.0 / a[0, 0, lane]
+def _invert(a, inv, targets, lanes, apart):
+    if apart:  # only what stands on the diagonal is asked for
+        for t in range(targets):
+            for lane in range(lanes):
+                inv[t, t, lane] = 1.0 / a[t, t, lane]
         return
     if targets == 2:
         for lane in range(lanes):
             d = 1.0 / (a[0, 0, lane] * a[1, 1, lane] - a[0, 1, lane] * a[1, 0, lane])
             inv[0, 0, lane], inv[1, 1, lane] = a[1, 1, lane] * d, a[0, 0, lane] * d
             inv[0, 1, lane], inv[1, 0, lane] = -a[0, 1, lane] * d, -a[1, 0, lane] * d
-        return
-    off = 0.0
-    for i in range(targets):
-        for j in range(targets):
-            for lane in range(lanes):
-                inv[i, j, lane] = 1.0 if i == j else 0.0
-                off += abs(a[i, j, lane] - inv[i, j, lane])
-    if off == 0.0:  # bare targets: the inverse is the identity
         return
     left, right = np.empty((targets, targets)), np.empty((targets, targets))
     for lane in range(lanes):

@@ -226,6 +226,23 @@ def test_fits_repeat_to_the_last_bit(states):
     assert one.cost == two.cost
 
 
+def test_a_fit_that_will_hardly_come_below_a_limit_ends_and_one_that_does_is_the_same(states):
+    theta, present = SPRING.theta.copy(), np.setdiff1d(SPRING_PRESENT, [1])
+    theta[1] = 0.0  # a spring without its force, in tight segments: 15 steps go down a curved valley
+
+    def fitted_below(limit):
+        it = space(states, 0)
+        found = it.fit(theta, present, it.segments.initial, TIGHT, limit=limit)
+        assert found is not None
+        return found, it.evaluator.budget.spent
+
+    (end, spent), (near, enough), (far, little) = (fitted_below(limit) for limit in (np.inf, 1.6e5, 1e4))
+    assert end.cost < 1.6e5
+    assert far.cost > 1e4
+    assert (near.cost, enough) == (end.cost, spent)
+    assert little < 0.5 * spent
+
+
 def test_no_free_coefficient_leaves_the_initial_states_alone_to_fit(states):
     it = evaluator(states, 7)
     start = it.segments.initial + 0.05
