@@ -21,6 +21,7 @@ from odescope.pipeline.angular import with_angles
 from odescope.pipeline.common_denominators import with_common_denominators
 from odescope.pipeline.constants import constants_of, substitute, substituted_at
 from odescope.pipeline.degree import with_higher_degree
+from odescope.pipeline.drag import with_drag
 from odescope.pipeline.filtering import Filtered, Prepared
 from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
@@ -213,13 +214,14 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
 
 
 def _refined(work: Work, filtered: Filtered, posed: Posed) -> tuple[Posed, Refinement | None]:
-    """Return a form, relations in sums of angles where those are the better ones, and what the likelihood leads to."""
+    """Return a form, in sums of angles or with drag where that is the better one, and what the likelihood leads to."""
     if not work.study.likelihood.enabled:
         return posed, None
     refinement = refine_form(work, filtered, posed)
-    if posed.form != "relations" or work.late:
+    if work.late:
         return posed, refinement
-    return with_sums(work, filtered, posed, refinement)
+    better = {"relations": with_sums, "lagrangian": with_drag}.get(posed.form)
+    return (posed, refinement) if better is None else better(work, filtered, posed, refinement)
 
 
 def _with_more(

@@ -88,6 +88,26 @@ HOVERCRAFT = (
     {"u": 2.0, "w": 0.3},
 )
 
+BOB_ON_A_SPRING = (
+    ("r", "q"),
+    "0.5*r_dot**2 + 0.5*r**2*q_dot**2",
+    "20*(r - 1)**2 - 9.81*r*cos(q)",
+    "0.05*(r_dot**2 + r**2*q_dot**2)",
+    ("0", "0"),
+    (1.3, 0.8),
+    {},
+)
+
+TWO_ARMS_IN_OIL = (
+    ("a", "b"),
+    "0.2*a_dot**2 + 0.12*a_dot*b_dot*cos(a - b) + 0.048*b_dot**2",
+    "-7.848*cos(a) - 2.3544*cos(b)",
+    "0.0375*a_dot**2 + 0.06*a_dot*b_dot*cos(a - b) + 0.024*b_dot**2",
+    ("0", "0"),
+    (1.5, 0.8),
+    {},
+)
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
@@ -124,3 +144,20 @@ def test_a_thrust_turns_with_what_it_pushes(seed):
     rates = {f"{name}_dot**2" for name in HOVERCRAFT[0]}
     forces = {("force", "u*cos(h)"), ("force", "u*sin(h)"), ("force", "w")}
     assert held(model) == {("kinetic", t) for t in rates} | {("dissipation", t) for t in rates} | forces
+
+
+MASSES = [
+    (BOB_ON_A_SPRING, "q", {"r_dot**2", "q_dot**2*r**2"}, {"r", "r**2", "r*cos(q)"}),
+    (TWO_ARMS_IN_OIL, "ab", {"a_dot**2", "b_dot**2", "a_dot*b_dot*cos(a - b)"}, {"cos(a)", "cos(b)"}),
+]
+
+
+@pytest.mark.parametrize(
+    ("machine", "angles", "moved", "potential", "seed"),
+    [pytest.param(*m, s, marks=[pytest.mark.slow] if s or m[1] != "q" else []) for m in MASSES for s in range(3)],
+)
+def test_drag_goes_with_the_speed_of_a_mass(machine, angles, moved, potential, seed):
+    model = found(recorded(*machine, seed), angles, machine[0], machine[-1])
+    assert held(model) == {(k, t) for k in ("kinetic", "dissipation") for t in moved} | {
+        ("potential", t) for t in potential
+    }

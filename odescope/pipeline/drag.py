@@ -1,0 +1,69 @@
+"""Drag that goes with the speed of a mass, where friction of each coordinate by itself falls short.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from odescope.events import Progress
+from odescope.library.lagrangian import lagrangian
+from odescope.library.mechanism import Mechanism
+from odescope.likelihood.add_and_drop import HOPELESS
+from odescope.likelihood.refine import Refinement
+from odescope.likelihood.settings import Start
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import Posed
+from odescope.pipeline.stages import refine_form
+from odescope.pipeline.suspicion import NO_WORSE
+from odescope.pipeline.wider import LEAST, TIMES, within
+from odescope.pipeline.work import Work
+from odescope.study.options import Study
+
+
+def with_drag(
+    work: Work, filtered: Filtered, posed: Posed, refinement: Refinement | None
+) -> tuple[Posed, Refinement | None]:
+    """Return Lagrange's equations and their model: with drag on what moves, where that is the better one.
+
+    A liquid or the air slows a mass down by its own speed, not by the rates of the coordinates: a bob that swings on a
+    spring along its path, the lower of two arms by what both do. The dissipation function then has a term as the
+    kinetic energy has. Those of the model are tried, beside all that it was chosen from, where it lacks little in short
+    pieces of the record and does not follow the whole.
+
+    Args:
+        work: whose study leaves the dissipation function open.
+        filtered: the records and their signals.
+        posed: Lagrange's equations with the friction of every coordinate by itself.
+        refinement: the model that the search in them ended with, if there is one.
+    """
+    if posed.form != "lagrangian" or work.study.library.dissipation is not None:
+        return posed, refinement
+    if refinement is None or refinement.exact or refinement.outcome.scale > HOPELESS:
+        return posed, refinement
+    drags = _drags(work.study, posed, refinement)
+    if not drags:
+        return posed, refinement
+    work.monitor.tell(Progress("likelihood", "search with drag on what moves", 0, 1))
+    begun = (refinement.fit.theta * refinement.space.sizes(refinement.fit.theta))[: len(posed.mechanisms)]
+    mechanisms, start = (*posed.mechanisms, *drags), Start(np.append(begun, np.zeros(len(drags))))
+    wider = Posed(posed.form, mechanisms, posed.constants, posed.left_out, (start,))
+    limited = within(work, max(LEAST, TIMES * refinement.spent))
+    other = refine_form(limited, filtered, wider)
+    runs = other is not None and other.exact and other.free_run_error <= NO_WORSE * refinement.free_run_error
+    return (wider, other) if runs else (posed, refinement)
+
+
+def _drags(study: Study, posed: Posed, refinement: Refinement) -> tuple[Mechanism, ...]:
+    """Return the terms of the dissipation function that are like those of a model's kinetic energy, the new ones."""
+    known = {m.term for m in posed.mechanisms if m.kind == "dissipation"}
+    present = (refinement.space.mechanisms[k] for k in refinement.fit.present)
+    moved = [m for m in present if m.kind == "kinetic" and any(p.product.factor is not None for p in m.parts)]
+    texts = [m.term for m in moved if m.term not in known]
+    if not texts:
+        return ()
+    coordinates = study.measured()
+    bare = [f"{c.derivative(1)}**2" for c in coordinates]
+    found = lagrangian(coordinates, (), study.scope(), kinetic=bare, potential=(), dissipation=texts, forces={})
+    return tuple(m for m in found if m.kind == "dissipation")
