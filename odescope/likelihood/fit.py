@@ -16,7 +16,7 @@ from odescope.likelihood.kernel import Sums
 from odescope.likelihood.program import Program
 
 ITERATIONS = 40
-CONVERGED = 1e-3  # fall of the cost, in units of the variance that is left, that ends a fit
+CONVERGED = 1e-3  # fall of the cost, which is in units of chi-squared, that ends a fit
 UNDAMPED = 1e-4  # damping to begin with
 LARGEST_DAMPING = 1e8
 PACE = 3  # steps: as far as the longest of the last ones the remaining ones will hardly go
@@ -159,8 +159,7 @@ def fit(
 ) -> Fit | None:
     """Return the fit of a program from a start, or None where the start itself cannot be integrated.
 
-    Steps are accepted only when they lower the cost. Falls are judged in units of the variance that a model leaves: far
-    off the record no digit more of its cost says anything.
+    Steps are accepted only when they lower the cost.
 
     Args:
         evaluator: the data.
@@ -184,9 +183,8 @@ def fit(
     for left in reversed(range(iterations)):
         trial = descent.lower(here, damping)
         fall = -np.inf if trial is None else here.cost - trial.cost
-        unit = max(min(here.cost, here.cost - fall) / evaluator.segments.samples, 1.0)
-        converged = abs(fall) < unit * (tolerance if fall >= 0.0 else tolerance * 1e-3)
-        stalled = 0 if fall > unit * STALL else stalled + int(fall > -unit * SLIP)
+        converged = abs(fall) < (tolerance if fall >= 0.0 else tolerance * 1e-3)
+        stalled = 0 if fall > STALL else stalled + int(fall > -SLIP)
         if trial is not None and fall >= 0.0:
             # What had to be damped once would have to be again.
             damping = max(damping / 10.0, 1e-9) if np.isinf(failed) else damping
