@@ -78,46 +78,36 @@ class Moves:
         """Cost and the penalties of the parameters."""
         return found.cost / self.scale + self.space.price(found)
 
-    def refit(
-        self,
-        here: Fit,
-        theta: FloatArray,
-        present: IntArray,
-        strength: FloatArray | None = None,
-        limit: float | None = None,
-    ) -> Fit | None:
-        """Return the fit of other mechanisms from the initial states of the one at hand.
+    def limit(self, here: Fit, present: IntArray, theta: FloatArray) -> float:
+        """Return the cost above which a fit of other mechanisms is worth less than the one at hand.
 
-        It ends early where it will be worth less than that: of no use where the cost decides. Where a statistic does,
-        it goes on.
+        Infinite where a statistic decides, not the cost.
 
         Args:
             here: the fit at hand.
-            theta: (mechanisms,) coefficients to begin with.
             present: numbers of the mechanisms.
-            strength: (mechanisms,) which coefficients are to be held first.
-            limit: the cost above which it is of no use, where that is another.
+            theta: (mechanisms,) coefficients to begin with.
         """
-        space, penalty = self.space, self.space.penalty
-        if limit is None:
-            paid = penalty[here.present].sum() - penalty[space.alive(present, theta)].sum()
-            limit = np.inf if self.judge.binding else here.cost + self.scale * float(paid)
-        return space.fit(theta, present, here.x0, self.defect_std, strength, limit=limit)
+        if self.judge.binding:
+            return np.inf
+        penalty, alive = self.space.penalty, self.space.alive(present, theta)
+        return here.cost + self.scale * float(penalty[here.present].sum() - penalty[alive].sum())
 
     def without(self, here: Fit, k: int, limit: float | None = None) -> Fit | None:
-        """Return the fit without a present mechanism.
+        """Return the fit without a present mechanism; it ends early where it will be of no use.
 
         Args:
             here: the fit with it.
             k: its number.
-            limit: as in `refit`.
+            limit: the cost above which it is of no use, where that is not what makes it worth less.
         """
-        theta = here.theta.copy()
+        theta, left = here.theta.copy(), here.present[here.present != k]
         theta[k] = 0.0
-        return self.refit(here, theta, here.present[here.present != k], here.strength, limit)
+        limit = self.limit(here, left, theta) if limit is None else limit
+        return self.space.fit(theta, left, here.x0, self.defect_std, here.strength, limit=limit)
 
     def having(self, here: Fit, k: int, begin: Mapping[int, float]) -> Fit | None:
-        """Return the fit with an absent mechanism.
+        """Return the fit with an absent mechanism; it ends early where it will be worth less than without.
 
         Args:
             here: the fit without it.
@@ -127,7 +117,8 @@ class Moves:
         present: IntArray = np.union1d(here.present, [k])
         theta = here.theta.copy()
         theta[[*begin]] = [*begin.values()]
-        return self.refit(here, theta, present, here.strength)
+        limit = self.limit(here, present, theta)
+        return self.space.fit(theta, present, here.x0, self.defect_std, here.strength, limit=limit)
 
     def begin_anew(self, here: Fit) -> Fit | None:
         """Fit from the coefficients that the linear relations have at the smoothed states, where that is better.
@@ -147,7 +138,7 @@ class Moves:
         theta = divided(self.space, here)
         if theta is None:
             return None
-        trial = self.refit(here, theta, np.flatnonzero(theta))
+        trial = self.space.fit(theta, np.flatnonzero(theta), here.x0, self.defect_std)
         if trial is None or self.penalised(trial) >= self.penalised(here):
             return None
         for k in np.setxor1d(trial.present, here.present).tolist():
@@ -219,7 +210,7 @@ class Moves:
         if again is None:
             return None
         theta[free] = again
-        trial = self.refit(here, theta, np.union1d(free[kept], here.held), here.strength)
+        trial = space.fit(theta, np.union1d(free[kept], here.held), here.x0, self.defect_std, here.strength)
         if trial is None or self.penalised(trial) >= self.penalised(here) - GAIN:
             return None
         self._note_all(here, trial)
@@ -283,7 +274,7 @@ class Moves:
             if again is None:
                 continue
             theta[free] = again
-            trial = self.refit(here, theta, np.union1d(kept, here.held), here.strength)
+            trial = space.fit(theta, np.union1d(kept, here.held), here.x0, self.defect_std, here.strength)
             if trial is None or (self.judge.binding and self._weak(trial)):
                 continue
             if self.penalised(trial) < self.penalised(here) - GAIN:
@@ -316,7 +307,7 @@ class Moves:
                     continue
                 theta = found.theta.copy()
                 theta[free] = again
-                trial = self.refit(here, theta, np.union1d(free[kept], found.held))
+                trial = space.fit(theta, np.union1d(free[kept], found.held), here.x0, self.defect_std)
                 if trial is None or (self.judge.binding and self._weak(trial)):
                     continue
                 if self.penalised(trial) < self.penalised(here) - GAIN:
