@@ -131,6 +131,13 @@ def _ring(th, x, u):
     return -np.linalg.solve(a, b)
 
 
+def _row(th, x, u):
+    p, q, r = x
+    a = [th[0] + th[1] * p**2, th[5], th[8] + th[9] * np.cos(q)]
+    b = [th[2] * p + th[3] * q + th[4] * u[0], th[6] * q + th[7] * p * r, th[10] * r + th[11] * u[1]]
+    return -np.array(b) / a
+
+
 # x_dot (1 + 3.3 x) = 0.6 - 2 x + 0.5 u: order 1, rational.
 UPTAKE = System(
     (Coordinate("x", 1),),
@@ -178,6 +185,27 @@ RING = System(
     ),
     (0, 3, 12),
     _ring,
+)
+# Three targets, no relation with that of another: A is diagonal, and depends on the states.
+ROW = System(
+    RING.coordinates,
+    ("u", "v"),
+    (
+        (0, 0, "1", 1.0),
+        (0, 0, "p**2", 0.4),
+        (0, -1, "p", 0.8),
+        (0, -1, "q", -0.5),
+        (0, -1, "u", -0.6),
+        (1, 1, "1", 2.0),
+        (1, -1, "q", 0.7),
+        (1, -1, "p*r", -0.9),
+        (2, 2, "1", 1.0),
+        (2, 2, "cos(q)", 0.3),
+        (2, -1, "r", 0.5),
+        (2, -1, "v", -0.4),
+    ),
+    (0, 5, 8),
+    _row,
 )
 
 # The pendulum's cart with one coefficient for what couples both relations, and friction of both.

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_systems import CART, RING, TIED_CART, TIED_RING, UPTAKE, drive
+from small_systems import CART, RING, ROW, TIED_CART, TIED_RING, UPTAKE, drive
 
 from odescope.likelihood.block_cholesky import substitute
 from odescope.likelihood.evaluator import Evaluator
@@ -14,6 +14,7 @@ CASES = {
     "order 1, rational": (UPTAKE, [[0.4], [1.5], [0.1]]),
     "order 2, Lagrange": (CART, [[0.1, 2.5, -0.4, 1.0], [0.0, -0.3, 0.2, -3.0], [0.5, 3.3, 1.0, 4.0]]),
     "three targets in a ring": (RING, [[0.6, -0.4, 0.8], [0.3, 0.5, -0.5], [-0.4, 0.2, 0.3]]),
+    "three targets apart": (ROW, [[0.6, -0.4, 0.8], [0.3, 0.5, -0.5], [-0.4, 0.2, 0.3]]),
 }
 
 
