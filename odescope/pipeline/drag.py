@@ -38,9 +38,8 @@ def with_drag(
         posed: Lagrange's equations with the friction of every coordinate by itself.
         refinement: the model that the search in them ended with, if there is one.
     """
-    if posed.form != "lagrangian" or work.study.library.dissipation is not None:
-        return posed, refinement
-    if refinement is None or refinement.exact or refinement.outcome.scale > HOPELESS:
+    named = work.study.library.dissipation is not None
+    if named or refinement is None or refinement.exact or refinement.outcome.scale > HOPELESS:
         return posed, refinement
     drags = _drags(work.study, posed, refinement)
     if not drags:
