@@ -74,7 +74,7 @@ def candidates_csv(result: Identification) -> str:
                     c.family + 1,
                     c.cluster,
                     repr(c.criterion),
-                    repr(float(search.inclusion[list(c.support)].min())),
+                    "" if search.inclusion is None else repr(float(search.inclusion[list(c.support)].min())),
                 )
             )
     writer.writerows(_no_candidates(result))

@@ -41,6 +41,7 @@ from odescope.pipeline.outside import moved_from_outside
 from odescope.pipeline.path_models import path_models
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.run_freely import run_freely
+from odescope.pipeline.stages import draw_anew
 from odescope.pipeline.versions import best_version
 from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints
@@ -65,10 +66,9 @@ class Identification:
     `chosen` are the candidates of the searches that the model is made of, one a target: None where its relation is none
     of them, as with mechanisms. `seconds` is the time of each stage, `memory` the most that the process had held, in
     bytes, when it ended; `left_out` are mechanisms that no data could tell from others; `searched` are the inputs as
-    they were known before the likelihood stage, which may find delays; `gated` says why a sample of a record does not
-    count; `free_runs` are those of the model from the starts of the recordings; a draft has none. `cleaned` are the
-    recordings that these are over: without what does not count, otherwise as they were recorded. `shafts` are pairs of
-    angles that go round together, `degree` is that which the study, or few samples, asked for of the default library.
+    they were before the likelihood stage, which may find delays; `gated` says why a sample does not count; `free_runs`
+    are those of the model from the starts of the recordings, which are `cleaned` of what does not count; a draft has
+    none. `shafts` are pairs of angles that go round together, `degree` is that of the default library.
     """
 
     study: Study
@@ -372,13 +372,14 @@ def _identified(
         work.monitor.tell(DraftReady(result(filtered, regressed.model, None)))
     try:
         winner = compete(replace(work, study=prepared.study), prepared, filtered, regressed)
+        regressed = draw_anew(work, regressed, winner.best.form)
         seen = settled(work, filtered, winner.model)
         with work.stage("model"):
             model = judged(work.study, seen, regressed, winner)
             require_model(model, winner.follows, winner.best.exact)
             model, runs = run_freely(work, seen, model)
     except NoModelError as failure:
-        work.monitor.tell(_nothing_found(work, filtered, regressed, failure))
+        work.monitor.tell(_nothing_found(work, filtered, draw_anew(work, regressed), failure))
         raise
     if (kept := prepared.sample.store) is not None:
         kept.prune()

@@ -36,15 +36,16 @@ LEAST_MISSED = 0.01  # of its weighted power: what a plain start may miss
 class Search:
     """What was done for one target: its regression problem, all supports found, the ranked candidates.
 
-    `inclusion` (m,) is the share of bootstrap replicates that chose each term, with the chosen relation's guess;
-    `named` are terms with the names of constants, by those of the library that hold numbers for them.
+    `inclusion` (m,) is the share of bootstrap replicates that chose each term, with the chosen relation's guess, None
+    where none were drawn; `named` are terms with the names of constants, by those of the library that hold numbers for
+    them.
     """
 
     problem: Problem
     found: Sweep
     ranked: Ranked
     removed: tuple[tuple[str, int], ...]
-    inclusion: FloatArray
+    inclusion: FloatArray | None = None
     named: Mapping[Product, Product] = field(default_factory=dict)
 
 

@@ -26,6 +26,7 @@ from odescope.selection.multiples import multiplied
 from odescope.selection.ranking import Candidate, ranking, require_law
 from odescope.signals.estimate import Signals
 from odescope.signals.placeholders import placeholders
+from odescope.study.library_options import Form
 
 Chosen = tuple[Candidate, ...]  # one candidate a target
 
@@ -79,7 +80,7 @@ def search_all(work: Work, libraries: Sequence[Library], problems: Sequence[Prob
             if (law := multiplied(problem, ranked.candidates)) is not None:
                 found = found.including(law)
                 ranked = ranking(problem, found, study.selection)
-            searches.append(Search(problem, found, ranked, library.removed, np.zeros(len(problem.terms))))
+            searches.append(Search(problem, found, ranked, library.removed))
     return tuple(searches)
 
 
@@ -136,22 +137,24 @@ def regress_at_all(work: Work, points: Sequence[Substituted], filtered: Filtered
     return replace(best, elsewhere=tuple(r for r in tried if r is not best))
 
 
-def draw_anew(work: Work, searches: Sequence[Search], chosen: Chosen) -> tuple[Search, ...]:
-    """Return the searches with the inclusion of every term.
+def draw_anew(work: Work, regressed: Regressed, form: Form = "relations") -> Regressed:
+    """Return what regression found with the inclusion of every term.
 
     Args:
         work: whose study holds the seed.
-        searches: one a target.
-        chosen: the candidate of each target whose left-hand side is kept.
+        regressed: what it found; as it is returned where there is no proposal.
+        form: that of the model; where it has mechanisms no candidate of the relations is in it.
     """
+    if form != "relations" or not regressed.proposals:
+        return regressed
     study, rng, drawn = work.study, np.random.default_rng(work.study.random.seed), []
     with work.stage("bootstrap"):
-        for search, candidate in zip(searches, chosen, strict=True):
+        for search, candidate in zip(regressed.searches, regressed.proposals[0][0], strict=True):
             work.monitor.check()
             within, proposers = nested(study, search.problem), study.regression.proposers
             shares = inclusion(search.problem, candidate, within, proposers, rng, work.workers, work.monitor.check)
             drawn.append(replace(search, inclusion=shares))
-    return tuple(drawn)
+    return replace(regressed, searches=tuple(drawn))
 
 
 def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | None:

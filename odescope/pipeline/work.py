@@ -15,7 +15,7 @@ from odescope.regression.proposers import Support
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
 from odescope.study.options import Study
 
-WIDE = 350  # candidates of a target: the paper's library by degree has 330
+WIDE = 330  # candidates of a target: the paper's library by degree has so many
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -86,8 +87,9 @@ class Factor:
         values = np.linalg.svd(self.r[:, list(columns)], compute_uv=False)
         return float(values[0] / values[-1]) if values[-1] > 0 else float("inf")
 
-    def correlations(self) -> FloatArray:
-        """Return the cosines between columns, (m, m): the paper's Fig. 4, about zero instead of the mean."""
+    @cached_property
+    def gram(self) -> FloatArray:
+        """The cosines between columns, (m, m): the paper's Fig. 4, about zero instead of the mean."""
         gram: FloatArray = self.r.T @ self.r
         return gram
 
@@ -146,6 +148,6 @@ def _scaled(r: FloatArray, rows: int) -> Factor:
     if not np.all(np.isfinite(scale)):
         raise InputError("a candidate term has values that are not finite")
     safe = np.where(scale > 0.0, scale, 1.0)
-    square = np.zeros((r.shape[1], r.shape[1]))
+    square = np.zeros((r.shape[1], r.shape[1]), order="F")  # fits read it by columns
     square[: len(r)] = r / safe
     return Factor(square, safe, rows)

@@ -3,7 +3,8 @@
 The relations are sums of coefficients times what is known at every sample, targets included, and homogeneous. With M
 for the squares of their rows and N for those that noise alone would make, coefficients v of the law make v'Mv / v'Nv
 about 1: the least generalized eigenvalue. From all mechanisms to few, what raises that least goes first. There is one
-minimum, however far a first guess; but where derivatives drown in noise there are others beside it.
+minimum, however far a first guess; but where derivatives drown in noise there are others beside it, and of very many
+candidates some nearly add up to nothing over the data. The simple ones are therefore gone through by themselves, too.
 docs/method.md, Mechanisms.
 """
 
@@ -34,28 +35,34 @@ def explained(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
     if not (np.isfinite(squares.rows).all() and np.isfinite(squares.noise).all()):
         return None
     price = np.log(squares.count) + 2.0 * np.log(len(problem.mechanisms))
+    known, size = problem.known != 0.0, np.array([m.size for m in problem.mechanisms])
     theta, least = None, np.inf
-    for present, value, vector in _eliminated(squares, problem.known != 0.0):
-        criterion = squares.count * np.log(max(value, 1.0)) + len(present) * price
-        if value <= EXPLAINED and criterion < least:
-            theta, least = np.zeros(len(problem.mechanisms)), criterion
-            theta[present] = vector / squares.norm[present]
+    for largest in np.unique(size):
+        for present, value, vector in _eliminated(squares, known, np.flatnonzero(known | (size <= largest))):
+            criterion = squares.count * np.log(max(value, 1.0)) + len(present) * price
+            if criterion < least:
+                theta, least = np.zeros(len(problem.mechanisms)), criterion
+                theta[present] = vector / squares.norm[present]
     if theta is None or problem.linearised(theta, np.flatnonzero(theta)) is None:
         return None
     return problem.in_known_scale(theta)
 
 
-def _eliminated(squares: Squares, known: BoolArray) -> Iterator[tuple[IntArray, float, FloatArray]]:
-    """Yield numbers of mechanisms, the least eigenvalue and its vector, from all to those that are known or two.
+def _eliminated(squares: Squares, known: BoolArray, present: IntArray) -> Iterator[tuple[IntArray, float, FloatArray]]:
+    """Yield numbers of mechanisms, the least eigenvalue and its vector, down to those that are known or two.
+
+    It ends where noise does not explain what is left: with fewer mechanisms the least eigenvalue only rises.
 
     Args:
         squares: of rows and noise.
         known: (m,) which mechanisms stay.
+        present: (k,) numbers of those to begin with.
     """
-    present = np.arange(len(known))
     while len(present) > 2:
         own = np.ix_(present, present)
         values, vectors = scipy.linalg.eigh(squares.rows[own], squares.noise[own])
+        if values[0] > EXPLAINED:
+            return
         yield present, float(values[0]), vectors[:, 0]
         # To second order: what it costs the least vector to have nothing of a mechanism, by a little of all others.
         apart = np.sum(vectors[:, 1:] ** 2 / np.maximum(values[1:] - values[0], 1e-300), axis=1)

@@ -45,7 +45,7 @@ def _thresholded(
     high = options.high
     low = options.low if options.low < high else float(np.nextafter(high, 0.0))
     index, first = np.array(columns, dtype=np.int64), factor.first_fit(tuple(columns), left)
-    found = threshold_supports(factor.r, index, left, weight, relative, low, high, options.terms, first)
+    found = threshold_supports(factor.r, factor.gram, index, left, weight, relative, low, high, options.terms, first)
     every = range(factor.width)
     yield from dict.fromkeys(tuple(compress(every, row)) for row in found.tolist())
 

@@ -122,15 +122,14 @@ def normal_fit(r: FloatArray, gram: FloatArray, support: IntArray, left: int) ->
                 a[i, j] = total / a[j, j]
         x[i] = gram[support[i], left]
     _solve_cholesky(a, x)
-    m = r.shape[0]
     residual = r[:, left].copy()
     for j in range(s):
         for i in range(support[j] + 1):
             residual[i] -= r[i, support[j]] * x[j]
-    change = np.zeros(s)
+    change = np.empty(s)
     for j in range(s):
-        for i in range(min(support[j] + 1, m)):
-            change[j] += r[i, support[j]] * residual[i]
+        above = support[j] + 1
+        change[j] = dot(r[:above, support[j]], residual[:above])
     _solve_cholesky(a, change)
     return x + change
 
@@ -163,6 +162,7 @@ def full_fits(r: FloatArray) -> FloatArray | None:
 
 def threshold_supports(
     r: FloatArray,
+    gram: FloatArray,
     columns: IntArray,
     left: int,
     weight: FloatArray,
@@ -180,6 +180,7 @@ def threshold_supports(
 
     Args:
         r: (m, m) of the factor.
+        gram: r' r.
         columns: where to choose from, ascending.
         left: the guess.
         weight: (m,) see above.
@@ -191,7 +192,7 @@ def threshold_supports(
     """
     first = np.empty(0) if first is None else first
     found: BoolArray = _walk_thresholds(
-        np.ascontiguousarray(r), r.T @ r, columns, left, weight, relative, low, high, terms or r.shape[1], first
+        np.asfortranarray(r), gram, columns, left, weight, relative, low, high, terms or r.shape[1], first
     )
     return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from odescope.arrays import FloatArray
 from odescope.model.quantity_units import quantity_units, shown
 from odescope.pipeline.identification import Identification
 from odescope.pipeline.joint_models import Search
@@ -60,13 +61,15 @@ def _searched(search: Search, chosen: Candidate | None, unit: str) -> Searched:
             Point(terms=len(c.support), rmse=c.target_rmse, chosen=c is chosen)
             for c in sorted(ranked, key=lambda c: c is not chosen)[:MOST_POINTS]
         ),
-        inclusion=tuple(
-            (texts[j], float(search.inclusion[j]))
-            for j in np.argsort(-search.inclusion, kind="stable")
-            if search.inclusion[j] >= LEAST_INCLUSION
-        ),
+        inclusion=() if search.inclusion is None else _included(search.inclusion, texts),
         adopted=chosen is not None,
     )
+
+
+def _included(inclusion: FloatArray, texts: list[str]) -> tuple[tuple[str, float], ...]:
+    """Return the terms that many bootstrap replicates chose, most often chosen first."""
+    order = np.argsort(-inclusion, kind="stable")
+    return tuple((texts[j], float(inclusion[j])) for j in order if inclusion[j] >= LEAST_INCLUSION)
 
 
 def _grid(search: Search, chosen: Candidate | None, texts: list[str]) -> tuple[list[int], tuple[Row, ...]]:
@@ -97,7 +100,7 @@ def _grid(search: Search, chosen: Candidate | None, texts: list[str]) -> tuple[l
 
 def _correlations(search: Search) -> Correlations:
     """Return the cosines between the candidate terms; of a large library between those that are most alike."""
-    cosines = search.problem.factor.correlations()
+    cosines = search.problem.factor.gram
     alike = np.abs(cosines - np.diag(np.diag(cosines))).max(axis=1, initial=0.0)
     kept = np.sort(np.argsort(-alike, kind="stable")[:MOST_CORRELATED])
     percent = np.clip(np.rint(100.0 * cosines[np.ix_(kept, kept)]), -100, 100).astype(int)

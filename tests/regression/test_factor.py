@@ -138,7 +138,7 @@ def test_condition_and_correlations_are_those_of_the_scaled_columns(seed):
     factor = factorise([theta])
     chosen = rng.permutation(6)[:3].tolist()
     assert factor.condition(chosen) == pytest.approx(np.linalg.cond(unit[:, chosen]), rel=1e-8)
-    np.testing.assert_allclose(factor.correlations(), unit.T @ unit, atol=1e-13)
+    np.testing.assert_allclose(factor.gram, unit.T @ unit, atol=1e-13)
 
 
 def test_the_condition_of_a_repeated_column_is_beyond_all_bounds():

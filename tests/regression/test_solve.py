@@ -118,7 +118,7 @@ def sequential(r, columns, left, weight, relative, threshold):
 
 
 def enumerated(r, columns, left, weight, relative, low, high, **options):
-    found = threshold_supports(r, np.array(columns), left, weight, relative, low, high, **options)
+    found = threshold_supports(r, r.T @ r, np.array(columns), left, weight, relative, low, high, **options)
     return {tuple(np.flatnonzero(row).tolist()) for row in found}
 
 
@@ -166,7 +166,7 @@ def test_a_fine_grid_of_thresholds_finds_nothing_else(relative, seed):
 
 def test_hundreds_of_supports_outgrow_the_first_arrays():
     r = factor_r(4, 60, 6.0, rows=80)
-    found = threshold_supports(r, np.arange(60), 0, np.ones(60), True, 1e-12, 1.0)
+    found = threshold_supports(r, r.T @ r, np.arange(60), 0, np.ones(60), True, 1e-12, 1.0)
     distinct = {tuple(np.flatnonzero(row).tolist()) for row in found}
     assert len(found) > 64
     grid = np.geomspace(1e-11, 1.0, 800)

@@ -169,7 +169,7 @@ def test_a_target_may_be_named(result):
 
 def test_the_correlations_are_the_cosines_of_the_factor(result):
     (image,) = report.plot_correlation(result, "y_dot").axes[0].get_images()
-    cosines = result.searches[1].problem.factor.correlations()
+    cosines = result.searches[1].problem.factor.gram
     assert np.abs(np.asarray(image.get_array()) - cosines).max() <= 0.005 + 1e-9
 
 
