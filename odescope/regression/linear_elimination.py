@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
-from odescope.regression.mechanisms import MechanismProblem, Squares
+from odescope.regression.mechanisms import MechanismProblem, Squares, criterion
 from odescope.signals.estimate import Signals
 
 EXPLAINED = 2.0  # least eigenvalue up to which noise explains what relations leave: derivatives are smoothed
@@ -25,7 +25,8 @@ EXPLAINED = 2.0  # least eigenvalue up to which noise explains what relations le
 def explained(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
     """Return coefficients (mechanisms,) of few mechanisms that leave of their relations no more than noise does.
 
-    None where all leave more, those few do not determine the targets, or a mechanism has no value at some sample.
+    None where all leave more, those few do not determine the targets, or a mechanism has no value at some sample. Of
+    those found among mechanisms up to each size the criterion of regression chooses.
 
     Args:
         problem: data and mechanisms.
@@ -34,18 +35,32 @@ def explained(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
     squares = problem.squares(noisy)
     if not (np.isfinite(squares.rows).all() and np.isfinite(squares.noise).all()):
         return None
-    price = np.log(squares.count) + 2.0 * np.log(len(problem.mechanisms))
     known, size = problem.known != 0.0, np.array([m.size for m in problem.mechanisms])
-    theta, least = None, np.inf
+    best, least = None, np.inf
     for largest in np.unique(size):
-        for present, value, vector in _eliminated(squares, known, np.flatnonzero(known | (size <= largest))):
-            criterion = squares.count * np.log(max(value, 1.0)) + len(present) * price
-            if criterion < least:
-                theta, least = np.zeros(len(problem.mechanisms)), criterion
-                theta[present] = vector / squares.norm[present]
-    if theta is None or problem.linearised(theta, np.flatnonzero(theta)) is None:
-        return None
-    return problem.in_known_scale(theta)
+        theta = _few(squares, known, np.flatnonzero(known | (size <= largest)))
+        here = None if theta is None else problem.linearised(theta, np.zeros(0, dtype=np.int64))
+        if theta is not None and here is not None and (value := criterion(here, theta)) < least:
+            best, least = theta, value
+    return None if best is None else problem.in_known_scale(best)
+
+
+def _few(squares: Squares, known: BoolArray, among: IntArray) -> FloatArray | None:
+    """Return coefficients (m,) of the few that count among some mechanisms, None where noise does not explain them all.
+
+    Args:
+        squares: of rows and noise.
+        known: (m,) which mechanisms stay.
+        among: (k,) numbers of those to begin with.
+    """
+    price = np.log(squares.count) + 2.0 * np.log(len(known))
+    theta, least = None, np.inf
+    for present, value, vector in _eliminated(squares, known, among):
+        cost = squares.count * np.log(max(value, 1.0)) + len(present) * price
+        if cost < least:
+            theta, least = np.zeros(len(known)), cost
+            theta[present] = vector / squares.norm[present]
+    return theta
 
 
 def _eliminated(squares: Squares, known: BoolArray, present: IntArray) -> Iterator[tuple[IntArray, float, FloatArray]]:

@@ -287,15 +287,22 @@ def proposed(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
         problem: data and mechanisms.
         noisy: the signals of the same records with as much noise once more.
     """
-    theta = _least(problem, noisy, _first(problem))
-    dear = 2.0 * np.log(len(problem.mechanisms))
-    best, least = None, np.inf
+    theta, best, least = _least(problem, noisy, _first(problem)), None, np.inf
     for found, here in eliminated(problem, theta):
-        count = np.count_nonzero(found)
-        criterion = here.rows * np.log(max(here.cost / here.rows, 1e-300)) + count * (np.log(here.rows) + dear)
-        if criterion < least:
-            best, least = found, criterion
+        if (value := criterion(here, found)) < least:
+            best, least = found, value
     return best
+
+
+def criterion(here: Linearised, theta: FloatArray) -> float:
+    """Return n ln(S / n) + p (ln n + 2 ln m): what the p present of m mechanisms leave of targets, and their price.
+
+    Args:
+        here: cost at theta.
+        theta: (m,) coefficients.
+    """
+    price = np.log(here.rows) + 2.0 * np.log(len(theta))
+    return float(here.rows * np.log(max(here.cost / here.rows, 1e-300)) + np.count_nonzero(theta) * price)
 
 
 def _first(problem: MechanismProblem) -> IntArray:

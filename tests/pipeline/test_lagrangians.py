@@ -163,10 +163,9 @@ def test_drag_goes_with_the_speed_of_a_bob():
 
 
 @pytest.mark.slow
-def test_of_eight_bobs_six_have_their_drag():
-    # No start of the search in Lagrange's equations leads to the other two, with their drag or without.
+def test_of_eight_bobs_all_but_one_at_most_have_their_drag():
     logs = [recorded(*BOB_ON_A_SPRING, seed) for seed in range(8)]
-    assert sum(held(found(log, "q", BOB_ON_A_SPRING[0], {}, "lagrangian")) == BOB for log in logs) >= 6
+    assert sum(held(found(log, "q", BOB_ON_A_SPRING[0], {}, "lagrangian")) == BOB for log in logs) >= 7
 
 
 @pytest.mark.slow
