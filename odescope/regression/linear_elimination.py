@@ -66,22 +66,25 @@ def _few(squares: Squares, known: BoolArray, among: IntArray) -> FloatArray | No
 def _eliminated(squares: Squares, known: BoolArray, present: IntArray) -> Iterator[tuple[IntArray, float, FloatArray]]:
     """Yield numbers of mechanisms, the least eigenvalue and its vector, down to those that are known or two.
 
-    It ends where noise does not explain what is left: with fewer mechanisms the least eigenvalue only rises.
+    That goes next without which the relations would leave more of what targets are in them: they say nothing of a law
+    that holds no target, or in which these nearly cancel. It ends where noise does not explain what is left: with fewer
+    mechanisms the least eigenvalue only rises.
 
     Args:
-        squares: of rows and noise.
+        squares: of rows, targets and noise.
         known: (m,) which mechanisms stay.
         present: (k,) numbers of those to begin with.
     """
     while len(present) > 2:
         own = np.ix_(present, present)
-        values, vectors = scipy.linalg.eigh(squares.rows[own], squares.noise[own])
-        if values[0] > EXPLAINED:
+        value, vector = scipy.linalg.eigh(squares.rows[own], squares.noise[own], subset_by_index=[0, 0])
+        if value[0] > EXPLAINED:
             return
-        yield present, float(values[0]), vectors[:, 0]
-        # To second order: what it costs the least vector to have nothing of a mechanism, by a little of all others.
-        apart = np.sum(vectors[:, 1:] ** 2 / np.maximum(values[1:] - values[0], 1e-300), axis=1)
-        rise = np.where(known[present], np.inf, vectors[:, 0] ** 2 / np.maximum(apart, 1e-300))
-        if np.isinf(rise).all():
+        yield present, float(value[0]), vector[:, 0]
+        ratios, vectors = scipy.linalg.eigh(squares.targets[own], squares.rows[own])
+        # To second order: what it costs the largest ratio to have nothing of a mechanism, by a little of all others.
+        apart = np.sum(vectors[:, :-1] ** 2 / np.maximum(ratios[-1] - ratios[:-1], 1e-300), axis=1)
+        fall = np.where(known[present], np.inf, vectors[:, -1] ** 2 / np.maximum(apart, 1e-300))
+        if np.isinf(fall).all():
             return
-        present = np.delete(present, np.argmin(rise))
+        present = np.delete(present, np.argmin(fall))

@@ -28,6 +28,7 @@ ENOUGH = 6000  # samples: of longer records a part of the blocks
 SIMPLE = 1  # size of a mechanism, at most, that a first fit of all may hold
 MANY = 250  # mechanisms, at most, that it may hold whatever their size where the scale of all relations is given
 RIDGE = 1e-9  # of the scaled information: what the rows cannot tell stays where it is
+ROUNDING = 1e-12  # of the squares of a column
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +46,14 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class Squares:
-    """Products of the rows of all relations as they stand, by mechanisms (m, m), and what noise alone would make them.
+    """Products of the rows of all relations as they stand, by mechanisms (m, m).
 
-    Columns are of unit norm; `norm` (m,) are theirs before, `count` is the number of rows. The noise is made regular.
+    `targets` are those of what holds a target in these rows, `noise` those that noise alone would make. Columns are of
+    unit norm; `norm` (m,) are theirs before, `count` is the number of rows. Rows and noise are made regular.
     """
 
     rows: FloatArray
+    targets: FloatArray
     noise: FloatArray
     norm: FloatArray
     count: int
@@ -98,14 +101,19 @@ class MechanismProblem:
         tape = write_tape(signals.names, [p.product.term for m in self.mechanisms for p in m.parts])
         return list(Threads().map(lambda b: evaluate(tape, _columns(signals, b)), self.blocks))
 
-    def raw(self, signals: Signals) -> list[FloatArray]:
-        """Return rows (n, mechanisms) of the relations as they stand, every target as measured in some signals."""
+    def raw(self, signals: Signals, bare: float = 1.0) -> list[FloatArray]:
+        """Return rows (n, mechanisms) of the relations as they stand, every target as measured in some signals.
+
+        Args:
+            signals: of the same records.
+            bare: what multiplies the parts that hold no target.
+        """
         owner, relation, factor, share = self._parts
         evaluated, found = self._values if signals is self.signals else self._evaluated(signals), []
         for block, values in zip(self.blocks, evaluated, strict=True):
             y = _measured(signals, block)
             added = np.zeros((len(y), len(self.mechanisms), values.shape[1]))
-            by = np.where(factor[:, None] >= 0, y[factor], 1.0)
+            by = np.where(factor[:, None] >= 0, y[factor], bare)
             np.add.at(added, (relation, owner), values * share[:, None] * by)
             found.append(np.concatenate([m.rows(a) / s for m, a, s in zip(self.maps, added, self.scale, strict=True)]))
         return found
@@ -116,11 +124,12 @@ class MechanismProblem:
         Args:
             noisy: the signals of the same records with as much noise once more.
         """
-        rows = np.concatenate(self.raw(self.signals))
+        rows, targets = (np.concatenate(self.raw(self.signals, bare)) for bare in (1.0, 0.0))
         noise = np.concatenate(self.raw(noisy)) - rows
         norm = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-        products, added = ((v / norm).T @ (v / norm) for v in (rows, noise))
-        return Squares(products, added + RIDGE * np.eye(len(norm)), norm, len(rows))
+        products, inert, added = ((v / norm).T @ (v / norm) for v in (rows, targets, noise))
+        regular = np.eye(len(norm))
+        return Squares(products + ROUNDING * regular, inert, added + RIDGE * regular, norm, len(rows))
 
     @property
     def known(self) -> FloatArray:
