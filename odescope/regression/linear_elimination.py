@@ -3,19 +3,19 @@
 The relations are sums of coefficients times what is known at every sample, targets included, and homogeneous. With M
 for the squares of their rows and N for those that noise alone would make, coefficients v of the law make v'Mv / v'Nv
 about 1: the least generalized eigenvalue. From all mechanisms to few, what raises that least goes first. There is one
-minimum, however far a first guess; but where derivatives drown in noise there are others beside it, and of very many
-candidates some nearly add up to nothing over the data. The simple ones are therefore gone through by themselves, too.
+minimum, however far a first guess; but where derivatives drown in noise there are others beside it.
 docs/method.md, Mechanisms.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy.linalg
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
+from odescope.library.mechanism import Mechanism
 from odescope.regression.mechanisms import MechanismProblem, Squares, criterion
 from odescope.signals.estimate import Signals
 
@@ -25,8 +25,8 @@ EXPLAINED = 2.0  # least eigenvalue up to which noise explains what relations le
 def explained(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
     """Return coefficients (mechanisms,) of few mechanisms that leave of their relations no more than noise does.
 
-    None where all leave more, those few do not determine the targets, or a mechanism has no value at some sample. Of
-    those found among mechanisms up to each size the criterion of regression chooses.
+    None where all leave more, those few do not determine the targets, or a mechanism has no value at some sample. The
+    simple ones are gone through by themselves, too; the criterion of regression chooses.
 
     Args:
         problem: data and mechanisms.
@@ -35,14 +35,20 @@ def explained(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
     squares = problem.squares(noisy)
     if not (np.isfinite(squares.rows).all() and np.isfinite(squares.noise).all()):
         return None
-    known, size = problem.known != 0.0, np.array([m.size for m in problem.mechanisms])
-    best, least = None, np.inf
-    for largest in np.unique(size):
-        theta = _few(squares, known, np.flatnonzero(known | (size <= largest)))
+    known, best, least = problem.known != 0.0, None, np.inf
+    for simple in _nested(problem.mechanisms):
+        theta = _few(squares, known, np.flatnonzero(known | simple))
         here = None if theta is None else problem.linearised(theta, np.zeros(0, dtype=np.int64))
         if theta is not None and here is not None and (value := criterion(here, theta)) < least:
             best, least = theta, value
     return None if best is None else problem.in_known_scale(best)
+
+
+def _nested(mechanisms: Sequence[Mechanism]) -> BoolArray:
+    """Return sets of mechanisms (sets, m): those up to each size, and all with which the mass matrix is constant."""
+    size, kinetic = np.array([m.size for m in mechanisms]), np.array([m.kind == "kinetic" for m in mechanisms])
+    sets: BoolArray = np.unique([size <= largest for largest in size] + [~kinetic | (size == 0)], axis=0)
+    return sets
 
 
 def _few(squares: Squares, known: BoolArray, among: IntArray) -> FloatArray | None:
