@@ -35,9 +35,9 @@ def explained(problem: MechanismProblem, noisy: Signals) -> FloatArray | None:
     squares = problem.squares(noisy)
     if not (np.isfinite(squares.rows).all() and np.isfinite(squares.noise).all()):
         return None
-    known, best, least = problem.known != 0.0, None, np.inf
+    holds, known, best, least = problem.holds, problem.known != 0.0, None, np.inf
     for simple in _nested(problem.mechanisms):
-        theta = _few(squares, known, np.flatnonzero(known | simple))
+        theta = _few(squares, holds, known, np.flatnonzero(known | simple))
         here = None if theta is None else problem.linearised(theta, np.zeros(0, dtype=np.int64))
         if theta is not None and here is not None and (value := criterion(here, theta)) < least:
             best, least = theta, value
@@ -51,17 +51,18 @@ def _nested(mechanisms: Sequence[Mechanism]) -> BoolArray:
     return sets
 
 
-def _few(squares: Squares, known: BoolArray, among: IntArray) -> FloatArray | None:
+def _few(squares: Squares, holds: BoolArray, known: BoolArray, among: IntArray) -> FloatArray | None:
     """Return coefficients (m,) of the few that count among some mechanisms, None where noise does not explain them all.
 
     Args:
-        squares: of rows and noise.
+        squares: of rows, targets and noise.
+        holds: (m, T) which targets stand in each mechanism.
         known: (m,) which mechanisms stay.
         among: (k,) numbers of those to begin with.
     """
     price = np.log(squares.count) + 2.0 * np.log(len(known))
     theta, least = None, np.inf
-    for present, value, vector in _eliminated(squares, known, among):
+    for present, value, vector in _eliminated(squares, holds, known, among):
         cost = squares.count * np.log(max(value, 1.0)) + len(present) * price
         if cost < least:
             theta, least = np.zeros(len(known)), cost
@@ -69,19 +70,22 @@ def _few(squares: Squares, known: BoolArray, among: IntArray) -> FloatArray | No
     return theta
 
 
-def _eliminated(squares: Squares, known: BoolArray, present: IntArray) -> Iterator[tuple[IntArray, float, FloatArray]]:
+def _eliminated(
+    squares: Squares, holds: BoolArray, known: BoolArray, present: IntArray
+) -> Iterator[tuple[IntArray, float, FloatArray]]:
     """Yield numbers of mechanisms, the least eigenvalue and its vector, down to those that are known or two.
 
     That goes next without which the relations would leave more of what targets are in them: they say nothing of a law
-    that holds no target, or in which these nearly cancel. It ends where noise does not explain what is left: with fewer
-    mechanisms the least eigenvalue only rises.
+    that holds no target, or in which these nearly cancel. It ends where a target is in none of them any more, or noise
+    does not explain what is left: with fewer mechanisms the least eigenvalue only rises.
 
     Args:
         squares: of rows, targets and noise.
+        holds: (m, T) which targets stand in each mechanism.
         known: (m,) which mechanisms stay.
         present: (k,) numbers of those to begin with.
     """
-    while len(present) > 2:
+    while len(present) > 2 and holds[present].any(axis=0).all():
         own = np.ix_(present, present)
         value, vector = scipy.linalg.eigh(squares.rows[own], squares.noise[own], subset_by_index=[0, 0])
         if value[0] > EXPLAINED:

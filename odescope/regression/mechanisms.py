@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg
 
-from odescope.arrays import FloatArray, IntArray
+from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.library.mechanism import Mechanism, scale_groups
 from odescope.library.tape import evaluate, write_tape
 from odescope.parallel.workers import Threads
@@ -130,6 +130,14 @@ class MechanismProblem:
         products, inert, added = ((v / norm).T @ (v / norm) for v in (rows, targets, noise))
         regular = np.eye(len(norm))
         return Squares(products + ROUNDING * regular, inert, added + RIDGE * regular, norm, len(rows))
+
+    @property
+    def holds(self) -> BoolArray:
+        """Which targets stand in each mechanism, (m, T)."""
+        owner, _, factor, _ = self._parts
+        found = np.zeros((len(self.mechanisms), len(self.signals.targets)), dtype=np.bool_)
+        found[owner[factor >= 0], factor[factor >= 0]] = True
+        return found
 
     @property
     def known(self) -> FloatArray:
