@@ -251,6 +251,7 @@ def _judged(
     if joined(best):
         space, best = with_steps_settled(space, best, begun, workers)
         space, best = with_narrow_friction(space, without_negligible(space, best))
+        best = without_negligible(space, best)  # what wider friction asked for may be next to nothing now
     process, adopted, scale = None, False, best.scale
     only_noise, fewer = _leaves_noise(space, best), None
     path = _path(space, best) if only_noise else None

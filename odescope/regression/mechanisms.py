@@ -29,6 +29,8 @@ SIMPLE = 1  # size of a mechanism, at most, that a first fit of all may hold
 MANY = 250  # mechanisms, at most, that it may hold whatever their size where the scale of all relations is given
 RIDGE = 1e-9  # of the scaled information: what the rows cannot tell stays where it is
 ROUNDING = 1e-12  # of the squares of a column
+POINTS = 16  # at random, at which terms are compared that may be the same, and
+SAME = 1e-9  # the share and the size by which they may differ
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,12 +133,23 @@ class MechanismProblem:
         regular = np.eye(len(norm))
         return Squares(products + ROUNDING * regular, inert, added + RIDGE * regular, norm, len(rows))
 
-    @property
+    @cached_property
     def holds(self) -> BoolArray:
         """Which targets stand in each mechanism, (m, T)."""
         owner, _, factor, _ = self._parts
         found = np.zeros((len(self.mechanisms), len(self.signals.targets)), dtype=np.bool_)
         found[owner[factor >= 0], factor[factor >= 0]] = True
+        return found
+
+    def stays(self, moved: Sequence[str]) -> BoolArray:
+        """Return which mechanisms are the same wherever some coordinates are, all of them moved by as much, (m,)."""
+        names, rng = self.signals.names, np.random.default_rng(0)
+        here = rng.standard_normal((len(names), POINTS))
+        there = here + np.array([[name in moved] for name in names])
+        tape = write_tape(names, [p.product.term for m in self.mechanisms for p in m.parts])
+        same = np.isclose(evaluate(tape, here), evaluate(tape, there), rtol=SAME, atol=SAME, equal_nan=True)
+        found = np.ones(len(self.mechanisms), dtype=np.bool_)
+        np.logical_and.at(found, self._parts[0], same.all(axis=1))
         return found
 
     @property

@@ -110,6 +110,27 @@ TWO_ARMS_IN_OIL = (
     {},
 )
 
+THREE_ARMS = (
+    ("a", "b", "c"),
+    "0.29*a_dot**2 + 0.26*a_dot*b_dot*cos(a - b) + 0.075*a_dot*c_dot*cos(a - c)"
+    " + 0.1*b_dot**2 + 0.06*b_dot*c_dot*cos(b - c) + 0.0225*c_dot**2",
+    "-11.3*cos(a) - 5.1*cos(b) - 1.47*cos(c)",
+    "0.025*a_dot**2 + 0.015*(a_dot - b_dot)**2 + 0.01*(b_dot - c_dot)**2",
+    ("0", "0", "0"),
+    (1.0, 0.5, -0.5),
+    {},
+)
+
+THREE_MASSES = (
+    ("x", "y", "z"),
+    "x_dot**2/2 + 0.35*y_dot**2 + 0.65*z_dot**2",
+    "20*x**2 + 15*(x - y)**2 + 25*(y - z)**2 + 200*(x - y)**4",
+    "0.15*x_dot**2 + 0.1*(x_dot - y_dot)**2 + 0.2*(y_dot - z_dot)**2",
+    ("u", "0", "0"),
+    (0.1, 0.1, -0.1),
+    {"u": 5.0},
+)
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
@@ -129,6 +150,30 @@ def test_what_couples_two_coordinates_is_one_coefficient(machine, angles, kineti
     term, value = coupling
     of_it = next(m for m in model.mechanisms if m.term == term)
     assert abs(of_it.coefficient - value) < 4.0 * of_it.std_error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("machine", "angles", "kinetic", "potential"),
+    [
+        (
+            THREE_ARMS,
+            "abc",
+            {f"{p}_dot*{q}_dot*cos({p} - {q})" for p, q in ("ab", "ac", "bc")},
+            {f"cos({q})" for q in "abc"},
+        ),
+        (THREE_MASSES, "", set(), {"x**2", "(x - y)**2", "(y - z)**2", "(x - y)**4"}),
+    ],
+    ids=["arms", "masses"],
+)
+def test_three_coordinates_have_the_energies_that_they_were_made_with(machine, angles, kinetic, potential, seed):
+    names, driven = machine[0], machine[-1]
+    model = found(recorded(*machine, seed), angles, names, driven)
+    first, second, third = (f"{n}_dot" for n in names)
+    rubbing = {f"{first}**2", f"({first} - {second})**2", f"({second} - {third})**2"}
+    kinds = {"kinetic": kinetic | {f"{n}_dot**2" for n in names}, "potential": potential, "dissipation": rubbing}
+    assert held(model) == {(k, t) for k, of_it in kinds.items() for t in of_it} | {("force", u) for u in driven}
 
 
 @pytest.mark.slow
