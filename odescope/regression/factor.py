@@ -20,8 +20,9 @@ BLOCK_ROWS = 4096  # rows a pass: a block of 50 columns stays in cache
 class Factor:
     """R of the QR factorisation of a library whose columns are scaled to unit norm.
 
-    Shapes: r (m, m) upper triangular, scale (m,) the norms of the columns; rows is the number of rows factored.
-    Least squares on any support, energies and residuals all follow from r: `|theta xi| = |r (scale xi)|`.
+    Shapes: r (m, m) upper triangular, in Fortran's order since fits go by columns, scale (m,) the norms of these; rows
+    is the number of rows factored. Least squares on any support, energies and residuals all follow from r:
+    `|theta xi| = |r (scale xi)|`.
     """
 
     r: FloatArray
@@ -148,6 +149,6 @@ def _scaled(r: FloatArray, rows: int) -> Factor:
     if not np.all(np.isfinite(scale)):
         raise InputError("a candidate term has values that are not finite")
     safe = np.where(scale > 0.0, scale, 1.0)
-    square = np.zeros((r.shape[1], r.shape[1]), order="F")  # fits read it by columns
+    square = np.zeros((r.shape[1], r.shape[1]), order="F")
     square[: len(r)] = r / safe
     return Factor(square, safe, rows)

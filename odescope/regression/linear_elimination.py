@@ -2,8 +2,9 @@
 
 The relations are sums of coefficients times what is known at every sample, targets included, and homogeneous. With M
 for the squares of their rows and N for those that noise alone would make, coefficients v of the law make v'Mv / v'Nv
-about 1: the least generalized eigenvalue. From all mechanisms to few, what raises that least goes first. There is one
-minimum, however far a first guess; but where derivatives drown in noise there are others beside it.
+about 1: the least generalized eigenvalue. From all mechanisms to few, that goes first without which targets stand out
+from what is left nearly as much. There is one minimum, however far a first guess; but where derivatives drown in noise
+there are others beside it.
 docs/method.md, Mechanisms.
 """
 

@@ -92,7 +92,7 @@ def _merged(times: IntArray, drawn: _Drawn) -> Factor:
             r = np.linalg.cholesky(gram / np.outer(norms, norms)).T
             if np.diag(r).min() > LEAST_PIVOT:
                 rows = sum(p.rows * int(n) for p, n in zip(drawn.pieces, times, strict=True))
-                return Factor(np.ascontiguousarray(r), norms * drawn.scale, rows)
+                return Factor(np.asfortranarray(r), norms * drawn.scale, rows)
         except np.linalg.LinAlgError:  # dependent columns: merge with all digits
             pass
     return merge([p for p, n in zip(drawn.pieces, times, strict=True) for _ in range(n)])
