@@ -30,7 +30,7 @@ from odescope.pipeline.modulated import with_modulated
 from odescope.pipeline.physics import energy_of
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.roots import with_roots
-from odescope.pipeline.stages import refine_form, regress_at, regress_at_all
+from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
 from odescope.pipeline.sums import with_sums
 from odescope.pipeline.suspicion import with_suspected
 from odescope.pipeline.temperatures import with_arrhenius
@@ -63,7 +63,8 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
     if not best.proposals:
         return replace(best, elsewhere=())
     named = {product: written for product, (_, written) in best.substituted.named.items()}
-    return replace(best, searches=tuple(replace(s, named=named) for s in best.searches))
+    best = replace(best, searches=tuple(replace(s, named=named) for s in best.searches))
+    return best if prepared.mechanisms else draw_anew(work, best)  # else there may be no relation in the model
 
 
 class NoLaw(NoModelError):

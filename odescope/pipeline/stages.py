@@ -142,10 +142,10 @@ def draw_anew(work: Work, regressed: Regressed, form: Form = "relations") -> Reg
 
     Args:
         work: whose study holds the seed.
-        regressed: what it found; as it is returned where there is no proposal.
+        regressed: what it found; as it is returned where there is no proposal, or the terms have theirs.
         form: that of the model; where it has mechanisms no candidate of the relations is in it.
     """
-    if form != "relations" or not regressed.proposals:
+    if form != "relations" or not regressed.proposals or regressed.searches[0].inclusion is not None:
         return regressed
     study, rng, drawn = work.study, np.random.default_rng(work.study.random.seed), []
     with work.stage("bootstrap"):
