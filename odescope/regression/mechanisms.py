@@ -17,7 +17,7 @@ import scipy.linalg
 
 from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.library.mechanism import Mechanism, scale_groups
-from odescope.library.tape import evaluate, write_tape
+from odescope.library.tape import Tape, evaluate, write_tape
 from odescope.parallel.workers import Threads
 from odescope.regression.rows import Block, NoiseWeighted, RowMap, cut_blocks
 from odescope.signals.estimate import Signals
@@ -94,14 +94,18 @@ class MechanismProblem:
         )
 
     @cached_property
+    def _tape(self) -> Tape:
+        """The terms of all parts, of the columns of signals."""
+        return write_tape(self.signals.names, [p.product.term for m in self.mechanisms for p in m.parts])
+
+    @cached_property
     def _values(self) -> list[FloatArray]:
         """The terms of all parts on every block of its own signals, (parts, n_b)."""
         return self._evaluated(self.signals)
 
     def _evaluated(self, signals: Signals) -> list[FloatArray]:
         """Return the terms of all parts on every block of some signals, (parts, n_b)."""
-        tape = write_tape(signals.names, [p.product.term for m in self.mechanisms for p in m.parts])
-        return list(Threads().map(lambda b: evaluate(tape, _columns(signals, b)), self.blocks))
+        return list(Threads().map(lambda b: evaluate(self._tape, _columns(signals, b)), self.blocks))
 
     def raw(self, signals: Signals, bare: float = 1.0) -> list[FloatArray]:
         """Return rows (n, mechanisms) of the relations as they stand, every target as measured in some signals.
@@ -146,8 +150,7 @@ class MechanismProblem:
         names, rng = self.signals.names, np.random.default_rng(0)
         here = rng.standard_normal((len(names), POINTS))
         there = here + np.array([[name in moved] for name in names])
-        tape = write_tape(names, [p.product.term for m in self.mechanisms for p in m.parts])
-        same = np.isclose(evaluate(tape, here), evaluate(tape, there), rtol=SAME, atol=SAME, equal_nan=True)
+        same = np.isclose(evaluate(self._tape, here), evaluate(self._tape, there), rtol=SAME, atol=SAME, equal_nan=True)
         found = np.ones(len(self.mechanisms), dtype=np.bool_)
         np.logical_and.at(found, self._parts[0], same.all(axis=1))
         return found
