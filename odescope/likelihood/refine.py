@@ -95,6 +95,11 @@ class Refinement:
         return self.process is None and joined(self.outcome)
 
     @property
+    def clear(self) -> bool:
+        """Whether it is exact, what it leaves is white, and no term of it is in doubt."""
+        return self.process is None and self.outcome.clear
+
+    @property
     def truncated(self) -> bool:
         """Whether fewer terms were asked for than it takes to follow the record to within its noise."""
         return self.exact and self.scale >= FOLLOWED

@@ -108,7 +108,7 @@ class Contender:
     @property
     def clear(self) -> bool:
         """Whether it follows the record to within its noise, and no term of it is in doubt."""
-        return self.refinement is not None and self.refinement.process is None and self.refinement.outcome.clear
+        return self.refinement is not None and self.refinement.clear
 
     @property
     def says_all(self) -> bool:

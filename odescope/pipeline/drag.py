@@ -16,7 +16,7 @@ from odescope.likelihood.settings import Start
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
 from odescope.pipeline.stages import refine_form
-from odescope.pipeline.suspicion import NO_WORSE
+from odescope.pipeline.suspicion import replaces
 from odescope.pipeline.wider import LEAST, TIMES, within
 from odescope.pipeline.work import Work
 from odescope.study.options import Study
@@ -30,7 +30,7 @@ def with_drag(
     A liquid or the air slows a mass down by its own speed, not by the rates of the coordinates: a bob that swings on a
     spring along its path, the lower of two arms by what both do. The dissipation function then has a term as the
     kinetic energy has. Those of the model are tried, beside all that it was chosen from, where it lacks little in short
-    pieces of the record and does not follow the whole.
+    pieces of the record and does not follow the whole, or follows it with terms in doubt, which may stand for drag.
 
     Args:
         work: whose study leaves the dissipation function open.
@@ -39,7 +39,7 @@ def with_drag(
         refinement: the model that the search in them ended with, if there is one.
     """
     named = work.study.library.dissipation is not None
-    if named or refinement is None or refinement.exact or refinement.outcome.scale > HOPELESS:
+    if named or refinement is None or refinement.clear or refinement.outcome.scale > HOPELESS:
         return posed, refinement
     drags = _drags(work.study, posed, refinement)
     if not drags:
@@ -50,8 +50,8 @@ def with_drag(
     wider = Posed(posed.form, mechanisms, posed.constants, posed.left_out, (start,))
     limited = within(work, max(LEAST, TIMES * refinement.spent))
     other = refine_form(limited, filtered, wider)
-    runs = other is not None and other.exact and other.free_run_error <= NO_WORSE * refinement.free_run_error
-    return (wider, other) if runs else (posed, refinement)
+    better = other is not None and other.exact and replaces(other, refinement)
+    return (wider, other) if better else (posed, refinement)
 
 
 def _drags(study: Study, posed: Posed, refinement: Refinement) -> tuple[Mechanism, ...]:
