@@ -68,10 +68,15 @@ def sines(angles: Collection[str]) -> tuple[Term, ...]:
     return tuple(parse_term(f"{f}({name})", Scope.of([name])) for name in sorted(angles) for f in ("sin", "cos"))
 
 
+def signed_root(one: str, other: str) -> str:
+    """Return the root of a difference of two variables, with its sign."""
+    return f"sign({one} - {other})*sqrt(abs({one} - {other}))"
+
+
 def _plain(one: str, other: str, values: Mapping[str, FloatArray], units: Mapping[str, str | None]) -> list[PairFamily]:
     """Return the functions of difference and sum without constants.
 
-    Sine and cosine where these may be angles; of a difference, its root where it has one sign, else its size.
+    Sine and cosine where these may be angles; of a difference its root, with its sign where that changes, or its size.
     """
     difference, total = values[one] - values[other], values[one] + values[other]
     texts, unit = list[str](), {u for u in (units.get(one), units.get(other)) if u is not None}
@@ -85,7 +90,7 @@ def _plain(one: str, other: str, values: Mapping[str, FloatArray], units: Mappin
     elif difference.max() < 0.0:
         texts.append(f"sqrt({other} - {one})")
     else:
-        texts.append(f"abs({one} - {other})")
+        texts += [f"abs({one} - {other})", signed_root(one, other)]
     scope = Scope.of([one, other])
     return [PairFamily(parse_term(text, scope)) for text in texts]
 

@@ -25,13 +25,8 @@ from odescope.likelihood.holds import holds_of
 from odescope.likelihood.input_searches import Between
 from odescope.likelihood.negligible import without_negligible
 from odescope.likelihood.noise_or_terms import cost_without_process_noise, few_with_process_noise
-from odescope.likelihood.path import ModelPath, telling
-from odescope.likelihood.process_noise import (
-    PATH_SHARE,
-    Noisy,
-    in_pieces,
-    search_with_process_noise,
-)
+from odescope.likelihood.path import LOST, ModelPath, telling
+from odescope.likelihood.process_noise import PATH_SHARE, Noisy, in_pieces, search_with_process_noise, white
 from odescope.likelihood.program import Frame
 from odescope.likelihood.search import CHANCE, WHITE, LikelihoodSearch, Outcome, fitted_again, full, in_whole
 from odescope.likelihood.search_space import SearchSpace
@@ -98,6 +93,13 @@ class Refinement:
     def clear(self) -> bool:
         """Whether it is exact, what it leaves is white, and no term of it is in doubt."""
         return self.process is None and self.outcome.clear
+
+    @property
+    def says_all(self) -> bool:
+        """Whether what it leaves to noise of the process is white: what lacks in a law would show between blocks."""
+        return (
+            self.process is not None and self.free_run_error < LOST and white(self.process.fit, self.process.evidence)
+        )
 
     @property
     def truncated(self) -> bool:

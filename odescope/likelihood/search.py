@@ -98,9 +98,12 @@ class Outcome:
 
         That the budget ended it is no reason to begin again: it is finished where it stands.
         """
-        wald = self.fit.wald / max(self.scale, 1.0)
-        tight = self.width == WIDTHS[-1] and self.scale < WHITE
-        return bool(tight and np.all(wald > THIN * self.penalties))
+        return self.width == WIDTHS[-1] and self.scale < WHITE and self.sure
+
+    @property
+    def sure(self) -> bool:
+        """Whether it has no term whose case is thin."""
+        return bool(np.all(self.fit.wald / max(self.scale, 1.0) > THIN * self.penalties))
 
     @property
     def rank(self) -> tuple[float, float]:

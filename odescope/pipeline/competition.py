@@ -12,7 +12,7 @@ import numpy as np
 from odescope.errors import InputError, NoModelError
 from odescope.events import Note
 from odescope.likelihood.held_out import free_run_error
-from odescope.likelihood.process_noise import white
+from odescope.likelihood.path import LOST
 from odescope.likelihood.refine import WELL, Refinement
 from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
@@ -23,6 +23,7 @@ from odescope.pipeline.constants import constants_of, substitute, substituted_at
 from odescope.pipeline.degree import with_higher_degree
 from odescope.pipeline.drag import with_drag
 from odescope.pipeline.filtering import Filtered, Prepared
+from odescope.pipeline.flows import conclusive, flows
 from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
 from odescope.pipeline.joint_models import adopt, determined
@@ -34,6 +35,7 @@ from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress
 from odescope.pipeline.sums import with_sums
 from odescope.pipeline.suspicion import with_suspected
 from odescope.pipeline.temperatures import with_arrhenius
+from odescope.pipeline.wider import evidently_better
 from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints
 from odescope.recordings.record import Records
@@ -42,7 +44,6 @@ from odescope.signals.first_order import second_order_hints
 from odescope.study.library_options import Form
 from odescope.study.options import LeftOut
 
-LOST = 0.5  # error of free runs, in standard deviations, of a model that says little of the record
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
 
 
@@ -113,8 +114,7 @@ class Contender:
     @property
     def says_all(self) -> bool:
         """Whether what it leaves to noise of the process is white: what lacks in a law would show between blocks."""
-        process = None if self.refinement is None else self.refinement.process
-        return process is not None and self.free_run < LOST and white(process.fit, process.evidence)
+        return self.refinement is not None and self.refinement.says_all
 
     def score(self, chosen: bool) -> FormScore:
         """Return how it did."""
@@ -189,7 +189,7 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
             ):
                 contenders += asis
                 continue
-        posed, refinement = _refined(work, filtered, posed)
+        posed, refinement = _refined(work, filtered, posed, regressed)
         if posed.form == "relations" and work.study.suspects and not work.late:
             refinement, suspicions = _with_more(work, filtered, posed, regressed, refinement)
         own = partial(_regressed, posed, regressed, filtered.signals)
@@ -213,13 +213,25 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
     return Winner(best, scores, suspicions if best.form == "relations" else ())
 
 
-def _refined(work: Work, filtered: Filtered, posed: Posed) -> tuple[Posed, Refinement | None]:
-    """Return a form, in sums of angles or with drag where that is the better one, and what the likelihood leads to."""
+def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed) -> tuple[Posed, Refinement | None]:
+    """Return a form, in another library where that is the better one, and what the likelihood leads to.
+
+    Args:
+        work: whose study says how.
+        filtered: the records and their signals.
+        posed: the form in its own library.
+        regressed: what regression on relations found.
+    """
     if not work.study.likelihood.enabled:
         return posed, None
+    flowing = None if posed.form != "relations" or work.late else flows(work, filtered, regressed)
+    if flowing is not None and conclusive(flowing[1]):
+        return flowing
     refinement = refine_form(work, filtered, posed)
     if work.late:
         return posed, refinement
+    if flowing is not None and evidently_better(flowing[1], refinement):
+        return flowing
     better = {"relations": with_sums, "lagrangian": with_drag}.get(posed.form)
     return (posed, refinement) if better is None else better(work, filtered, posed, refinement)
 

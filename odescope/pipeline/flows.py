@@ -1,0 +1,99 @@
+"""Flows between levels or pressures, which go with the root of a difference: a small library that is tried first.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import combinations, product
+
+from odescope.events import Progress
+from odescope.library.pairs import signed_root
+from odescope.likelihood.beginnings import EVIDENT
+from odescope.likelihood.refine import Refinement
+from odescope.model.relation import RelationTerm
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import Posed
+from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.units import units_of
+from odescope.pipeline.wider import basis_of, evidently_better, regressed_with, searched_with, with_basis, with_extra
+from odescope.pipeline.work import Work
+
+MOST = 0.75  # of all candidates: relations that take more explain nothing
+
+
+def flows(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, Refinement] | None:
+    """Return relations in roots of levels and of their differences, and their model; None where these promise nothing.
+
+    What flows between two tanks goes with the root of the difference of their levels, signed as that is, and stands in
+    the balances of both. Products of levels imitate it, by more terms than can be looked through one function at a
+    time. With levels, inputs and these roots, also times an input as the opening of a valve, a library is small.
+    Nothing is tried where no state is positive, with one coordinate, an angle or a second order, or where a library was
+    written by hand.
+
+    Args:
+        work: whose study says of which states and inputs functions may be looked for.
+        filtered: the records and their signals.
+        regressed: what regression in the default library found.
+    """
+    study, coordinates = work.study, filtered.signals.coordinates
+    alike = len(coordinates) > 1 and all(c.order == 1 and not c.angle for c in coordinates)
+    if study.library.by_hand or not alike or not study.suspects or not filtered.sample.complete:
+        return None
+    linear = with_basis(work, basis_of(study), 1)
+    wides = (with_extra(linear, extra) for extra in _libraries(work, filtered))
+    tried = [(wide, found) for wide in wides if (found := regressed_with(wide, filtered)) is not None]
+    best: tuple[Posed, Refinement] | None = None
+    for wide, found in sorted(tried, key=lambda t: len(_terms(t[1]))):
+        if not (_in_roots(found) and found.promise < regressed.promise - EVIDENT):
+            continue
+        work.monitor.tell(Progress("suspicion", "search with flows between levels", 0, 1))
+        posed, refinement = searched_with(wide, filtered, found, None)
+        if refinement is not None and (best is None or evidently_better(refinement, best[1])):
+            best = posed, refinement
+        if best is not None and conclusive(best[1]):
+            break
+    return best
+
+
+def conclusive(refinement: Refinement) -> bool:
+    """Say whether a model leaves nothing to look for: it follows the record and no term of it is in doubt.
+
+    Or what it leaves to noise of the process is white.
+    """
+    return (refinement.exact and refinement.outcome.sure) or refinement.says_all
+
+
+def _libraries(work: Work, filtered: Filtered) -> Iterator[tuple[str, ...]]:
+    """Yield roots of what is positive, states and their differences; with those from inputs; and times any input."""
+    signals, units = filtered.signals, units_of(filtered)
+    positive = [n for n in work.study.suspects if signals.joined()[signals.row(n)].min() > 0.0]
+    levels = [n for n in positive if n in signals.states]
+    if not levels:
+        return
+    roots = [f"sqrt({n})" for n in levels]
+    roots += [signed_root(*pair) for pair in combinations(levels, 2) if _alike(units, pair)]
+    yield tuple(roots)
+    sources = product(levels, (n for n in positive if n not in levels))
+    if from_sources := [signed_root(*pair) for pair in sources if _alike(units, pair)]:
+        yield (*roots, *from_sources)
+    if openings := [n for n in work.study.suspects if n in work.study.inputs]:
+        yield (*roots, *(f"{opening}*{root}" for opening, root in product(openings, roots)))
+
+
+def _alike(units: Mapping[str, str | None], names: Iterable[str]) -> bool:
+    """Say whether names may be of one unit."""
+    return len({units[n] for n in names} - {None}) < 2
+
+
+def _terms(found: Regressed) -> list[RelationTerm]:
+    """Return the terms of all relations that regression finds."""
+    return [t for r in (found.forward if found.model is None else found.model.relations) for t in r.terms]
+
+
+def _in_roots(found: Regressed) -> bool:
+    """Say whether what regression finds holds a root, and not most of all candidates."""
+    terms = _terms(found)
+    few = len(terms) <= MOST * sum(len(p.terms) for p in found.problems)
+    return few and any("sqrt(" in t.text for t in terms)
