@@ -29,8 +29,7 @@ def flows(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
     What flows between two tanks goes with the root of the difference of their levels, signed as that is, and stands in
     the balances of both. Products of levels imitate it, by more terms than can be looked through one function at a
     time. With levels, inputs and these roots, also times an input as the opening of a valve, a library is small.
-    Nothing is tried where no state is positive, with one coordinate, an angle or a second order, or where a library was
-    written by hand.
+    Nothing is tried where no state is positive, there is an angle or a second order, or a library was written by hand.
 
     Args:
         work: whose study says of which states and inputs functions may be looked for.
@@ -38,7 +37,7 @@ def flows(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
         regressed: what regression in the default library found.
     """
     study, coordinates = work.study, filtered.signals.coordinates
-    alike = len(coordinates) > 1 and all(c.order == 1 and not c.angle for c in coordinates)
+    alike = all(c.order == 1 and not c.angle for c in coordinates)
     if study.library.by_hand or not alike or not study.suspects or not filtered.sample.complete:
         return None
     linear = with_basis(work, basis_of(study), 1)
@@ -66,7 +65,7 @@ def conclusive(refinement: Refinement) -> bool:
 
 
 def _libraries(work: Work, filtered: Filtered) -> Iterator[tuple[str, ...]]:
-    """Yield roots of what is positive, states and their differences; with those from inputs; and times any input."""
+    """Yield roots of positive states and of differences, those from inputs aside or too, alone and times inputs."""
     signals, units = filtered.signals, units_of(filtered)
     positive = [n for n in work.study.suspects if signals.joined()[signals.row(n)].min() > 0.0]
     levels = [n for n in positive if n in signals.states]
@@ -74,12 +73,13 @@ def _libraries(work: Work, filtered: Filtered) -> Iterator[tuple[str, ...]]:
         return
     roots = [f"sqrt({n})" for n in levels]
     roots += [signed_root(*pair) for pair in combinations(levels, 2) if _alike(units, pair)]
-    yield tuple(roots)
     sources = product(levels, (n for n in positive if n not in levels))
-    if from_sources := [signed_root(*pair) for pair in sources if _alike(units, pair)]:
-        yield (*roots, *from_sources)
-    if openings := [n for n in work.study.suspects if n in work.study.inputs]:
-        yield (*roots, *(f"{opening}*{root}" for opening, root in product(openings, roots)))
+    from_sources = [signed_root(*pair) for pair in sources if _alike(units, pair)]
+    openings = [n for n in work.study.suspects if n in work.study.inputs]
+    for every in dict.fromkeys((tuple(roots), (*roots, *from_sources))):
+        yield every
+        if openings:
+            yield (*every, *(f"{opening}*{root}" for opening, root in product(openings, every)))
 
 
 def _alike(units: Mapping[str, str | None], names: Iterable[str]) -> bool:

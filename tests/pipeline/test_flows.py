@@ -1,4 +1,4 @@
-"""Tanks that flow into each other, through orifices and a valve, by default settings."""
+"""Tanks and vessels that flow into each other, through orifices and valves, by default settings."""
 
 import numpy as np
 import pytest
@@ -25,6 +25,11 @@ def throttled(h, pump, valve):
     """Two tanks with a valve between them, whose opening is recorded."""
     between = valve * flow(h[0], h[1])
     return 0.8 * pump - between, between - 0.4 * flow(h[1], 0.0)
+
+
+def vessel(p, source, valve):
+    """What is filled from a source of changing pressure through a valve, and leaks."""
+    return (0.5 * valve * flow(source, p[0]) - 0.3 * flow(p[0], 0.0),)
 
 
 def three(h, pump, other):
@@ -83,6 +88,12 @@ def test_two_tanks_whose_flow_changes_its_sign():
     laws = found(connected, [[2.0, 0.8], [1.0, 1.8]], inputs, 200.0, seed=1)
     assert laws["h1_dot"] == pytest.approx({"u": 0.8, BETWEEN: -0.3}, rel=0.01)
     assert laws["h2_dot"] == pytest.approx({"v": 0.8, "sqrt(h2)": -0.4, BETWEEN: 0.3}, rel=0.01)
+
+
+def test_a_valve_between_a_source_and_a_vessel():
+    inputs = {"u": (2.0, 6.0, 15.0), "w": (0.1, 1.0, 10.0)}
+    laws = found(vessel, [[2.0], [1.0]], inputs, 200.0, seed=0)
+    assert laws["h1_dot"] == pytest.approx({"sqrt(h1)": -0.3, "w*sign(h1 - u)*sqrt(abs(h1 - u))": -0.5}, rel=0.01)
 
 
 @pytest.mark.slow
