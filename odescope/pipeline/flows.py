@@ -5,22 +5,28 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations, product
 
 from odescope.events import Progress
+from odescope.library.expression import Atom, Call, Term
 from odescope.library.pairs import signed_root
-from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.refine import Refinement
-from odescope.model.relation import RelationTerm
+from odescope.model.relation import Relation
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.units import units_of
-from odescope.pipeline.wider import basis_of, evidently_better, regressed_with, searched_with, with_basis, with_extra
+from odescope.pipeline.wider import (
+    basis_of,
+    evidently_better,
+    promises,
+    regressed_with,
+    searched_with,
+    with_basis,
+    with_extra,
+)
 from odescope.pipeline.work import Work
-
-MOST = 0.75  # of all candidates: relations that take more explain nothing
 
 
 def flows(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, Refinement] | None:
@@ -44,8 +50,8 @@ def flows(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
     wides = (with_extra(linear, extra) for extra in _libraries(work, filtered))
     tried = [(wide, found) for wide in wides if (found := regressed_with(wide, filtered)) is not None]
     best: tuple[Posed, Refinement] | None = None
-    for wide, found in sorted(tried, key=lambda t: len(_terms(t[1]))):
-        if not (_in_roots(found) and found.promise < regressed.promise - EVIDENT):
+    for wide, found in sorted(tried, key=lambda t: sum(len(r.terms) for r in _relations(t[1]))):
+        if not (promises(found, regressed) and any(map(_of_flows, _relations(found)))):
             continue
         work.monitor.tell(Progress("suspicion", "search with flows between levels", 0, 1))
         posed, refinement = searched_with(wide, filtered, found, None)
@@ -57,11 +63,30 @@ def flows(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
 
 
 def conclusive(refinement: Refinement) -> bool:
-    """Say whether a model leaves nothing to look for: it follows the record and no term of it is in doubt.
+    """Say whether a model leaves nothing to look for: flows that follow the record with no term in doubt.
 
-    Or what it leaves to noise of the process is white.
+    Or what they leave to noise of the process is white.
     """
-    return (refinement.exact and refinement.outcome.sure) or refinement.says_all
+    follows = (refinement.exact and refinement.outcome.sure) or refinement.says_all
+    rooted = [r for r in refinement.relations if _roots(r)]
+    return follows and bool(rooted) and all(map(_of_flows, rooted))
+
+
+def _of_flows(relation: Relation) -> bool:
+    """Say whether a relation holds roots, and what is in them nowhere else: such sums imitate any function."""
+    roots = _roots(relation)
+    outside = (a for t in relation.terms for a, _ in t.product.term.factors if a not in roots)
+    return bool(roots) and _names(roots).isdisjoint(_names(outside))
+
+
+def _roots(relation: Relation) -> set[Atom]:
+    """Return the functions of a relation: all are roots, or signs of what these are of."""
+    return {a for t in relation.terms for a, _ in t.product.term.factors if isinstance(a, Call)}
+
+
+def _names(atoms: Iterable[Atom]) -> frozenset[str]:
+    """Return what some functions and variables hold."""
+    return Term(tuple((a, 1) for a in atoms)).names
 
 
 def _libraries(work: Work, filtered: Filtered) -> Iterator[tuple[str, ...]]:
@@ -87,13 +112,6 @@ def _alike(units: Mapping[str, str | None], names: Iterable[str]) -> bool:
     return len({units[n] for n in names} - {None}) < 2
 
 
-def _terms(found: Regressed) -> list[RelationTerm]:
-    """Return the terms of all relations that regression finds."""
-    return [t for r in (found.forward if found.model is None else found.model.relations) for t in r.terms]
-
-
-def _in_roots(found: Regressed) -> bool:
-    """Say whether what regression finds holds a root, and not most of all candidates."""
-    terms = _terms(found)
-    few = len(terms) <= MOST * sum(len(p.terms) for p in found.problems)
-    return few and any("sqrt(" in t.text for t in terms)
+def _relations(found: Regressed) -> Sequence[Relation]:
+    """Return the relations that regression finds."""
+    return found.forward if found.model is None else found.model.relations

@@ -51,8 +51,8 @@ def with_modulated(
     regressions = [(wide, found) for wide in wides if (found := regressed_with(wide, filtered)) is not None]
     if not regressions:
         return posed, refinement
-    wide, found = min(regressions, key=lambda tried: tried[1].promise)
-    if not found.promise < regressed.promise - EVIDENT:
+    wide, found = min(regressions, key=lambda tried: _promise(tried[1]))
+    if not _promise(found) < _promise(regressed) - EVIDENT:
         return posed, refinement
     work.monitor.tell(Progress("suspicion", "search with springs that turn, and inputs that multiply rates", 0, 1))
     in_wider, other = searched_with(wide, filtered, found, refinement)
@@ -68,6 +68,11 @@ def _replaces(other: Refinement, before: Refinement | None) -> bool:
         return before is None or other.free_run_error <= NO_WORSE * before.free_run_error
     far_better = before is not None and other.free_run_error < FAR_BETTER * before.free_run_error
     return far_better and other.follows and not full(other.space, other.fit)
+
+
+def _promise(found: Regressed) -> float:
+    """Return what ranks the best that regression finds in a library, by whatever is left on the left-hand side."""
+    return min(found.criterion, found.explicit)
 
 
 def products_of(study: Study) -> Iterator[tuple[str, ...]]:

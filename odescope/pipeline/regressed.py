@@ -79,11 +79,6 @@ class Regressed:
         return sum(float(criteria(p, [s])[0]) for p, s in zip(self.problems, supports, strict=True))
 
     @property
-    def promise(self) -> float:
-        """What ranks the best that regression finds, by whatever is left on the left-hand side."""
-        return min(self.criterion, self.explicit)
-
-    @property
     def implicit(self) -> float:
         """What ranks the best that regression finds, proposed or selected beside whatever term of the target."""
         selected = sum(min(found for found, _ in by_target_term(p)) for p in self.problems)
