@@ -58,6 +58,8 @@ def _name(name: str, power: Power) -> str:
 def _call(function: str, argument: str, power: Power) -> str:
     if function == "sqrt":
         return rf"\sqrt{{{argument}}}" if power == 1 else rf"\left({argument}\right)^{{{_halved(power)}}}"
+    if function == "abs":
+        return rf"\left|{argument}\right|{_up(power)}"
     return rf"{FUNCTIONS[function].latex}{_up(power)}\left({argument}\right)"
 
 

@@ -305,7 +305,10 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
         much = [t for t, q in left.items() if q > MUCH * known[t][1] > 0.0]
         why = ""
         if much:
-            why = f"; so much of {listed(much)} says that a state was not measured, or what drives it not recorded"
+            why = (
+                f"; so much of {listed(much)} says that a state was not measured, what drives it not recorded, or that"
+                " it is an input itself, which belongs in [inputs]"
+            )
         yield (
             f"the model leaves {sizes} unexplained (root mean square of averages over {doubts.window:.2g} s);"
             f" standard errors allow for it{why}"

@@ -75,7 +75,7 @@ def test_latex_of_a_rational_model():
     assert r"0.333333 \, u" in first
     assert r"1 \cdot 10^{-17}" in first
     assert second.startswith(r"\ddot{\phi} = \frac{")
-    assert r"\dot{\phi} \, \operatorname{abs}\left(\dot{\phi}\right)" in second
+    assert r"\dot{\phi} \, \left|\dot{\phi}\right|" in second
     left, right = errors.split(" = ")
     assert left == r"\ddot{x} - \left(0.3000 \pm 0.0010\right) \, \ddot{x} \, \cos^{2}\left(\phi\right)"
     assert right.endswith(r"\sin\left(\phi\right) - \left(5.55 \pm 0\right) \, \dot{x} - 1 \cdot 10^{-17}")
