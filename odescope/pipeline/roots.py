@@ -43,4 +43,15 @@ def with_roots(
         return refinement
     work.monitor.tell(Progress("suspicion", "search with roots beside quotients", 0, 1))
     _, other = searched_with(wide, filtered, found, refinement, TIMES)
-    return other if other is not None and evidently_better(other, refinement) else refinement
+    return other if other is not None and _better(other, refinement) else refinement
+
+
+def _better(other: Refinement, before: Refinement) -> bool:
+    """Say whether a model with roots replaces the one before: it is evidently better, or likelier and simpler.
+
+    A function in the place of powers may have found the law times its state.
+    """
+    gain = other.gained_over(before)
+    likelier = gain is not None and gain > 0.0 and other.exact
+    simpler = other.space.price(other.fit) < before.space.price(before.fit)
+    return evidently_better(other, before) or (likelier and simpler)
