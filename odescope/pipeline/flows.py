@@ -5,7 +5,7 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations, product
 
 from odescope.events import Progress
@@ -47,12 +47,13 @@ def flows(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
     if study.library.by_hand or not alike or not study.suspects or not filtered.sample.complete:
         return None
     linear = with_basis(work, basis_of(study), 1)
-    wides = (with_extra(linear, extra) for extra in _libraries(work, filtered))
-    tried = [(wide, found) for wide in wides if (found := regressed_with(wide, filtered)) is not None]
+    wides = [with_extra(linear, extra) for extra in _libraries(work, filtered)]
+    tried = [
+        (wide, found) for wide in wides if (found := regressed_with(wide, filtered)) and promises(found, regressed)
+    ]
+    of_flows = [t for t in tried if any(map(_of_flows, t[1].relations))]
     best: tuple[Posed, Refinement] | None = None
-    for wide, found in sorted(tried, key=lambda t: sum(len(r.terms) for r in _relations(t[1]))):
-        if not (promises(found, regressed) and any(map(_of_flows, _relations(found)))):
-            continue
+    for wide, found in sorted(of_flows, key=lambda t: sum(len(r.terms) for r in t[1].relations)):
         work.monitor.tell(Progress("suspicion", "search with flows between levels", 0, 1))
         posed, refinement = searched_with(wide, filtered, found, None)
         if refinement is not None and (best is None or evidently_better(refinement, best[1])):
@@ -110,8 +111,3 @@ def _libraries(work: Work, filtered: Filtered) -> Iterator[tuple[str, ...]]:
 def _alike(units: Mapping[str, str | None], names: Iterable[str]) -> bool:
     """Say whether names may be of one unit."""
     return len({units[n] for n in names} - {None}) < 2
-
-
-def _relations(found: Regressed) -> Sequence[Relation]:
-    """Return the relations that regression finds."""
-    return found.forward if found.model is None else found.model.relations

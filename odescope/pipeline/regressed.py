@@ -52,6 +52,11 @@ class Regressed:
         return self.proposals[0][1] if self.proposals else None
 
     @property
+    def relations(self) -> tuple[Relation, ...]:
+        """Those of the best proposal, none where there is none."""
+        return self.proposals[0][1].relations if self.proposals else ()
+
+    @property
     def plain(self) -> list[Relation]:
         """The best relations that hold their targets bare."""
         return [plain(s, c) for s, c in zip(self.searches, self.proposals[0][0], strict=True)]
@@ -61,7 +66,7 @@ class Regressed:
         """Relations that promise more than the proposals."""
         pairs = zip_longest(self.problems, self.searches)
         rivals = [rival(p, s.ranked.candidates if s else ()) for p, s in pairs]
-        first = self.proposals[0][1].relations if self.proposals else self.forward
+        first = self.relations or self.forward
         return [r or begun for r, begun in zip(rivals, first, strict=True)] if any(rivals) else None
 
     @property
