@@ -87,14 +87,14 @@ def relations_form(
     starts = [best.start(mechanisms, model.relations) for _, model in best.proposals]
     starts += [best.start(mechanisms, relations) for relations in (best.forward, *best.of_low_degree)]
     for other in tried if len(tried) > 1 else ():
-        proposals = [other.proposals[0][1].relations, other.plain] if other.proposals else []
+        proposals = [other.relations, other.plain] if other.proposals else []
         starts += [other.start(mechanisms, relations) for relations in (*proposals, other.forward, other.short)]
     if len(tried) > 1:
         starts.append(best.start(mechanisms, [Relation(r.terms[:1]) for r in best.forward]))
 
     def further(values: Mapping[str, float]) -> Start | None:
         found = again(values)
-        return found.start(mechanisms, found.proposals[0][1].relations) if found.proposals else None
+        return found.start(mechanisms, found.relations) if found.proposals else None
 
     rivals, bare = best.rival, None
     if best.proposals and not any(len(m.parts) > 1 for m in mechanisms):

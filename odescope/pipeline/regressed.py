@@ -54,7 +54,7 @@ class Regressed:
     @property
     def relations(self) -> tuple[Relation, ...]:
         """Those of the best proposal, none where there is none."""
-        return self.proposals[0][1].relations if self.proposals else ()
+        return () if self.model is None else self.model.relations
 
     @property
     def plain(self) -> list[Relation]:
