@@ -74,7 +74,7 @@ def conclusive(refinement: Refinement) -> bool:
 
 
 def _of_flows(relation: Relation) -> bool:
-    """Say whether a relation holds roots, and what is in them nowhere else: such sums imitate any function."""
+    """Say whether a relation holds roots, and what is in them nowhere else: a root and its variable imitate others."""
     roots = _roots(relation)
     outside = (a for t in relation.terms for a, _ in t.product.term.factors if a not in roots)
     return bool(roots) and _names(roots).isdisjoint(_names(outside))
@@ -93,7 +93,8 @@ def _names(atoms: Iterable[Atom]) -> frozenset[str]:
 def _libraries(work: Work, filtered: Filtered) -> Iterator[tuple[str, ...]]:
     """Yield roots of positive states and of differences, those from inputs aside or too, alone and times inputs."""
     signals, units = filtered.signals, units_of(filtered)
-    positive = [n for n in work.study.suspects if signals.joined()[signals.row(n)].min() > 0.0]
+    least = dict(zip(signals.names, signals.joined().min(axis=1), strict=True))
+    positive = [n for n in work.study.suspects if least[n] > 0.0]
     levels = [n for n in positive if n in signals.states]
     if not levels:
         return
