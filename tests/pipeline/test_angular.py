@@ -53,7 +53,7 @@ def test_where_suspicion_is_off_no_state_is_an_angle_and_there_is_no_model(oscil
 @pytest.mark.parametrize(
     ("rate", "start"),
     [
-        (lambda s: [s[1], -s[0] + 0.9 * s[1] - 0.9 * s[0] ** 2 * s[1]], [2.2, 0.0]),
+        pytest.param(lambda s: [s[1], -s[0] + 0.9 * s[1] - 0.9 * s[0] ** 2 * s[1]], [2.2, 0.0], marks=pytest.mark.slow),
         (lambda s: [s[1], s[0] - s[0] ** 3 - 0.18 * s[1]], [-1.8, -1.8]),
         (lambda s: [1.5 * s[0] - s[0] * s[1], -3.0 * s[1] + s[0] * s[1]], [4.0, 2.0]),
     ],

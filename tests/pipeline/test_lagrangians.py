@@ -202,6 +202,7 @@ BOB = terms(("r_dot**2", "q_dot**2*r**2"), ("r", "r**2", "r*cos(q)"))
 ARMS = terms(("a_dot**2", "b_dot**2", "a_dot*b_dot*cos(a - b)"), ("cos(a)", "cos(b)"))
 
 
+@pytest.mark.slow
 def test_drag_goes_with_the_speed_of_a_bob():
     log = recorded(*BOB_ON_A_SPRING, 0)
     assert held(found(log, "q", BOB_ON_A_SPRING[0], {})) == BOB

@@ -223,9 +223,9 @@ def swinging(t, rng):
     return 0.8 * np.sin(2.0 * np.pi * np.multiply.outer(t, f) + phase).sum(axis=1)
 
 
-@pytest.mark.parametrize("seeds", [1, pytest.param(5, marks=pytest.mark.slow)])
-def test_what_is_limited_to_both_sides_is_found_with_its_limits(seeds):
-    for seed in range(seeds):
+@pytest.mark.slow
+def test_what_is_limited_to_both_sides_is_found_with_its_limits():
+    for seed in range(5):
         t = np.arange(0.0, 60.0, 0.05)
         logs = recorded(lambda x, u: u - 0.3 * x - 1.5 * np.clip(x, -0.7, 0.7), [1.0, -2.0], t, seed, swinging)
         model = identify(study(), logs).model
