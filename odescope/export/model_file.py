@@ -10,7 +10,7 @@ from typing import Any, Literal
 import msgspec
 
 from odescope.errors import InputError, as_path, check_kind
-from odescope.files import write_file
+from odescope.files import encoded, write_file
 from odescope.library.mechanism import Kind
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
@@ -99,7 +99,7 @@ def to_json(model: Model) -> str:
     if model.parameters:
         file["parameters"] = [_Parameter(p.name, p.value, p.std_error, list(p.terms)) for p in model.parameters]
         file["provenance"] = {**model.provenance, NAMED: {p.name: p.written for p in model.parameters if p.written}}
-    return msgspec.json.format(msgspec.json.encode(file), indent=2).decode() + "\n"
+    return msgspec.json.format(encoded(file), indent=2).decode() + "\n"
 
 
 def write_model(model: Model, path: Path | str) -> None:

@@ -137,12 +137,12 @@ class Refinement:
             if holds_of(self.space) != holds_of(before.space):
                 return None
             if self.process is not None:
-                return before.process.penalised - self.process.penalised
+                return float(before.process.penalised - self.process.penalised)
             own = self.space.segments
             pieces = replace(there, noise=own.noise, spread=own.spread, decorrelation=None)
-            return before.process.penalised - cost_without_process_noise(self.space.on(pieces), self.outcome)
+            return float(before.process.penalised - cost_without_process_noise(self.space.on(pieces), self.outcome))
         like = self.process is None and self.outcome.width == before.outcome.width
-        return before.outcome.deviance - self.outcome.deviance if like else None
+        return float(before.outcome.deviance - self.outcome.deviance) if like else None
 
 
 def refine(

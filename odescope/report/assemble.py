@@ -9,6 +9,7 @@ import msgspec
 
 from odescope.errors import InputError
 from odescope.export.model_file import from_json, to_json
+from odescope.files import encoded
 from odescope.model.model import Model
 from odescope.model.quantity_units import quantity_units
 from odescope.pipeline.identification import Identification
@@ -63,7 +64,7 @@ def observed(result: Identification, truth: Truth | None = None) -> Observed:
 
 def to_json_text(report: Report) -> str:
     """Return the text of report.json."""
-    return msgspec.json.encode(report).decode() + "\n"
+    return encoded(report).decode() + "\n"
 
 
 def model_of(report: Report) -> Model:

@@ -10,6 +10,7 @@ import msgspec
 from odescope.errors import InputError
 from odescope.events import Event, FilesWritten, Note, Progress, StageBegan
 from odescope.export.languages.text import equation_lines
+from odescope.files import encoded
 from odescope.pipeline.identification import DraftReady, EquationsReady, NothingFound
 from odescope.report.data import Point
 from odescope.report.searches import searched
@@ -125,7 +126,7 @@ class EventFile:
 
     def _add(self, *lines: AnyLine) -> None:
         with self._path.open("ab") as stream:
-            stream.write(b"".join(msgspec.json.encode(line) + b"\n" for line in lines))
+            stream.write(b"".join(encoded(line) + b"\n" for line in lines))
 
 
 def read_events(path: Path, offset: int) -> tuple[tuple[AnyLine, ...], int]:

@@ -19,7 +19,7 @@ import msgspec
 import psutil
 
 from odescope.errors import InputError, Stopped
-from odescope.files import write_file
+from odescope.files import encoded, write_file
 from odescope.report.event_lines import (
     AnyLine,
     EndLine,
@@ -144,7 +144,7 @@ class Jobs:
             )
         self._own[place.name] = process
         record = RunRecord(study, name, process.pid, _began(process.pid))
-        write_file(place / RECORD, msgspec.json.encode(record).decode())
+        write_file(place / RECORD, encoded(record).decode())
         return Job(place.name, record, True, ())
 
     def all(self) -> tuple[Job, ...]:

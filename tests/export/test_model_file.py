@@ -4,13 +4,14 @@ import math
 from dataclasses import replace
 
 import msgspec
+import numpy as np
 import pytest
 from hand_models import MODELS
 
 from odescope.errors import InputError
 from odescope.export.model_file import from_json, read_model, to_json
 from odescope.model.relation import FoundMechanism, FoundParameter
-from odescope.model.scores import ModelScores, TargetScore
+from odescope.model.scores import ModelScores, SuspicionScore, TargetScore
 
 TOP = {
     "format",
@@ -48,6 +49,17 @@ def test_a_constant_within_functions_has_the_keys_of_the_contract_and_is_shown_b
     assert (back.parameters, back.provenance) == (model.parameters, model.provenance)
     file["provenance"]["named_terms"] = {"K": "x"}
     assert "named_terms" in refused(file)
+
+
+def test_numbers_that_numpy_computed_are_written_as_numbers():
+    suspected = SuspicionScore(
+        "x_dot", "x", "powers", 2, np.float64(0.1), np.float64(3.0), ("sqrt(x)",), (), np.float64(7.5)
+    )
+    model = replace(MODELS["rational"], scores=ModelScores(suspicions=(suspected,)))
+    (file,) = json.loads(to_json(model))["scores"]["suspicions"]
+    assert (file["low"], file["high"], file["gain"]) == (0.1, 3.0, 7.5)
+    with pytest.raises(NotImplementedError, match="object"):
+        to_json(replace(MODELS["rational"], provenance={"what": object()}))
 
 
 @pytest.mark.parametrize("name", MODELS)
