@@ -31,6 +31,7 @@ FLAT = 0.3  # least one
 POLE = 2.0  # times as far below zero as noise takes what has no sign the pole of a saturation is, at least
 EDGES = (0.05, 0.95)  # of a limit to both sides, over the smaller of what its variable reaches on either side
 SLOW = 0.5  # of the largest speed: above it friction at rest is not told from dry friction
+HEADS = (0.005, 3.0)  # of the range of its variable: how far outside of it a root may end
 OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
 ABOVE_ZERO = {"K": 0.0, "kelvin": 0.0, "°C": 273.15, "degC": 273.15, "celsius": 273.15}  # kelvins, at 0 of each unit
@@ -114,6 +115,9 @@ def families_of(
     middle = constant("middle", low - BEYOND * reach, high + BEYOND * reach)
     least = low if high > -low else -high
     drawn = list(_by_sign(variable, low, high, constant))
+    near, far = (share * reach for share in HEADS)
+    head, supply = constant("head", near - low, far - low), constant("supply", high + near, high + far)
+    drawn += [(f"sqrt({head.name} + {variable})", (head,)), (f"sqrt({supply.name} - {variable})", (supply,))]
     if is_angular(unit) and may_be_angle(values) if angle is None else angle:
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
         drawn += [(f"tan({variable})", ())] if size < STEERED else []

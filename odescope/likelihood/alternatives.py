@@ -12,6 +12,7 @@ from itertools import chain
 import numpy as np
 
 from odescope.library.constants import Constant
+from odescope.library.expression import ONE
 from odescope.library.families import ACTIVATION
 from odescope.library.product import Product
 from odescope.library.readable import readable
@@ -71,14 +72,29 @@ class _Work(Sharing):
         return standing
 
     def trials(self, standing: Standing, k: int) -> Iterator[Standing | None]:
-        """Yield the model with other functions for one suspicion, those that come nearest to what it says now."""
+        """Yield the model with other functions for one suspicion, those that come nearest to what it says now.
+
+        Beside a constant and the variable itself all smooth functions come near; beside neither the right one does.
+        """
+        suspected, fit = self.suspected[k], standing.fit
+        alone = {n for n in self.alone(suspected.relation, fit) if n != suspected.variable}
+        for given in ({ONE.text, suspected.variable, *alone}, alone):
+            yield from self.trials_beside(standing, k, self.base(suspected.relation, fit.theta, given))
+
+    def trials_beside(self, standing: Standing, k: int, base: list[int]) -> Iterator[Standing | None]:
+        """Yield the same beside given terms.
+
+        Args:
+            standing: the model as it is.
+            k: number of the suspicion.
+            base: numbers of the terms.
+        """
         fit, relation = standing.fit, self.suspected[k].relation
         others = [
             self.now(p, fit)
             for j, p in enumerate(standing.placed)
             if j != k and self.suspected[j].relation == relation and self.there(p, relation, fit)
         ]
-        base = self.base(relation, fit.theta, {self.suspected[k].variable, *self.alone(relation, fit)})
         imitated = self.imitated(relation, standing.said or fit, base, self.suspected[k].reason == "residual")
         if imitated is None:
             return
@@ -113,11 +129,11 @@ class _Work(Sharing):
         theta = self.written(relation, fit.theta, base, [*others, rival], imitated)
         if theta is None:
             return None
-        loose, tight = self.space.segments.spread * np.inf, self.moves().defect_std
+        loose = self.space.segments.spread * np.inf
         trial = self.space.fit(theta, np.flatnonzero(theta), fit.x0, loose, iterations=FEW)
         if trial is None or trial.cost + self.least(trial, relation) > bar:
             return None  # in open segments nothing costs more
-        trial = self.space.fit(trial.theta, trial.present, fit.x0, tight, iterations=FEW)
+        trial = self.tightened(trial.theta, bar + self.space.price(trial) - self.least(trial, relation))
         if trial is None or trial.cost + self.least(trial, relation) > bar:
             return None
         placed = (*standing.placed[:k], rival, *standing.placed[k + 1 :])
@@ -228,11 +244,13 @@ def alternative(
     work = _Work.of(refinement, suspected, limit, units)
     found = replace(refinement.fit, theta=work.padded(refinement.fit.theta))
     plain = work.tightened(found.theta)
-    standing = work.first(found, plain)
+    standing = work.first(found if refinement.exact or plain is None else plain, plain)
     if standing is None:
         return None
     work, standing = work.pooled(work.exchanged(standing))
-    standing, price = work.together(standing), work.moves().penalised
+    shared, price = work.together(standing), work.moves().penalised
+    # Beside an imitation another is as far from its function as that is: beside functions that are shared it is not.
+    standing = shared if shared is standing else work.exchanged(shared)
     before = plain if refinement.exact else None
     gain = None if before is None else price(before) - price(standing.fit)
     if gain is not None and gain > work.least_gain(standing.fit) and work.holds_functions(standing.fit):

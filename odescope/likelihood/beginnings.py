@@ -45,9 +45,9 @@ class Beginnings(Saturating):
             return rubbing  # a law that is known beforehand: what else there is may be exchanged
         ways = (self.sparse(found, plain), self.saturating(found), self.substituted(found, plain), rubbing)
         standings = [s for s in ways if s is not None]
-        for variables in (None, self.space.frame.variables):
+        for given in ((), self.lines):
             bar = min((price(s.fit) for s in standings), default=np.inf)
-            near = self.beside(found, variables, bar)
+            near = self.beside(found, given, bar)
             standings += [] if near is None else [near]
         return min(standings, key=lambda s: price(s.fit), default=None)
 
@@ -114,7 +114,7 @@ class Beginnings(Saturating):
                 continue
             factors = (Term((f,)) for f in curves[0].choice.terms[0].factors)
             dry = next(f for f in factors if f.names.isdisjoint(curves[0].values))
-            rows = self.base(relation, found.theta, self.space.frame.variables)
+            rows = self.base(relation, found.theta, self.lines)
             terms = {j: self.space.mechanisms[j].parts[0].product.term for j in rows}
             base = [j for j, t in terms.items() if speed not in t.names or t.text == speed]
             base.append(self.number[relation, Product(None, dry)])
@@ -175,7 +175,7 @@ class Beginnings(Saturating):
         """
         mine = [k for k, s in enumerate(self.suspected) if s.relation == relation]
         measured = any(self.suspected[k].reason == "residual" for k in mine)
-        base = self.base(relation, found.theta, self.space.frame.variables)
+        base = self.base(relation, found.theta, self.lines)
         imitated = self.imitated(relation, found, base, measured)
         if imitated is None:
             return []
@@ -215,18 +215,18 @@ class Beginnings(Saturating):
             standing.said,
         )
 
-    def beside(self, found: Fit, variables: Collection[str] | None, bar: float) -> Standing | None:
+    def beside(self, found: Fit, given: Collection[str], bar: float) -> Standing | None:
         """Return the model with functions that come near to it, None where its penalised cost is above a bar.
 
         Args:
             found: the model before.
-            variables: what may stand beside functions with a constant, None for neither.
+            given: variables by name, or a constant, that may stand beside functions.
             bar: the penalised cost.
         """
         theta, placed = found.theta, [Placed(Choice())] * len(self.suspected)
         for r in dict.fromkeys(s.relation for s in self.suspected):
             mine = [k for k, s in enumerate(self.suspected) if s.relation == r]
-            base = self.base(r, found.theta, variables)
+            base = self.base(r, found.theta, given)
             imitated = self.imitated(r, found, base, any(self.suspected[k].reason == "residual" for k in mine))
             if imitated is None:
                 return None

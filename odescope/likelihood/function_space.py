@@ -24,7 +24,7 @@ from odescope.likelihood.held_out import thinned
 from odescope.likelihood.imitation import SEEN, Choice, Imitated, Placed, Samples, choices_of
 from odescope.likelihood.negligible import worthless
 from odescope.likelihood.refine import Refinement
-from odescope.likelihood.search import WIDTHS, WhiteResiduals
+from odescope.likelihood.search import WHITE, WIDTHS, WhiteResiduals
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT
 from odescope.likelihood.smoothed_targets import explicit, rates
@@ -133,19 +133,19 @@ class FunctionSpace:
                 return None
         return here
 
-    def base(self, relation: int, theta: FloatArray, variables: Collection[str] | None) -> list[int]:
-        """Return what stands beside functions: terms that imitate nothing, a constant, and some variables.
+    def base(self, relation: int, theta: FloatArray, given: Collection[str] = ()) -> list[int]:
+        """Return what stands beside functions: terms that imitate nothing, and those that are given, by number.
 
         Args:
             relation: its number.
             theta: (mechanisms,) coefficients of the model.
-            variables: by name; None for none of them, nor a constant.
+            given: variables by name, or a constant: what may stand there in any case.
         """
-        plain, found = set() if variables is None else {ONE.text, *variables}, list[int]()
+        found = list[int]()
         for k, m in enumerate(self.space.mechanisms[: self.own]):
             if m.parts and m.parts[0].relation == relation and (product := m.parts[0].product).factor is None:
                 there = theta[k] != 0.0 and not imitates(product, relation, self.suspected)
-                if there or product.text in plain:
+                if there or product.text in given:
                     found.append(k)
         return found
 
@@ -166,6 +166,11 @@ class FunctionSpace:
         """Return the numbers of the candidates of the model before that hold no target."""
         parts = ((k, p) for k, m in enumerate(self.space.mechanisms[: self.own]) for p in m.parts)
         return [k for k, p in parts if p.relation == relation and p.product.factor is None]
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """A constant and all variables: what may stand beside functions in a relation of any kind."""
+        return (ONE.text, *self.space.frame.variables)
 
     def alone(self, relation: int, fit: Fit) -> list[str]:
         """Return the variables that stand by themselves in a relation of a model."""
@@ -188,12 +193,16 @@ class FunctionSpace:
             at: (mechanisms,) coefficients whose constants the base has; those of the model by default.
         """
         space = self.space
-        said = (rates(space) if measured or not self.exact else explicit(space, found))[relation]
+        said = (rates(space) if measured or not self.follows(found) else explicit(space, found))[relation]
         every = -(-len(said) // SEEN)
         terms = [space.mechanisms[k].parts[0].product.term for k in base]
         theta = found.theta if at is None else at
         columns = space.evaluated(terms, theta)[:, ::every] if terms else np.zeros((0, len(said[::every])))
         return Imitated(said[::every], columns, self.samples.thinned(every)) if np.isfinite(said).all() else None
+
+    def follows(self, fit: Fit) -> bool:
+        """Say whether a model follows the record: the one before, or one with functions that leaves its noise."""
+        return self.exact or fit.cost < WHITE * self.space.segments.samples
 
     def written(
         self, relation: int, theta: FloatArray, base: Sequence[int], placed: Sequence[Placed], imitated: Imitated

@@ -10,7 +10,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant, grid_of
-from odescope.library.expression import Term
+from odescope.library.expression import Name, Term
 from odescope.library.families import Family
 from odescope.library.tape import Tape, evaluate, write_tape
 from odescope.likelihood.least_within import LARGEST, Curves, least_within
@@ -20,6 +20,7 @@ SEEN = 2000  # samples on which functions are compared
 ROUNDS = 3  # of choosing each function, given the others
 DEARER = 2.0  # times less that one coefficient or constant more has to leave
 EACH = 8  # points of each of two constants
+NEAR = 8  # functions that come nearest on the grid of their constant, which is fitted to rank them
 POLISH = 30  # steps of least squares between the points of several grids
 
 
@@ -51,13 +52,16 @@ class Placed:
 def choices_of(families: Sequence[Family], beside: Sequence[Term]) -> tuple[Choice, ...]:
     """Return what may stand for a suspicion.
 
-    A function with two constants is not multiplied by its own variable: with it the curve would be any.
+    A function with two constants is not multiplied by its own variable: with it the curve would be any. Nor is what
+    its constant is before, K/(K + x): x/(K + x) is the same curve then.
 
     Args:
         families: of its variable.
         beside: what they may be multiplied by.
     """
-    made = ((f, rest) for rest in beside for f in families if len(f.constants) < 2 or f.variable not in rest.names)
+    before = {f for f in families if any(f.term.power_of(Name(c.name)) for c in f.constants)}
+    single = [f for f in families if len(f.constants) < 2 and f not in before]
+    made = ((f, rest) for rest in beside for f in families if f in single or f.variable not in rest.names)
     found = [Choice((f.term * rest,), f.constants) for f, rest in made]
     waves = dict[tuple[str, ...], list[Choice]]()
     for choice in found:
@@ -173,10 +177,17 @@ class Imitated:
         if not squares[k] < whole:
             return whole, Placed(choice, points[0])
         best = float(squares[k]), Placed(choice, points[k])
-        if len(choice.constants) > 1:
-            found, (placed,) = self.fitted([best[1]], around, POLISH)
-            return min(best, (found, placed), key=lambda one: one[0])
-        return best
+        return self._polished(best, around) if len(choice.constants) > 1 else best
+
+    def _polished(self, found: tuple[float, Placed], around: tuple[FloatArray, FloatArray]) -> tuple[float, Placed]:
+        """Return a function with its constants fitted from those of a grid, and the sum of squares that it leaves.
+
+        Args:
+            found: the sum of squares, and the function.
+            around: what stands beside it, as `beside` returns it.
+        """
+        squares, (placed,) = self.fitted([found[1]], around, POLISH)
+        return min(found, (squares, placed), key=lambda one: one[0])
 
     def beside(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return orthonormal rows (b, N) that span rows (b, N), and what these leave of what is said (N,)."""
@@ -224,7 +235,10 @@ class Imitated:
             others: what stands beside.
         """
         around = self.beside(np.vstack([self.base, *(self.samples.at(o) for o in others)]))
-        return sorted((self._nearest(c, around) for c in choices), key=lambda found: found[0])
+        found = sorted((self._nearest(c, around) for c in choices), key=lambda one: one[0])
+        near, far = found[:NEAR], found[NEAR:]
+        near = [self._polished(one, around) if len(one[1].choice.constants) == 1 else one for one in near]
+        return sorted([*near, *far], key=lambda one: one[0])
 
     def together(self, choices: Sequence[Sequence[Choice]]) -> list[Placed]:
         """Return one choice of each, so that all together come near, and none is more elaborate than that asks for."""

@@ -202,7 +202,7 @@ class Sharing(Beginnings):
         for family in self.families.get(name, ()):
             if all(term.power_of(atom) == power for atom, power in family.term.factors):
                 rest = Term(tuple(f for f in term.factors if f not in family.term.factors))
-                if name not in rest.names:
+                if rest.names.isdisjoint(family.term.names):
                     return family, rest
         return None
 

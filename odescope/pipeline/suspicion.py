@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +32,27 @@ def with_suspected(
 ) -> tuple[Refinement, tuple[SuspicionScore, ...]]:
     """Return the model with functions that it imitates, where the likelihood prefers that, and what was suspected.
 
+    What is left of imitations beside the first functions is looked at once more: one that stood beside others was as
+    far from its function as these were from theirs.
+
+    Args:
+        work: whose study says of which variables functions may be looked for.
+        filtered: the records and their signals.
+        posed: the relations.
+        refinement: the model so far, which stays as it is where nothing is better.
+    """
+    wide, found, scores = _once(work, filtered, posed, refinement)
+    if found is refinement or not any(s.terms for s in scores):
+        return found, scores
+    _, again, more = _once(work, filtered, wide, found)
+    return (found, scores) if again is found else (again, _joined(scores, more))
+
+
+def _once(
+    work: Work, filtered: Filtered, posed: Posed, refinement: Refinement
+) -> tuple[Posed, Refinement, tuple[SuspicionScore, ...]]:
+    """Return the relations and the model with functions in the place of what is suspected, and what was.
+
     Args:
         work: whose study says of which variables functions may be looked for.
         filtered: the records and their signals.
@@ -40,7 +62,7 @@ def with_suspected(
     with work.stage("suspicion"):
         suspected = with_pairs(suspicions(refinement, work.study.suspects))
         if not suspected:
-            return refinement, ()
+            return posed, refinement, ()
         work.monitor.tell(Progress("suspicion", "search with functions that the library lacks", 0, 1))
         most = max(refinement.spent, LEAST)
         found = alternative(refinement, suspected, len(posed.mechanisms), most, units_of(filtered))
@@ -56,7 +78,8 @@ def with_suspected(
             again=lambda _: None,
         )
         other = refine_form(work, filtered, wide)
-        better = other if other is not None and replaces(other, refinement) else None
+        if other is not None and replaces(other, refinement):
+            posed, better = wide, other
     kept = better or refinement
     rest = suspected if better is None else suspicions(better, work.study.suspects)
     left = {(s.relation, s.variable): s.terms for s in rest}
@@ -64,7 +87,13 @@ def with_suspected(
         _scored(replace(s, terms=left.get((s.relation, s.variable), 0)), k, found, kept, refinement)
         for k, s in enumerate(suspected)
     )
-    return kept, tuple(s for s in scores if s.found or s.reason not in JOINT)
+    return posed, kept, tuple(s for s in scores if s.found or s.reason not in JOINT)
+
+
+def _joined(first: Sequence[SuspicionScore], second: Sequence[SuspicionScore]) -> tuple[SuspicionScore, ...]:
+    """Return what was made of suspicions in two passes: those of the second, beside what only the first found."""
+    again = {(s.target, s.variable, s.reason) for s in second}
+    return (*(s for s in first if (s.target, s.variable, s.reason) not in again), *second)
 
 
 def _promises(refinement: Refinement, found: Alternative) -> bool:

@@ -50,6 +50,14 @@ def test_what_has_a_sign_may_have_limits_which_it_reaches_on_both_sides(low, hig
     assert not any(c.name == "edge_z" for f in families_of("z", np.linspace(0.2, 3.0, 500), ()) for c in f.constants)
 
 
+@pytest.mark.parametrize(("low", "high"), [(0.2, 3.0), (-1.0, 2.0), (-5.0, -4.0), (101_325.0, 130_000.0)])
+def test_a_root_ends_below_or_above_all_values(low, high):
+    values = np.linspace(low, high, 500)
+    ends = {c.name: c for f in families_of("z", values, ()) for c in f.constants if "sqrt(" in f.term.text}
+    assert -ends["head_z"].high < -ends["head_z"].low < low
+    assert high < ends["supply_z"].low < ends["supply_z"].high
+
+
 HILL, HALDANE = "z**order_z/(level_z**order_z + z**order_z)", "z/(affinity_z + z + z**2/inhibition_z)"
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from odescope.library.expression import ONE
 from odescope.library.families import families_of
+from odescope.library.parse import Scope, parse_term
 from odescope.likelihood.imitation import Choice, Imitated, Placed, Samples, choices_of
 
 Z = np.linspace(0.3, 4.0, 400)
@@ -27,6 +28,22 @@ def test_the_function_that_was_said_comes_nearest(text, said):
     found = imitated(2.0 - 0.7 * said)
     ranked = found.ranked([choice(t) for t in ("sqrt(z)", "log(z)", "tanh(", "sin(")], [])
     assert text in ranked[0][1].choice.terms[0].text
+
+
+@pytest.mark.parametrize("head", [-0.27, 0.137, 0.9])
+def test_a_root_with_a_constant_is_told_from_what_its_grid_is_too_coarse_for(head):
+    found = imitated(2.0 - 0.7 * np.sqrt(head + Z))
+    single = [c for c in choices_of(families_of("z", Z, ()), (ONE,)) if len(c.constants) == 1 and len(c.terms) == 1]
+    (squares, placed), *_ = found.ranked(single, [])
+    assert placed.choice.terms[0].text == "sqrt(head_z + z)"
+    assert placed.values["head_z"] == pytest.approx(head, abs=1e-4)
+    assert squares < 1e-6 * found.nearest(choice("half_z"), [])[0]
+
+
+def test_no_curve_has_two_spellings_where_functions_are_multiplied_by_their_variable():
+    texts = {c.terms[0].text for c in choices_of(families_of("z", Z, ()), (ONE, parse_term("z", Scope.of(["z"]))))}
+    assert {"half_z*(half_z + z)**-1", "z*(half_z + z)**-1", "z**2*(half_z + z)**-1"} <= texts
+    assert "half_z*z*(half_z + z)**-1" not in texts
 
 
 def test_functions_at_fewer_samples_are_those_of_all():
