@@ -77,9 +77,17 @@ class Regressed:
     @property
     def explicit(self) -> float:
         """What ranks the forward selections, which hold their targets bare."""
+        return self.worth(self.forward)
+
+    def worth(self, relations: Sequence[Relation]) -> float:
+        """Return what ranks relations, one a target, on the rows of these problems: those of others are weighed otherwise.
+
+        Args:
+            relations: whose terms are candidates here.
+        """
         supports = [
             tuple(sorted(p.terms.index(t.product) for t in r.terms))
-            for p, r in zip(self.problems, self.forward, strict=True)
+            for p, r in zip(self.problems, relations, strict=True)
         ]
         return sum(float(criteria(p, [s])[0]) for p, s in zip(self.problems, supports, strict=True))
 

@@ -1,0 +1,106 @@
+"""Springs of angles: what goes back by the angle itself, where a default library has sines and cosines alone."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from odescope.pipeline.identification import identify
+from odescope.study.options import Data, Driven, Measured, Study
+
+NOISE = 0.005
+HELD = 50  # samples that an input keeps its value
+
+
+def recorded(rate, starts, period, count, reach, seed):
+    """Return logs of a'' = rate(a, a', u), where u is held, at half a per cent of noise."""
+    rng, logs = np.random.default_rng(seed), []
+    t = period * np.arange(count)
+    for start in starts:
+        u, x = np.repeat(rng.uniform(-reach, reach, -(-count // HELD)), HELD)[:count], [np.array(start)]
+        for k in range(0, count - 1, HELD):
+            there = t[k : k + HELD + 1]
+            solved = solve_ivp(
+                lambda _, s, now=u[k]: [s[1], rate(*s, now)], (there[0], there[-1]), x[-1],
+                t_eval=there[1:], rtol=1e-9, atol=1e-12, max_step=period,
+            )  # fmt: skip
+            x.extend(solved.y.T)
+        a = np.array(x)[:, 0]
+        logs.append({"t": t, "a": a + NOISE * a.std() * rng.standard_normal(count), "u": u})
+    return logs
+
+
+def servo(a, v, u):
+    return 208.0 * u - 500.0 * a - 2.5 * v - 33.3 * np.tanh(v / 0.01)
+
+
+def ship(a, v, u):
+    return -0.3 * a + 0.27 * a**3 - 0.02 * v - 0.25 * v * abs(v) + u
+
+
+def pendulum(a, v, u):
+    return u - 9.0 * np.sin(a) - 0.3 * v
+
+
+def sprung(a, v, u):
+    return u + 6.0 * np.sin(a) - 14.0 * a - 0.3 * v
+
+
+def found(logs):
+    study = Study(
+        data=Data(time="t"), coordinates={"a": Measured(order=2, angle=True)}, inputs={"u": Driven(hold="zero")}
+    )
+    (relation,) = identify(study, logs).model.relations
+    return {t.text: -t.coefficient for t in relation.terms if t.product.factor is None}
+
+
+MACHINES = {
+    "servo": (
+        servo,
+        [[0.3, 0.0], [-0.5, 0.0]],
+        0.002,
+        2000,
+        2.0,
+        {"u": 208.0, "a": -500.0, "a_dot": -2.5},
+        {"sign(a_dot)"},
+    ),
+    "ship": (
+        ship,
+        [[0.3, 0.0], [-0.2, 0.0]],
+        0.1,
+        1500,
+        0.05,
+        {"u": 1.0, "a": -0.3, "a**3": 0.27},
+        {"a_dot", "a_dot*abs(a_dot)"},
+    ),
+    "pendulum": (
+        pendulum,
+        [[0.5, 0.0], [-0.8, 0.0]],
+        0.01,
+        1500,
+        2.0,
+        {"u": 1.0, "sin(a)": -9.0, "a_dot": -0.3},
+        set(),
+    ),
+    "sprung": (
+        sprung,
+        [[0.9, 0.0], [-0.5, 0.0]],
+        0.01,
+        1500,
+        5.0,
+        {"u": 1.0, "a": -14.0, "sin(a)": 6.0, "a_dot": -0.3},
+        set(),
+    ),
+}
+
+
+def right(machine, seed):
+    rate, starts, period, count, reach, truth, beside = MACHINES[machine]
+    terms = found(recorded(rate, starts, period, count, reach, seed))
+    return terms.keys() == truth.keys() | beside and all(abs(terms[n] / v - 1.0) < 0.03 for n, v in truth.items())
+
+
+@pytest.mark.parametrize(
+    ("machine", "seeds"), [("servo", 1), *(pytest.param(m, 6, marks=pytest.mark.slow) for m in MACHINES)]
+)
+def test_an_angle_is_held_by_what_holds_it(machine, seeds):
+    assert sum(right(machine, seed) for seed in range(seeds)) >= 0.8 * seeds
