@@ -18,7 +18,8 @@ from odescope.likelihood.search import WHITE, WIDTHS
 from odescope.likelihood.search_space import SearchSpace
 from odescope.recordings.coordinate import Hold
 
-DEAREST = 10.0  # fall of the cost, in residual variances, that makes another hold credible, and
+HINT = 1.0  # fall of the cost, in residual variances, that makes another hold worth a look in joined segments
+DEAREST = 10.0  # fall that makes it credible, and
 SURE = 3.0  # standard deviations of that fall between blocks of the record, where misfit is no white noise
 TRIAL_STEPS = 4  # of a refit, at most
 LAG = 0.5  # samples that a held input comes later than one that runs linearly, all in all
@@ -87,6 +88,8 @@ def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold, width: float) -> 
     usual = seen if seen in trials else now
     if best != usual and not _credible(trials[best], trials[usual]):
         best = usual
+    if best == usual and np.isfinite(width):
+        best = _best_joined(trials, usual, width)
     if late and np.isfinite(width):
         if best != usual and not _better_joined(trials[best], trials[usual], width):
             best = usual
@@ -144,6 +147,26 @@ def _joined(trial: Trial, width: float) -> Trial | None:
             return None
         here = again
     return space, here
+
+
+def _best_joined(trials: Mapping[Hold, Trial], usual: Hold, width: float) -> Hold:
+    """Return the hold that is better than the usual one in joined segments, where those of their own do not tell.
+
+    What hardly changes from sample to sample, as the force of a swell on a ship, says little within a short segment.
+
+    Args:
+        trials: holds in segments of their own.
+        usual: what stands where nothing is better.
+        width: of the defects.
+    """
+    near = [h for h in trials if HINT < _fall(trials[h], trials[usual]) <= DEAREST]
+    known = _joined(trials[usual], width) if near else None
+    if known is None:
+        return usual
+    others = {h: other for h in near if (other := _joined(trials[h], width)) is not None}
+    falls = {h: _fall(other, known) for h, other in others.items()}
+    best = max(falls, key=falls.__getitem__, default=usual)
+    return best if best != usual and falls[best] > DEAREST else usual
 
 
 def _better_joined(best: Trial, usual: Trial, width: float) -> bool:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from odescope.export.model_file import from_json, to_json
 from odescope.likelihood.holds import choose_holds
@@ -193,3 +194,30 @@ def test_each_of_two_inputs_has_its_own_hold():
     columns = {"t": data["t"], "x": data["x"], "u": data["u"], "y": other["x"], "w": other["u"]}
     model = identify(both, columns).model
     assert [i.hold for i in model.inputs] == ["zero", "band-limited"]
+
+
+def ship(seed):
+    """Return a log of a ship that a swell of 15 to 36 samples a period rolls, at .8 % noise."""
+    rng, t = np.random.default_rng(seed), 0.5 * np.arange(2500)
+    w = 2.0 * np.pi / rng.uniform(7.5, 18.0, 10)
+    phase, size = rng.uniform(0.0, 2.0 * np.pi, 10), 0.02 * rng.uniform(0.7, 1.3, 10)
+
+    def swell(now):
+        return np.sin(np.multiply.outer(now, w) + phase) @ size
+
+    def rate(now, y):
+        return [y[1], swell(now) - 0.3 * y[0] - 0.04 * y[1]]
+
+    x = solve_ivp(rate, (t[0], t[-1]), [0.2, 0.0], "DOP853", t, rtol=1e-9, atol=1e-11).y[0]
+    return {"t": t, "x": x + 0.008 * x.std() * rng.standard_normal(len(t)), "u": swell(t)}
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.slow) for s in range(1, 6))])
+def test_a_swell_that_says_little_within_short_segments_is_band_limited(seed):
+    model = identify(
+        Study(data=Data(time="t"), coordinates={"x": Measured(order=2)}, inputs={"u": Driven()}), ship(seed)
+    )
+    (u,) = model.model.inputs
+    (gain,) = (t for t in model.model.relations[0].terms if t.text == "u")
+    assert u.hold == "band-limited"
+    assert abs(gain.coefficient + 1.0) < 4.0 * gain.std_error
