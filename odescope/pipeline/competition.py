@@ -31,7 +31,7 @@ from odescope.pipeline.modulated import with_modulated
 from odescope.pipeline.physics import energy_of
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.roots import with_roots
-from odescope.pipeline.springs import with_springs
+from odescope.pipeline.springs_and_dampers import with_springs_and_dampers
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
 from odescope.pipeline.sums import with_sums
 from odescope.pipeline.suspicion import with_suspected
@@ -62,7 +62,7 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
     if not prepared.libraries:
         return Regressed(points[0])
     best = regress_at_all(work, points if filtered.sample.complete else points[:1], filtered)
-    best = with_springs(work, filtered, best)
+    best = with_springs_and_dampers(work, filtered, best)
     if not best.proposals:
         return replace(best, elsewhere=())
     named = {product: written for product, (_, written) in best.substituted.named.items()}

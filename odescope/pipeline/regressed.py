@@ -80,7 +80,7 @@ class Regressed:
         return self.worth(self.forward)
 
     def worth(self, relations: Sequence[Relation]) -> float:
-        """Return what ranks relations, one a target, on the rows of these problems: those of others are weighed otherwise.
+        """Return what ranks relations, one a target, on the rows of these problems: others weigh theirs otherwise.
 
         Args:
             relations: whose terms are candidates here.

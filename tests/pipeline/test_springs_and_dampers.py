@@ -104,3 +104,33 @@ def right(machine, seed):
 )
 def test_an_angle_is_held_by_what_holds_it(machine, seeds):
     assert sum(right(machine, seed) for seed in range(seeds)) >= 0.8 * seeds
+
+
+def quarter_car(seed):
+    """Return a log of a body on a wheel on a road, with a damper that is harder when it is drawn, at .4 % noise."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, 20.0, 0.005)
+    f, phase, size = rng.uniform(0.2, 8.0, 40), rng.uniform(0.0, 2.0 * np.pi, 40), 0.004 * rng.standard_normal(40)
+
+    def road(now):
+        return np.sin(2.0 * np.pi * np.multiply.outer(now, f) + phase) @ size
+
+    def rate(now, s):
+        v = s[1] - s[3]
+        force = 1500.0 * v + 500.0 * abs(v) + 16_000.0 * (s[0] - s[2])
+        return [s[1], -force / 300.0, s[3], (force - 160_000.0 * (s[2] - road(now))) / 40.0]
+
+    x, _, y, _ = solve_ivp(rate, (0.0, t[-1]), np.zeros(4), t_eval=t, rtol=1e-9, atol=1e-11).y
+    noisy = {name: z + 0.004 * z.std() * rng.standard_normal(len(t)) for name, z in (("x", x), ("y", y))}
+    return {"t": t, **noisy, "u": road(t)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_damper_that_is_harder_when_it_is_drawn(seed):
+    coordinates = {name: Measured(order=2, unit="m") for name in "xy"}
+    study = Study(data=Data(time="t"), coordinates=coordinates, inputs={"u": Driven()})
+    relations = identify(study, quarter_car(seed)).model.relations
+    moving = {"x", "y", "x_dot", "y_dot", "abs(x_dot - y_dot)"}
+    assert [{t.text for t in r.terms} for r in relations] == [{"x_ddot", *moving}, {"y_ddot", "u", *moving}]
+    (size,) = (t for t in relations[0].terms if t.text == "abs(x_dot - y_dot)")
+    assert abs(size.coefficient - 500.0 / 300.0) < 4.0 * size.std_error
