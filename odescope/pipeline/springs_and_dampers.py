@@ -5,7 +5,7 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from odescope.recordings.coordinate import Coordinate
 from odescope.signals.estimate import Signals
 
 TURN = 2.0 * np.pi  # within which an angle says how far a spring is wound
-SEVERAL = 2  # terms with functions of one angle that may imitate a spring
+SEVERAL = 2  # terms with functions of one angle that may imitate a spring, and masses that a damper is between
 MANY = 400  # candidates of a target: beyond, another regression takes long
 
 
@@ -68,22 +68,22 @@ def _several(relation: Relation, angle: str) -> bool:
 
 
 def _dampers(coordinates: Sequence[Coordinate], relations: Sequence[Relation]) -> tuple[str, ...]:
-    """Return the sizes of all rates and of their differences with like ones, where squares may imitate some.
+    """Return the sizes of all rates and of their differences with like ones, where products may imitate some.
 
-    Of a single coordinate they are among the functions of its rate.
+    Of a single coordinate they are among the functions of its rate. What turns has products of its own.
 
     Args:
         coordinates: whose rates they are.
         relations: what regression proposes.
     """
-    rates = {c.derivative(1) for c in coordinates if c.order > 1}
-    squares = (_even(t.product.term, rates) for r in relations for t in r.terms if t.product.factor is None)
-    return (
-        tuple(f"abs({v})" for v in friction_rates(coordinates, coordinates)) if len(rates) > 1 and any(squares) else ()
-    )
+    moving = [c for c in coordinates if c.order > 1]
+    if len(moving) < SEVERAL or any(c.angle for c in coordinates):
+        return ()
+    products = (t.product for r in relations for t in r.terms)
+    curved = any(len(p.term.factors) + (p.factor is not None) > 1 or _power(p.term) > 1 for p in products)
+    return tuple(f"abs({v})" for v in friction_rates(coordinates, coordinates)) if curved or not relations else ()
 
 
-def _even(term: Term, rates: Collection[str]) -> bool:
-    """Say whether a term is a product of an even number of rates."""
-    powers = sum(power for _, power in term.factors)
-    return bool(term.factors) and term.names <= set(rates) and powers % 2 == 0
+def _power(term: Term) -> float:
+    """Return the largest power in a term."""
+    return max((power for _, power in term.factors), default=0.0)
