@@ -248,9 +248,11 @@ def alternative(
     if standing is None:
         return None
     work, standing = work.pooled(work.exchanged(standing))
-    shared, price = work.together(standing), work.moves().penalised
-    # Beside an imitation another is as far from its function as that is: beside functions that are shared it is not.
-    standing = shared if shared is standing else work.exchanged(shared)
+    shared = work.together(standing)
+    if shared is not standing:
+        # Beside an imitation another is as far from its function as that is. Functions that are shared are none.
+        work, shared = work.pooled(work.exchanged(shared))
+    standing, price = shared, work.moves().penalised
     before = plain if refinement.exact else None
     gain = None if before is None else price(before) - price(standing.fit)
     if gain is not None and gain > work.least_gain(standing.fit) and work.holds_functions(standing.fit):

@@ -48,15 +48,18 @@ class Suspicion:
     terms: int = 0
 
 
-def suspicions(refinement: Refinement, names: Collection[str]) -> tuple[Suspicion, ...]:
+def suspicions(
+    refinement: Refinement, names: Collection[str], declared: Collection[str] | None = None
+) -> tuple[Suspicion, ...]:
     """Return what a model's terms and its residual give reason to suspect.
 
     Args:
         refinement: the end of a likelihood stage, of plain candidates.
         names: of the variables whose functions may be looked for.
+        declared: constants that a library declares, all that it has by default.
     """
     space, found = refinement.space, refinement.fit
-    names = set(names) - _declared(space)
+    names = set(names) - _of_functions(space, set(space.needed) if declared is None else declared)
     terms = [list[Product]() for _ in space.frame.targets]
     for k in found.present:
         for part in space.mechanisms[k].parts:
@@ -82,10 +85,10 @@ def with_pairs(suspected: Sequence[Suspicion]) -> tuple[Suspicion, ...]:
     return (*suspected, *(Suspicion(r, "", reason) for r in relations for reason in JOINT))
 
 
-def _declared(space: SearchSpace) -> set[str]:
+def _of_functions(space: SearchSpace, declared: Collection[str]) -> set[str]:
     """Return the variables of functions whose constants a library declares: it has said what it wants of these."""
     atoms = {a for m in space.mechanisms for p in m.parts for a, _ in p.product.term.factors if isinstance(a, Call)}
-    return {n for a in atoms for n in a.argument.names if a.argument.names & set(space.needed)}
+    return {n for a in atoms for n in a.argument.names if not a.argument.names.isdisjoint(declared)}
 
 
 def _driven(space: SearchSpace, found: Fit, relation: int) -> list[str]:

@@ -62,7 +62,9 @@ def unsettled(suspicions: Sequence[SuspicionScore]) -> Iterator[str]:
 
 def _stands(found: SuspicionScore) -> bool:
     """Say whether terms that are left may still imitate a function."""
-    if found.found or not (found.terms or found.reason in UNCOUNTED):
+    if found.found:
+        return bool(found.terms)
+    if not (found.terms or found.reason in UNCOUNTED):
         return False
     return not found.tried or found.reason == "fractions" or found.terms >= MANY
 
@@ -103,7 +105,8 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
     tried = "" if found.reason in JOINT else f" ({listed(_some(found.tried))} competed)"
     if found.found:
         gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
-        return f"{what}: {listed(found.found)} instead{gain}{tried}"
+        left = f"; {_held_within(found)}" if _stands(found) else ""
+        return f"{what}: {listed(found.found)} instead{gain}{tried}{left}"
     lost = "none is better" if not found.gain else "none was kept in the end"
     if found.gain is not None and found.gain < 0.0:
         lost = f"the best is worse by {-found.gain:,.0f} in cost and price"

@@ -34,7 +34,7 @@ from odescope.pipeline.roots import with_roots
 from odescope.pipeline.springs_and_dampers import with_springs_and_dampers
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
 from odescope.pipeline.sums import with_sums
-from odescope.pipeline.suspicion import with_suspected
+from odescope.pipeline.suspicion import left_over, with_suspected
 from odescope.pipeline.temperatures import with_arrhenius
 from odescope.pipeline.wider import evidently_better
 from odescope.pipeline.work import Work
@@ -267,8 +267,10 @@ def _with_more(
     rooted = with_roots(work, filtered, regressed, refinement)
     higher = with_higher_degree(work, filtered, regressed, rooted, any(s.found for s in suspicions))
     angular, angles = with_angles(work, filtered, regressed, higher, bool(suspicions))
+    if angular is None or higher is refinement:
+        return angular, (*suspicions, *angles)
     # What was suspected of a model that is gone says nothing of the one that came instead.
-    return angular, (*(suspicions if higher is refinement else ()), *angles)
+    return angular, (*left_over(work, angular, suspicions), *angles)
 
 
 def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> tuple[Posed, ...]:

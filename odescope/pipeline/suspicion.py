@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 
 from odescope.events import Progress
@@ -45,7 +46,7 @@ def with_suspected(
     if found is refinement or not any(s.terms for s in scores):
         return found, scores
     _, again, more = _once(work, filtered, wide, found)
-    return (found, scores) if again is found else (again, _joined(scores, more))
+    return (found, scores) if again is found else (again, _joined(scores, more, again))
 
 
 def _once(
@@ -60,7 +61,7 @@ def _once(
         refinement: the model so far, which stays as it is where nothing is better.
     """
     with work.stage("suspicion"):
-        suspected = with_pairs(suspicions(refinement, work.study.suspects))
+        suspected = with_pairs(_suspicions(work, refinement))
         if not suspected:
             return posed, refinement, ()
         work.monitor.tell(Progress("suspicion", "search with functions that the library lacks", 0, 1))
@@ -81,7 +82,7 @@ def _once(
         if other is not None and replaces(other, refinement):
             posed, better = wide, other
     kept = better or refinement
-    rest = suspected if better is None else suspicions(better, work.study.suspects)
+    rest = suspected if better is None else _suspicions(work, better)
     left = {(s.relation, s.variable): s.terms for s in rest}
     scores = (
         _scored(replace(s, terms=left.get((s.relation, s.variable), 0)), k, found, kept, refinement)
@@ -90,10 +91,59 @@ def _once(
     return posed, kept, tuple(s for s in scores if s.found or s.reason not in JOINT)
 
 
-def _joined(first: Sequence[SuspicionScore], second: Sequence[SuspicionScore]) -> tuple[SuspicionScore, ...]:
-    """Return what was made of suspicions in two passes: those of the second, beside what only the first found."""
-    again = {(s.target, s.variable, s.reason) for s in second}
-    return (*(s for s in first if (s.target, s.variable, s.reason) not in again), *second)
+def _suspicions(work: Work, refinement: Refinement) -> tuple[Suspicion, ...]:
+    """Return what is suspected of a model, of variables, too, whose functions were found and whose powers are left."""
+    return suspicions(refinement, work.study.suspects, work.study.parameters)
+
+
+def left_over(work: Work, refinement: Refinement, before: Sequence[SuspicionScore]) -> tuple[SuspicionScore, ...]:
+    """Return what is suspected of a model with another library, which came after functions had been tried.
+
+    Args:
+        work: whose study says of which variables functions may be looked for.
+        refinement: the model.
+        before: what was made of the suspicions against the model before it.
+    """
+    tried = {(s.target, s.variable): s.tried for s in before}
+    values, targets = values_of_variables(refinement.space), refinement.space.frame.targets
+    return tuple(
+        SuspicionScore(
+            target=targets[s.relation],
+            variable=s.variable,
+            reason=s.reason,
+            terms=s.terms,
+            low=float(values[s.variable].min()),
+            high=float(values[s.variable].max()),
+            tried=tried.get((targets[s.relation], s.variable), ()),
+            found=(),
+            gain=None,
+        )
+        for s in _suspicions(work, refinement)
+        if s.terms
+    )
+
+
+def _joined(
+    first: Sequence[SuspicionScore], second: Sequence[SuspicionScore], kept: Refinement
+) -> tuple[SuspicionScore, ...]:
+    """Return what was made of suspicions in two passes: those of the second, and what the first found and is left.
+
+    Args:
+        first: of the first pass.
+        second: of the other.
+        kept: the model in the end.
+    """
+    targets = kept.space.frame.targets
+    here = {(target, text) for r, target in enumerate(targets) for text in _terms(kept, r)}
+    left = {_of_what(s): tuple(text for text in s.found if (s.target, text) in here) for s in first}
+    again = {_of_what(s): msgspec.structs.replace(s, found=(*left.get(_of_what(s), ()), *s.found)) for s in second}
+    rest = (msgspec.structs.replace(s, found=left[_of_what(s)]) for s in first if _of_what(s) not in again)
+    return (*rest, *again.values())
+
+
+def _of_what(score: SuspicionScore) -> tuple[str, str]:
+    """Return the target and the variable that were suspected, or what else if it was none."""
+    return score.target, score.variable or score.reason
 
 
 def _promises(refinement: Refinement, found: Alternative) -> bool:
