@@ -13,8 +13,9 @@ from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.suspicion import _imitation, imitates
+from odescope.model.scores import SuspicionScore
 from odescope.pipeline.identification import identify
-from odescope.pipeline.suspicion import replaces
+from odescope.pipeline.suspicion import _joined, replaces
 from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import parse_study, study_toml
@@ -269,3 +270,31 @@ def test_what_holds_a_constant_of_the_library_stands_beside_no_other_function():
     assert abs(constant.value - 0.7) < 4.0 * constant.std_error
     assert set(constant.written) == {"u*exp(-x/k)", "u**2*exp(-x/k)"}
     assert len(model.relations[0].terms) == 4
+
+
+def score(target, variable, reason="powers", tried=(), found=(), terms=0):
+    return SuspicionScore(target, variable, reason, terms, 0.0, 1.0, tried, found, 5.0)
+
+
+def test_two_passes_say_what_the_model_in_the_end_holds():
+    mechanisms = [
+        SimpleNamespace(parts=(SimpleNamespace(relation=r, product=Product(None, parse_term(text, Scope.of("xy")))),))
+        for r, text in enumerate(("sqrt(x)", "log(y)"))
+    ]
+    space = SimpleNamespace(mechanisms=mechanisms, frame=SimpleNamespace(targets=("x_dot", "y_dot")))
+    kept = SimpleNamespace(space=space, fit=SimpleNamespace(present=(0, 1)))
+    first = [
+        score("x_dot", "x", "fractions", ("sqrt(x)", "log(x)"), ("sqrt(x)",)),
+        score("y_dot", "x", "fractions", ("tanh(x)",), ("tanh(x)",)),  # which is in no relation any more
+        score("y_dot", "y", "fractions", ("log(y)", "sqrt(y)"), ("sqrt(y)",), 2),
+        score("y_dot", "", "pair"),
+    ]
+    second = [score("y_dot", "y", "powers", ("log(y)", "sqrt(y)"), ("log(y)",)), score("y_dot", "", "sine")]
+    said = {(s.target, s.variable or s.reason): (s.reason, s.found) for s in _joined(first, second, kept)}
+    assert said == {
+        ("x_dot", "x"): ("fractions", ("sqrt(x)",)),
+        ("y_dot", "x"): ("fractions", ()),
+        ("y_dot", "y"): ("powers", ("log(y)",)),
+        ("y_dot", "pair"): ("pair", ()),
+        ("y_dot", "sine"): ("sine", ()),
+    }
