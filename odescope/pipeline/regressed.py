@@ -82,12 +82,16 @@ class Regressed:
     def worth(self, relations: Sequence[Relation]) -> float:
         """Return what ranks relations, one a target, on the rows of these problems: others weigh theirs otherwise.
 
+        Infinite where a term is no candidate here, as what others add up to is none.
+
         Args:
-            relations: whose terms are candidates here.
+            relations: of this library or another.
         """
+        places = [{term: k for k, term in enumerate(p.terms)} for p in self.problems]
+        if not all(t.product in known for known, r in zip(places, relations, strict=True) for t in r.terms):
+            return np.inf
         supports = [
-            tuple(sorted(p.terms.index(t.product) for t in r.terms))
-            for p, r in zip(self.problems, relations, strict=True)
+            tuple(sorted(known[t.product] for t in r.terms)) for known, r in zip(places, relations, strict=True)
         ]
         return sum(float(criteria(p, [s])[0]) for p, s in zip(self.problems, supports, strict=True))
 

@@ -45,7 +45,7 @@ def with_springs_and_dampers(work: Work, filtered: Filtered, regressed: Regresse
     if found is None:
         return regressed
     with_these, without = (min(map(found.worth, filter(None, (r.relations, r.forward)))) for r in (found, regressed))
-    return found if with_these < without - EVIDENT else regressed
+    return found if np.isfinite(without) and with_these < without - EVIDENT else regressed
 
 
 def _springs(signals: Signals, relations: Sequence[Relation]) -> tuple[str, ...]:

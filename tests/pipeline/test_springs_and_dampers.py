@@ -1,10 +1,17 @@
 """Springs of angles: what goes back by the angle itself, where a default library has sines and cosines alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
+from odescope.model.relation import RelationTerm
+from odescope.pipeline import competition
 from odescope.pipeline.identification import identify
+from odescope.pipeline.wider import regressed_with, with_extra
 from odescope.study.options import Data, Driven, Measured, Study
 
 NOISE = 0.005
@@ -134,3 +141,29 @@ def test_a_damper_that_is_harder_when_it_is_drawn(seed):
     assert [{t.text for t in r.terms} for r in relations] == [{"x_ddot", *moving}, {"y_ddot", "u", *moving}]
     (size,) = (t for t in relations[0].terms if t.text == "abs(x_dot - y_dot)")
     assert abs(size.coefficient - 500.0 / 300.0) < 4.0 * size.std_error
+
+
+def test_relations_of_another_library_are_ranked_on_the_rows_of_one_where_this_has_their_terms():
+    logs = recorded(pendulum, [[0.5, 0.0], [-0.8, 0.0]], 0.01, 600, 2.0, 0)
+    study = Study(
+        data=Data(time="t"), coordinates={"a": Measured(order=2, angle=True)}, inputs={"u": Driven(hold="zero")}
+    )
+    seen = []
+
+    def kept(work, filtered, regressed):
+        wide = regressed_with(with_extra(work, ("a", "a**3")), filtered)
+        seen.append((regressed, wide))
+        return regressed
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(competition, "with_springs_and_dampers", kept)
+        identify(study, logs)
+    ((narrow, wide),) = seen
+    assert narrow.worth(narrow.relations) == pytest.approx(narrow.criterion)
+    assert wide.worth(narrow.relations) >= wide.criterion  # which is the best of this library
+    sprung = [
+        replace(r, terms=(*r.terms, RelationTerm(Product(None, parse_term("a", Scope.of("a"))), 1.0)))
+        for r in wide.relations
+    ]
+    assert np.isfinite(wide.worth(sprung))
+    assert narrow.worth(sprung) == np.inf
