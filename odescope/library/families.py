@@ -35,6 +35,7 @@ HEADS = (0.005, 3.0)  # of the range of its variable: how far outside of it a ro
 OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
 ABOVE_ZERO = {"K": 0.0, "kelvin": 0.0, "°C": 273.15, "degC": 273.15, "celsius": 273.15}  # kelvins, at 0 of each unit
+RATE = "rate"  # how the constant of a sine is called, before the name of its variable
 HALF = "half"  # how the constant of a saturation is called, before the name of its variable
 STRIBECK = "stribeck"  # how the constant of Stribeck's curve is called, before the name of the speed
 ACTIVATION = "activation"  # how the constant of Arrhenius' law is called, before the name of the temperature
@@ -110,7 +111,7 @@ def families_of(
 
     constant = partial(_constant, variable, taken)
     scale = constant("scale", reach / STEEP, reach / FLAT)
-    rate = constant("rate", 1.0 / reach, WAVES / reach)
+    rate = constant(RATE, 1.0 / reach, WAVES / reach)
     slope = constant("slope", 1.0 / reach, 2.0 * STEEP / reach)
     middle = constant("middle", low - BEYOND * reach, high + BEYOND * reach)
     least = low if high > -low else -high

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from odescope.events import Progress
-from odescope.library.families import may_be_angle
+from odescope.library.families import RATE, may_be_angle
 from odescope.library.readable import readable
 from odescope.likelihood.refine import Refinement
 from odescope.model.scores import SuspicionScore
@@ -70,9 +70,18 @@ def with_angles(
     posed = relations_form(wide.study, (found,), lambda _: found)
     few = found.start(posed.mechanisms, found.short)  # what does without a sine is long, and hard to see through
     other = refine_form(wide, filtered, replace(posed, starts=(few, *posed.starts)))
-    if other is None or not evidently_better(other, refinement):
+    if other is None or not (evidently_better(other, refinement) or _shorter(other, refinement)):
         return refinement, ()
     return other, tuple(_scores(other, refinement, angles, signals))
+
+
+def _shorter(other: Refinement, before: Refinement | None) -> bool:
+    """Say whether a model says in products of sine and cosine what a sine of a rate of its own said, and for less."""
+    if before is None or not other.exact or (gain := other.gained_over(before)) is None:
+        return False
+    constants = (before.space.mechanisms[k].place for k in before.fit.present if not before.space.mechanisms[k].parts)
+    cheaper = before.space.price(before.fit) - other.space.price(other.fit)
+    return any(name.startswith(f"{RATE}_") for name in constants) and cheaper > 0.0 and gain + cheaper > 0.0
 
 
 def _scores(

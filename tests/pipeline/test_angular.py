@@ -61,3 +61,11 @@ def test_where_suspicion_is_off_no_state_is_an_angle_and_there_is_no_model(oscil
 def test_polynomials_of_what_may_be_an_angle_stay(rate, start):
     result = identify(study("x", "y"), logged(rate, start, 0.01))
     assert not any(f in t for r in (0, 1) for t in terms(result, r) for f in ("sin", "cos"))
+
+
+@pytest.mark.parametrize("noise", [0.0, pytest.param(1e-3, marks=pytest.mark.slow)])
+def test_a_bead_on_a_hoop_has_a_product_of_sine_and_cosine_and_no_rate_of_its_own(noise):
+    log = logged(lambda s: [0.95 * np.cos(s[0]) * np.sin(s[0]) - 0.1 * np.sin(s[0])], [3.1], noise)
+    result = identify(study("x"), log)
+    assert terms(result, 0) == {"cos(x)*sin(x)", "sin(x)"}
+    assert result.model.parameters == ()
