@@ -1,4 +1,4 @@
-"""Files: written so that a stop in the middle leaves no half one, and named so that they are told apart; JSON."""
+"""Files: written so that a stop in the middle leaves no half one, and named so that they are told apart."""
 
 from __future__ import annotations
 
@@ -9,21 +9,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import msgspec
-import numpy as np
-
 from odescope.errors import InputError
-
-
-def encoded(value: object) -> bytes:
-    """Return a value as JSON, numbers of numpy as what they are."""
-    return msgspec.json.encode(value, enc_hook=_item)
-
-
-def _item(value: object) -> object:
-    if isinstance(value, np.generic):
-        return value.item()
-    raise NotImplementedError(type(value).__name__)
 
 
 def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:

@@ -10,7 +10,8 @@ from typing import Any, Literal
 import msgspec
 
 from odescope.errors import InputError, as_path, check_kind
-from odescope.files import encoded, write_file
+from odescope.files import write_file
+from odescope.json_text import encoded
 from odescope.library.mechanism import Kind
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product

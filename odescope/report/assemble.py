@@ -9,7 +9,7 @@ import msgspec
 
 from odescope.errors import InputError
 from odescope.export.model_file import from_json, to_json
-from odescope.files import encoded
+from odescope.json_text import encoded
 from odescope.model.model import Model
 from odescope.model.quantity_units import quantity_units
 from odescope.pipeline.identification import Identification

@@ -10,7 +10,7 @@ import msgspec
 from odescope.errors import InputError
 from odescope.events import Event, FilesWritten, Note, Progress, StageBegan
 from odescope.export.languages.text import equation_lines
-from odescope.files import encoded
+from odescope.json_text import encoded
 from odescope.pipeline.identification import DraftReady, EquationsReady, NothingFound
 from odescope.report.data import Point
 from odescope.report.searches import searched

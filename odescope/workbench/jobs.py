@@ -19,7 +19,8 @@ import msgspec
 import psutil
 
 from odescope.errors import InputError, Stopped
-from odescope.files import encoded, write_file
+from odescope.files import write_file
+from odescope.json_text import encoded
 from odescope.report.event_lines import (
     AnyLine,
     EndLine,
