@@ -88,12 +88,12 @@ def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold, width: float) -> 
     usual = seen if seen in trials else now
     if best != usual and not _credible(trials[best], trials[usual]):
         best = usual
-    if best == usual and np.isfinite(width):
-        best = _best_joined(trials, usual, width)
-    if late and np.isfinite(width):
-        if best != usual and not _better_joined(trials[best], trials[usual], width):
+    if np.isfinite(width):
+        if best == usual:
+            best = _best_joined(trials, usual, width)
+        elif late and not _better_joined(trials[best], trials[usual], width):
             best = usual
-        if best != "zero" and (delayed or now == "zero"):
+        if late and best != "zero" and (delayed or now == "zero"):
             held, running = _tried(space, found, j, at_once, "zero"), _tried(space, found, j, later, best)
             if held is not None and running is not None and _says_as_much(held, running, width):
                 best, trials["zero"] = "zero", held
