@@ -78,8 +78,11 @@ class _Work(Sharing):
         """
         suspected, fit = self.suspected[k], standing.fit
         alone = {n for n in self.alone(suspected.relation, fit) if n != suspected.variable}
-        for given in ({ONE.text, suspected.variable, *alone}, alone):
-            yield from self.trials_beside(standing, k, self.base(suspected.relation, fit.theta, given))
+        wide, lean = (
+            self.base(suspected.relation, fit.theta, given) for given in ({ONE.text, suspected.variable, *alone}, alone)
+        )
+        for base in (wide, lean) if lean != wide else (wide,):
+            yield from self.trials_beside(standing, k, base)
 
     def trials_beside(self, standing: Standing, k: int, base: list[int]) -> Iterator[Standing | None]:
         """Yield the same beside given terms.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import zip_longest
 
 import numpy as np
@@ -69,7 +70,7 @@ class Regressed:
         first = self.relations or self.forward
         return [r or begun for r, begun in zip(rivals, first, strict=True)] if any(rivals) else None
 
-    @property
+    @cached_property
     def forward(self) -> list[Relation]:
         """A forward selection for every target."""
         return [forward(p) for p in self.problems]
