@@ -48,18 +48,16 @@ class Suspicion:
     terms: int = 0
 
 
-def suspicions(
-    refinement: Refinement, names: Collection[str], declared: Collection[str] | None = None
-) -> tuple[Suspicion, ...]:
+def suspicions(refinement: Refinement, names: Collection[str], declared: Collection[str]) -> tuple[Suspicion, ...]:
     """Return what a model's terms and its residual give reason to suspect.
 
     Args:
         refinement: the end of a likelihood stage, of plain candidates.
         names: of the variables whose functions may be looked for.
-        declared: constants that a library declares, all that it has by default.
+        declared: constants that its library declares.
     """
     space, found = refinement.space, refinement.fit
-    names = set(names) - _of_functions(space, set(space.needed) if declared is None else declared)
+    names = set(names) - _of_functions(space, declared)
     terms = [list[Product]() for _ in space.frame.targets]
     for k in found.present:
         for part in space.mechanisms[k].parts:

@@ -105,22 +105,9 @@ def left_over(work: Work, refinement: Refinement, before: Sequence[SuspicionScor
         before: what was made of the suspicions against the model before it.
     """
     tried = {(s.target, s.variable): s.tried for s in before}
-    values, targets = values_of_variables(refinement.space), refinement.space.frame.targets
-    return tuple(
-        SuspicionScore(
-            target=targets[s.relation],
-            variable=s.variable,
-            reason=s.reason,
-            terms=s.terms,
-            low=float(values[s.variable].min()),
-            high=float(values[s.variable].max()),
-            tried=tried.get((targets[s.relation], s.variable), ()),
-            found=(),
-            gain=None,
-        )
-        for s in _suspicions(work, refinement)
-        if s.terms
-    )
+    targets = refinement.space.frame.targets
+    left = (s for s in _suspicions(work, refinement) if s.terms)
+    return tuple(_score(s, refinement, tried.get((targets[s.relation], s.variable), ()), (), None) for s in left)
 
 
 def _joined(
@@ -188,9 +175,25 @@ def _scored(
         kept: the model in the end.
         before: the model before, whose own terms were not tried in its place.
     """
-    seen = values_of_variables(kept.space).get(suspicion.variable, np.zeros(1))
     own, terms = _terms(before, suspicion.relation), _terms(kept, suspicion.relation)
     tried = () if found is None else tuple(t for t in found.tried[number] if t not in own)
+    gain = None if found is None else found.gain
+    return _score(suspicion, kept, tried, tuple(t for t in terms if t in tried), gain)
+
+
+def _score(
+    suspicion: Suspicion, kept: Refinement, tried: tuple[str, ...], found: tuple[str, ...], gain: float | None
+) -> SuspicionScore:
+    """Return what is told of a suspicion.
+
+    Args:
+        suspicion: what was suspected.
+        kept: the model in the end.
+        tried: functions, as people read them.
+        found: those that the model holds.
+        gain: of these.
+    """
+    seen = values_of_variables(kept.space).get(suspicion.variable, np.zeros(1))
     return SuspicionScore(
         target=kept.space.frame.targets[suspicion.relation],
         variable=suspicion.variable,
@@ -199,8 +202,8 @@ def _scored(
         low=float(seen.min()),
         high=float(seen.max()),
         tried=tried,
-        found=tuple(t for t in terms if t in tried),
-        gain=None if found is None else found.gain,
+        found=found,
+        gain=gain,
     )
 
 

@@ -110,11 +110,11 @@ def ending(coefficients):
 @pytest.mark.parametrize(("friction", "drag", "suspected"), [(0.5, -0.2, ["v"]), (-0.5, 0.2, ["v"]), (0.5, 0.2, [])])
 def test_quadratic_friction_that_drives_is_suspected_of_being_a_fall_of_dry_friction(friction, drag, suspected):
     end = ending({"times 1": 1.0, "tanh(v/w)": friction, "v*abs(v)": drag})
-    assert [s.variable for s in suspicions(end, {"x", "v"})] == suspected
+    assert [s.variable for s in suspicions(end, {"x", "v"}, ())] == suspected
 
 
 def test_what_holds_a_width_of_friction_stands_beside_no_other_function():
     """The width is a constant of the model that no function of another variable could be evaluated with alone."""
     end = ending({"times 1": 1.0, "times x": 0.5, "v": 1.0, "tanh(v/w)": 1.0})
-    (found,) = suspicions(end, {"x", "v"})
+    (found,) = suspicions(end, {"x", "v"}, ())
     assert (found.variable, found.reason, [t.text for t in found.beside]) == ("x", "fractions", ["1", "v"])
