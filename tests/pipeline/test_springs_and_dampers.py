@@ -16,6 +16,9 @@ from odescope.study.options import Data, Driven, Measured, Study
 
 NOISE = 0.005
 HELD = 50  # samples that an input keeps its value
+TURNING = Study(
+    data=Data(time="t"), coordinates={"a": Measured(order=2, angle=True)}, inputs={"u": Driven(hold="zero")}
+)
 
 
 def recorded(rate, starts, period, count, reach, seed):
@@ -53,10 +56,7 @@ def sprung(a, v, u):
 
 
 def found(logs):
-    study = Study(
-        data=Data(time="t"), coordinates={"a": Measured(order=2, angle=True)}, inputs={"u": Driven(hold="zero")}
-    )
-    (relation,) = identify(study, logs).model.relations
+    (relation,) = identify(TURNING, logs).model.relations
     return {t.text: -t.coefficient for t in relation.terms if t.product.factor is None}
 
 
@@ -145,9 +145,6 @@ def test_a_damper_that_is_harder_when_it_is_drawn(seed):
 
 def test_relations_of_another_library_are_ranked_on_the_rows_of_one_where_this_has_their_terms():
     logs = recorded(pendulum, [[0.5, 0.0], [-0.8, 0.0]], 0.01, 600, 2.0, 0)
-    study = Study(
-        data=Data(time="t"), coordinates={"a": Measured(order=2, angle=True)}, inputs={"u": Driven(hold="zero")}
-    )
     seen = []
 
     def kept(work, filtered, regressed):
@@ -157,7 +154,7 @@ def test_relations_of_another_library_are_ranked_on_the_rows_of_one_where_this_h
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(competition, "with_springs_and_dampers", kept)
-        identify(study, logs)
+        identify(TURNING, logs)
     ((narrow, wide),) = seen
     assert narrow.worth(narrow.relations) == pytest.approx(narrow.criterion)
     assert wide.worth(narrow.relations) >= wide.criterion  # which is the best of this library
