@@ -23,6 +23,7 @@ from odescope.pipeline.wider import (
     TIMES,
     basis_of,
     evidently_better,
+    outranks,
     promises,
     regressed_with,
     with_basis,
@@ -62,7 +63,9 @@ def with_angles(
     wide = with_basis(work, basis_of(study, angles), DEGREE)
     found = regressed_with(wide, filtered)
     # Regression decides cheaply, and cannot where the model before does not follow the record, or not quite.
-    if found is None or (settled and not promises(found, regressed)):
+    if found is None:
+        return refinement, ()
+    if refinement is not None and settled and not (promises(found, regressed) and outranks(wide, filtered, refinement)):
         return refinement, ()
     work.monitor.tell(Progress("suspicion", "search with sines and cosines of what may be angles", 0, 1))
     spent = LEAST if refinement is None else max(LEAST, TIMES * refinement.spent)

@@ -13,6 +13,7 @@ from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.wider import (
     basis_of,
     evidently_better,
+    outranks,
     promises,
     quotients,
     regressed_with,
@@ -51,6 +52,8 @@ def with_higher_degree(
     wides, many = (with_basis(work, basis_of(study), degree) for degree in DEGREES), FEW if functions else FEW_ENOUGH
     wide, found = next(((w, f) for w in wides if (f := regressed_with(w, filtered, many)) is not None), (work, None))
     if found is None or not promises(found, regressed, EVIDENT if follows else 0.0):
+        return refinement
+    if refinement is not None and follows and not outranks(wide, filtered, refinement):
         return refinement
     work.monitor.tell(Progress("suspicion", "search with products of higher degree", 0, 1))
     _, other = searched_with(wide, filtered, found, refinement)

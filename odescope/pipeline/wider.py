@@ -11,9 +11,11 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
+from odescope.library.candidates import Library
 from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WIDTHS, full
+from odescope.model.relation import Relation
 from odescope.pipeline.constants import constants_of, substitute
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed, relations_form
@@ -71,17 +73,23 @@ def within(work: Work, budget: float) -> Work:
     return replace(work, study=msgspec.structs.replace(work.study, likelihood=likelihood))
 
 
-def regressed_with(work: Work, filtered: Filtered, many: int = MANY) -> Regressed | None:
+def regressed_with(
+    work: Work, filtered: Filtered, many: int = MANY, beside: Sequence[Relation] | None = None
+) -> Regressed | None:
     """Return what regression finds in the library of a study, at all its constants, None where it is too large.
 
     Args:
         work: whose study that is.
         filtered: the records and their signals.
         many: candidates of a target at most.
+        beside: relations, one a target, whose terms are candidates, too.
     """
     study: Study = work.study
     stays = not_ruled_out(study, filtered.sample.records)
     libraries = tuple(study.candidates(c.target).that(stays) for c in study.measured())
+    if beside is not None:
+        own = (Library(tuple(t.product.expanded for t in r.terms if not t.product.bare)) for r in beside)
+        libraries = tuple(library + terms for library, terms in zip(libraries, own, strict=True))
     if max(map(len, libraries)) > min(many, filtered.signals.samples):
         return None
     terms = [t for library in libraries for t in library]
@@ -116,6 +124,18 @@ def promises(found: Regressed, before: Regressed, least: float = EVIDENT) -> boo
         least: by how much the criterion has to be less.
     """
     return bool(np.isfinite(found.criterion) and found.criterion < before.criterion - least)
+
+
+def outranks(work: Work, filtered: Filtered, model: Refinement) -> bool:
+    """Say whether regression in another library ranks something above a model, on the same rows.
+
+    Args:
+        work: for the study with that library.
+        filtered: the records and their signals.
+        model: whose terms are among the candidates.
+    """
+    found = regressed_with(work, filtered, beside=model.relations)
+    return found is None or found.criterion < found.worth(model.relations)
 
 
 def evidently_better(other: Refinement, before: Refinement | None) -> bool:
