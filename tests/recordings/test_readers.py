@@ -267,8 +267,8 @@ def test_bad_tables(data, message):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({}, "exactly one of time .* and sample_period"),
-        ({"time": "t", "sample_period": 0.1}, "exactly one of time"),
+        ({}, "exactly one of time .* and sample_period .*; neither came: .odescope init FILE. drafts"),
+        ({"time": "t", "sample_period": 0.1}, "exactly one of time .*; both came"),
         ({"sample_period": 0.0}, "sample_period must be a positive number, got 0.0"),
         ({"sample_period": float("nan")}, "sample_period must be a positive number"),
         ({"time": "t", "columns": ()}, "no column to read"),
