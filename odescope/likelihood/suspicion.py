@@ -159,7 +159,11 @@ def _imitation(
         # A fraction divides the whole relation, so the function may be in any of its terms: those that hold its
         # numerator, or all where that is a number, as in M/(1 + I).
         above = [rest for rest, found in powers.items() if found != {0}] or list(powers)
+        below = [p.term for p in products if p.factor is not None]
         terms = sum(p.term.power_of(Name(name)) != 0 for p in products)
+        if len(below) == 1:  # what is divided by it goes with powers, which may be a law: i**2/x**2 - g
+            divided = ({power - below[0].power_of(Name(name)) for power in found} - {0} for found in powers.values())
+            terms = terms if any(len(found) >= SEVERAL for found in divided) else 0
         return Suspicion(relation, name, "fractions", tuple(dict.fromkeys((ONE, *above))), terms)
     powers = {rest: found - {0} for rest, found in powers.items()}
     energy = [rest for rest, found in powers.items() if found and rate is not None and _even(rest, rate)]

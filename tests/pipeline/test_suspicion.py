@@ -163,6 +163,22 @@ def test_beside_even_powers_of_its_rate_a_position_may_be_a_function(texts, rate
         assert imitates(product, 0, [found])
 
 
+@pytest.mark.parametrize(
+    ("below", "texts", "terms"),
+    [
+        (("x**2",), ("1", "i**2"), 0),  # i**2/x**2 - g, as under a magnet: powers
+        (("x",), ("1", "i", "x"), 0),
+        (("x",), ("1", "x**2"), 2),  # 1/x + x may be a function of x
+        (("1", "x"), ("i",), 1),
+    ],
+)
+def test_what_is_divided_by_one_power_goes_with_powers(below, texts, terms):
+    scope = Scope.of(["x", "i"])
+    products = [Product("a", parse_term(t, scope)) for t in below]
+    products += [Product(None, parse_term(t, scope)) for t in texts]
+    assert _imitation(0, products, "x", (), None).terms == terms
+
+
 def test_what_is_fixed_by_name_is_not_suspected():
     assert study().suspects == ("x", "u")
     assert study(suspect=False).suspects == ()
