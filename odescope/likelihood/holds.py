@@ -16,12 +16,14 @@ from odescope.likelihood.evidence import between, in_blocks
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.search import WHITE, WIDTHS
 from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.searches import FOLLOWED
 from odescope.recordings.coordinate import Hold
 
-HINT = 1.0  # fall of the cost, in residual variances, that makes another hold worth a look in joined segments
+HINT = 1.0  # rise of the cost, in residual variances, up to which another hold is worth a look in joined segments
 DEAREST = 10.0  # fall that makes it credible, and
 SURE = 3.0  # standard deviations of that fall between blocks of the record, where misfit is no white noise
 TRIAL_STEPS = 4  # of a refit, at most
+TOLD = 2.0  # fall in joined segments that follow the record: between holds that cost the same it need not be large
 LAG = 0.5  # samples that a held input comes later than one that runs linearly, all in all
 
 Structure = tuple[FloatArray, IntArray]  # coefficients to begin with, and the numbers of what is present
@@ -81,10 +83,10 @@ def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold, width: float) -> 
     trials = _trials(space, found, j, [at_once, later] if delayed else [at_once], {})
     if now not in trials:
         return choice
-    best = max(trials, key=lambda h: _fall(trials[h], trials[now]))
+    best = max(trials, key=lambda h: fall(trials[h], trials[now]))
     if best != now and late and not delayed:
         trials = _trials(space, found, j, [later], trials)
-        best = max(trials, key=lambda h: _fall(trials[h], trials[now]))
+        best = max(trials, key=lambda h: fall(trials[h], trials[now]))
     usual = seen if seen in trials else now
     if best != usual and not _credible(trials[best], trials[usual]):
         best = usual
@@ -94,7 +96,7 @@ def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold, width: float) -> 
         elif late and not _better_joined(trials[best], trials[usual], width):
             best = usual
         if late and best != "zero" and (delayed or now == "zero"):
-            held, running = _tried(space, found, j, at_once, "zero"), _tried(space, found, j, later, best)
+            held, running = tried_under(space, found, j, at_once, "zero"), tried_under(space, found, j, later, best)
             if held is not None and running is not None and _says_as_much(held, running, width):
                 best, trials["zero"] = "zero", held
     gains = dict(choice.gains)
@@ -118,13 +120,13 @@ def _trials(
     trials = dict(known)
     for hold in get_args(Hold):
         for structure in structures:
-            trial = _tried(space, found, j, structure, hold)
-            if trial is not None and (hold not in trials or _fall(trial, trials[hold]) > 0.0):
+            trial = tried_under(space, found, j, structure, hold)
+            if trial is not None and (hold not in trials or fall(trial, trials[hold]) > 0.0):
                 trials[hold] = trial
     return trials
 
 
-def _tried(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: Hold) -> Trial | None:
+def tried_under(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: Hold) -> Trial | None:
     """Return the fit of a structure under a hold of input j, in segments of their own; None where it is lost."""
     holds, (theta, present) = holds_of(space), structure
     other = space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
@@ -133,7 +135,7 @@ def _tried(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: H
     return None if again is None else (other, again)
 
 
-def _joined(trial: Trial, width: float) -> Trial | None:
+def joined_under(trial: Trial, width: float) -> Trial | None:
     """Return the same in joined segments, which are joined step by step; None where it is lost.
 
     Args:
@@ -159,14 +161,15 @@ def _best_joined(trials: Mapping[Hold, Trial], usual: Hold, width: float) -> Hol
         usual: what stands where nothing is better.
         width: of the defects.
     """
-    near = [h for h in trials if HINT < _fall(trials[h], trials[usual]) <= DEAREST]
-    known = _joined(trials[usual], width) if near else None
+    near = [h for h in trials if -HINT < fall(trials[h], trials[usual]) <= DEAREST]
+    known = joined_under(trials[usual], width) if near else None
     if known is None:
         return usual
-    others = {h: other for h in near if (other := _joined(trials[h], width)) is not None}
-    falls = {h: _fall(other, known) for h, other in others.items()}
+    others = {h: other for h in near if (other := joined_under(trials[h], width)) is not None}
+    falls = {h: fall(other, known) for h, other in others.items()}
     best = max(falls, key=falls.__getitem__, default=usual)
-    return best if best != usual and falls[best] > DEAREST else usual
+    least = TOLD if _scale(*known) < FOLLOWED else DEAREST
+    return best if best != usual and falls[best] > least else usual
 
 
 def _better_joined(best: Trial, usual: Trial, width: float) -> bool:
@@ -177,8 +180,8 @@ def _better_joined(best: Trial, usual: Trial, width: float) -> bool:
         usual: the other.
         width: of the defects.
     """
-    better, worse = _joined(best, width), _joined(usual, width)
-    return better is None or worse is None or _fall(better, worse) > DEAREST
+    better, worse = joined_under(best, width), joined_under(usual, width)
+    return better is None or worse is None or fall(better, worse) > DEAREST
 
 
 def _says_as_much(held: Trial, running: Trial, width: float) -> bool:
@@ -191,8 +194,8 @@ def _says_as_much(held: Trial, running: Trial, width: float) -> bool:
         running: the other.
         width: of the defects.
     """
-    simple, other = _joined(held, width), _joined(running, width)
-    return simple is not None and other is not None and _fall(simple, other) > 0.0
+    simple, other = joined_under(held, width), joined_under(running, width)
+    return simple is not None and other is not None and fall(simple, other) > 0.0
 
 
 def _as_late(space: SearchSpace, j: int, theta: FloatArray, present: IntArray, hold: Hold) -> FloatArray:
@@ -220,7 +223,7 @@ def _scale(space: SearchSpace, found: Fit) -> float:
     return max(found.data_cost / freedom, 1e-12)
 
 
-def _fall(better: Trial, worse: Trial) -> float:
+def fall(better: Trial, worse: Trial) -> float:
     """Return how much the priced cost of one is lower, in units of the better one's residual variance."""
     (space, found), (_, other) = better, worse
     return (other.cost - found.cost) / _scale(space, found) + space.price(other) - space.price(found)
@@ -233,10 +236,10 @@ def _credible(better: Trial, worse: Trial) -> bool:
     in others is no doubt then.
     """
     if _scale(*better) < WHITE:
-        return _fall(better, worse) > DEAREST
+        return fall(better, worse) > DEAREST
     gains = in_blocks((_costs(*worse) - _costs(*better))[:, None]) / _scale(*better)
     spread = float(np.sqrt(between(gains)[0])) if len(gains) > 1 else 0.0
-    return _fall(better, worse) > max(DEAREST, SURE * spread)
+    return fall(better, worse) > max(DEAREST, SURE * spread)
 
 
 def _costs(space: SearchSpace, found: Fit) -> FloatArray:

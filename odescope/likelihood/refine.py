@@ -35,8 +35,10 @@ from odescope.likelihood.segments import SEGMENT, Segments
 from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
 from odescope.likelihood.settled_noise import with_noise_settled
 from odescope.likelihood.steps import with_narrow_friction
+from odescope.likelihood.undecided_holds import undecided_holds
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
+from odescope.recordings.coordinate import Hold
 from odescope.recordings.record import Records
 from odescope.signals.differentiators import Differentiator
 from odescope.signals.estimate import Signals
@@ -55,9 +57,10 @@ class Refinement:
     the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and `space`
     are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence` what the record says of
     every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget ended a search, `late`
-    if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`, `steps`
-    the number of steps that come between samples, by input. `scale` is the residual variance over the noise variance:
-    more than that of the search where fewer terms were asked for than it found.
+    if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`, `undecided` the holds
+    that inputs may as well have, `steps` the number of steps that come between samples, by input. `scale` is the
+    residual variance over the noise variance: more than that of the search where fewer terms were asked for than it
+    found.
     """
 
     relations: tuple[Relation, ...]
@@ -77,6 +80,7 @@ class Refinement:
     late: bool
     spent: float
     hold_gains: Mapping[str, float]
+    undecided: Mapping[str, Hold]
     steps: Mapping[str, int] = field(default_factory=dict)
 
     @property
@@ -202,8 +206,8 @@ def refine(
     space, best = with_noise_settled(*_best(space, seen, outcomes), begun, workers)
     if best is None:
         return None
-    near, there = [theta for o in outcomes for theta in o.loose], partial(between.cut, holds_of(space))
-    found = _judged(there, space, begun, near, best, len(outcomes), gains, options.terms, workers)
+    near = [theta for o in outcomes for theta in o.loose]
+    found = _judged(between, space, begun, near, best, len(outcomes), gains, options.terms, workers)
     return replace(found, steps=between.placed)
 
 
@@ -244,7 +248,7 @@ def _best(space: SearchSpace, seen: SearchSpace, outcomes: Sequence[Outcome]) ->
 
 
 def _judged(
-    cut: Callable[[int], Segments],
+    between: Between,
     space: SearchSpace,
     begun: Sequence[FloatArray],
     near: Sequence[FloatArray],
@@ -259,6 +263,7 @@ def _judged(
         space, best = with_steps_settled(space, best, begun, workers)
         space, best = with_narrow_friction(space, without_negligible(space, best))
         best = without_negligible(space, best)  # what wider friction asked for may be next to nothing now
+    cut, apart = partial(between.cut, holds_of(space)), dict[str, Hold]()
     process, adopted, scale = None, False, best.scale
     only_noise, fewer = _leaves_noise(space, best), None
     path = _path(space, best) if only_noise else None
@@ -277,7 +282,8 @@ def _judged(
         if path is not None and terms is not None:
             path, best, scale = _shortened(space, best, path.chosen_at(terms))
         found, last, evidence = best.fit, space, _evidence(space, best, scale)
-        covariance = found.covariance * scale
+        undecided = undecided_holds(space, found, between.open, best.width, scale)
+        covariance, apart = found.covariance * scale + undecided.covariance, undecided.others
     return Refinement(
         relations=last.relations_of(found, covariance),
         mechanisms=last.mechanisms_of(found, covariance),
@@ -296,6 +302,7 @@ def _judged(
         late=best.late or last.budget.late,
         spent=space.budget.spent,
         hold_gains=hold_gains,
+        undecided=apart,
     )
 
 

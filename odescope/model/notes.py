@@ -175,6 +175,12 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
             error = "" if found.std_error is None else f" (standard error {found.std_error:.2g} s)"
             yield f"{name} acts {found.delay:.4g} s after it was recorded{error}"
     for name, between in scores.holds.items():
+        if between.other is not None:
+            yield (
+                f"{name} is {between.hold} between samples, or {between.other}: the record does not decide, so"
+                f" standard errors allow for both (where you know, set hold in [inputs.{name}])"
+            )
+            continue
         acts = "held" if between.hold == "zero" else between.hold
         steps = f", {between.steps} of its steps come before the sample that shows them" if between.steps else ""
         yield f"{name} is {acts} between samples{_over_linear(between.gain)}{steps}"

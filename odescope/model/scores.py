@@ -160,12 +160,14 @@ class HoldScore(msgspec.Struct, frozen=True):
     """What an input was found to do between samples, and what that gains in log-likelihood over linear.
 
     The gain is null where an input with few cells was held and one of the two models does not follow the record, and
-    where `steps` of a held input were found to come between samples.
+    where `steps` of a held input were found to come between samples. `other` is a hold that is about as likely:
+    standard errors allow for both.
     """
 
     hold: Hold
     gain: Number
     steps: int = 0
+    other: Hold | None = None
 
 
 class GatedRange(msgspec.Struct, frozen=True):

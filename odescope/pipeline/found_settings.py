@@ -19,15 +19,16 @@ def present_mechanisms(model: Model, refinement: Refinement | None) -> tuple[Mec
 
 
 def hold_scores(model: Model, refinement: Refinement | None) -> dict[str, HoldScore]:
-    """Return the holds of the model's inputs that were found to be better than linear, and of those that step."""
+    """Return the holds of inputs that are better than linear or as good as another, and of those that step."""
     if refinement is None:
         return {}
     gains, found = refinement.hold_gains, refinement.settings.holds
     there = [i for i in model.inputs if i.name in gains and i.hold == found.get(i.name)]
     placed = {i.name: refinement.steps[i.name] for i in model.inputs if i.name in refinement.steps}
-    return {i.name: HoldScore(i.hold, float(gains[i.name])) for i in there} | {
-        name: HoldScore("zero", None, count) for name, count in placed.items()
-    }
+    scores = {i.name: HoldScore(i.hold, float(gains[i.name])) for i in there}
+    scores |= {name: HoldScore("zero", None, count) for name, count in placed.items()}
+    open_ = {name: other for name, other in refinement.undecided.items() if name in found}
+    return scores | {name: HoldScore(found[name], gains.get(name), other=other) for name, other in open_.items()}
 
 
 def delay_scores(estimated: Mapping[str, Delay], model: Model, refinement: Refinement | None) -> dict[str, DelayScore]:

@@ -39,7 +39,9 @@ class Layout:
 
     def __post_init__(self) -> None:
         if (self.time is None) == (self.sample_period is None):
-            came = "both came" if self.time else "neither came: `odescope init FILE` drafts a study with the one it finds"
+            came = (
+                "both came" if self.time else "neither came: `odescope init FILE` drafts a study with the one it finds"
+            )
             raise InputError(f"[data] needs exactly one of time (a column's name) and sample_period (a number); {came}")
         if self.sample_period is not None and not 0 < self.sample_period < float("inf"):
             raise InputError(f"sample_period must be a positive number, got {self.sample_period!r}")

@@ -19,7 +19,7 @@ from odescope.recordings.dates import DATE, MISSING, date_hint, from_text
 from odescope.recordings.text_headers import TextFile, open_bytes, zipped
 
 if TYPE_CHECKING:
-    from pyarrow import ChunkedArray, DataType, NativeFile
+    from pyarrow import ChunkedArray, DataType, NativeFile, Table
 
 HEAD_PART = 1 << 18  # bytes that tell what kind of cells a column has
 BLOCK_BYTES = 1 << 20  # what counting lines reads at once
@@ -27,7 +27,7 @@ MARK_ROWS = 8192  # the place of every so-manieth row is kept: part of a file is
 TELLING_MARKS = 8  # so many times MARK_ROWS rows are parsed at once to find the decimal mark
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE | re.ASCII)
 THOUSANDS = r"^\s*[+-]?[1-9]\d{0,2}(,\d{3})+\s*$"  # 1,250 may be a thousand and more, or one and a quarter
-RAGGED = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
+RAGGED = re.compile(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -230,26 +230,19 @@ def _parse(
 ) -> dict[str, ChunkedArray]:
     """Parse the columns named in `types`; positions stand for names, which may repeat among the unused columns."""
     import pyarrow as pa
-    from pyarrow import csv as arrow_csv
 
     positions = {label: str(file.names.index(label)) for label in types}
+    kinds = {positions[label]: kind for label, kind in types.items()}
     try:
-        table = arrow_csv.read_csv(
-            _arrow_stream(file),
-            arrow_csv.ReadOptions(
-                column_names=[str(k) for k in range(len(file.names))], skip_rows=file.skip, use_threads=threads
-            ),
-            arrow_csv.ParseOptions(delimiter=file.separator),
-            arrow_csv.ConvertOptions(
-                include_columns=list(positions.values()),
-                column_types={positions[label]: kind for label, kind in types.items()},
-                null_values=list(MISSING),
-                decimal_point=decimal,
-            ),
-        )
+        try:
+            table = _table(file, _arrow_stream(file), kinds, decimal, threads)
+        except pa.ArrowInvalid as error:
+            if not RAGGED.search(str(error)):
+                raise
+            table = _table(file, _evened(file), kinds, decimal, threads)
     except pa.ArrowInvalid as error:
         ragged = RAGGED.search(str(error))  # the row handler of pyarrow fails on rows that are not UTF-8
-        if ragged is None:  # rows are counted only where one thread reads
+        if ragged is None or ragged[1] is None:  # rows are counted only where one thread reads
             raise
         row, expected, got = map(int, ragged.groups())
         line = _line_numbers(file, [row - file.skip - 1])[0]
@@ -264,12 +257,44 @@ def _parse(
     return {label: table.column(position) for label, position in positions.items()}
 
 
+def _table(file: TextFile, stream: NativeFile, kinds: Mapping[str, DataType], decimal: str, threads: bool) -> Table:
+    from pyarrow import csv as arrow_csv
+
+    return arrow_csv.read_csv(
+        stream,
+        arrow_csv.ReadOptions(
+            column_names=[str(k) for k in range(len(file.names))], skip_rows=file.skip, use_threads=threads
+        ),
+        arrow_csv.ParseOptions(delimiter=file.separator),
+        arrow_csv.ConvertOptions(
+            include_columns=list(kinds), column_types=kinds, null_values=list(MISSING), decimal_point=decimal
+        ),
+    )
+
+
 def _arrow_stream(file: TextFile) -> NativeFile:
     import pyarrow as pa
 
     if file.end is None:
         return pa.input_stream(str(file.path), compression="gzip" if zipped(file.path) else None)
     return pa.OSFile(str(file.path)).get_stream(file.begin, file.end - file.begin)
+
+
+def _evened(file: TextFile) -> NativeFile:
+    """Return a file or part whose rows have as many cells as the header, where they differ by an empty last one.
+
+    Loggers end each row with a separator, or only the header, or only some rows. Other rows stay as they are.
+    """
+    import pyarrow as pa
+
+    with open_bytes(file.path) as stream:
+        stream.seek(file.begin)
+        text = stream.read() if file.end is None else stream.read(file.end - file.begin)
+    names, split = file.names, re.escape(file.separator.encode())
+    named = len(names) - (len(names) > 1 and not names[-1])
+    cell = rb'(?:"(?:[^"\r\n]|"")*+"[^%b\r\n]*+|[^"%b\r\n][^%b\r\n]*+|)' % (split, split, split)
+    row = rb"(?<![^\r\n])(?=[^\r\n])(%b(?:%b%b){%d})%b? *(?![^\r\n])" % (cell, split, cell, named - 1, split)
+    return pa.BufferReader(re.sub(row, rb"\1" + file.separator.encode() * (len(names) - named), text))
 
 
 def _faults(cells: Sequence[str], decimal: str) -> list[int]:

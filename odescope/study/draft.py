@@ -124,6 +124,7 @@ def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Draft
         told = "; ".join([*(f"{s.heading.label}: {s.why}" for s in seen), *_told(refusals)])
         raise InputError(f"no column of {file.name} looks like a coordinate ({told}): write a study, or use identify")
     empty = [label for label in labels if label not in (*others, clock.label, clock.date, recording)]
+    empty = [label for label in empty if label or label in (*refusals, *dated)]  # a separator that ends lines is none
     unused = {label: refusals.get(label, "dates" if label in dated else "no numbers, or none") for label in empty}
     if clock.counts is not None:
         unused[clock.counts] = "it counts the rows"

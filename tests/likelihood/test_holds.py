@@ -221,3 +221,51 @@ def test_a_swell_that_says_little_within_short_segments_is_band_limited(seed):
     (gain,) = (t for t in model.model.relations[0].terms if t.text == "u")
     assert u.hold == "band-limited"
     assert abs(gain.coefficient + 1.0) < 4.0 * gain.std_error
+
+
+def circuit(seed, between):
+    """Return a log of a circuit whose voltage is a sum of sines, or runs linearly between its samples, at 1 % noise.
+
+    The shortest sine has 40 samples: what either loses of it, 1/500, is in the gain, and in little else.
+    """
+    rng, t = np.random.default_rng(seed), 1e-4 * np.arange(2000)
+    w, phase = 2.0 * np.pi * rng.uniform(20.0, 250.0, 8), rng.uniform(0.0, 2.0 * np.pi, 8)
+
+    def wave(now):
+        return 3.0 * np.sin(np.multiply.outer(now, w) + phase).sum(axis=-1)
+
+    samples = wave(t)
+
+    def rate(now, y):
+        u = wave(now) if between == "band-limited" else np.interp(now, t, samples)
+        return [100.0 * (u - 2.0 * y[0] - y[1]), 1e4 * y[0]]
+
+    y = solve_ivp(rate, (t[0], t[-1]), [0.0, 0.0], "DOP853", t, rtol=1e-9, atol=1e-11, max_step=1e-4).y
+    noisy = {name: x + 0.01 * x.std() * rng.standard_normal(len(t)) for name, x in zip("iv", y, strict=True)}
+    return {"t": t, "u": samples} | noisy
+
+
+@pytest.mark.parametrize("seeds", [2, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("between", ["band-limited", "linear"])
+def test_errors_allow_for_holds_that_a_record_does_not_decide_between(between, seeds):
+    """Without that a gain is up to five standard errors off where its input is smooth and taken as linear."""
+    coordinates = {"i": Measured(), "v": Measured()}
+    allowing = Study(data=Data(time="t"), coordinates=coordinates, inputs={"u": Driven()})
+    for seed in range(seeds):
+        model = identify(allowing, circuit(seed, between)).model
+        (gain,) = (t for t in model.relations[0].terms if t.text == "u")
+        assert abs(gain.coefficient + 100.0) < 3.0 * gain.std_error
+        assert abs(gain.coefficient + 100.0) < 0.3
+
+
+def test_a_hold_that_is_given_is_not_doubted():
+    coordinates = {"i": Measured(), "v": Measured()}
+    known = Study(data=Data(time="t"), coordinates=coordinates, inputs={"u": Driven(hold="band-limited")})
+    open_ = Study(data=Data(time="t"), coordinates=coordinates, inputs={"u": Driven()})
+    gains = []
+    for study_, doubted in ((known, False), (open_, True)):
+        result = identify(study_, circuit(0, "band-limited"))
+        assert any("the record does not decide" in note for note in result.notes) == doubted
+        gains += [t for t in result.model.relations[0].terms if t.text == "u"]
+    assert gains[1].std_error > 1.5 * gains[0].std_error
+    assert abs(gains[0].coefficient + 100.0) < 3.0 * gains[0].std_error

@@ -65,6 +65,11 @@ def refused(folder, text, message, layout=LAYOUT, name="run1.csv"):
         (lambda text: text.replace("\n", "\n\n", 5), "run.csv"),
         (lambda text: text.replace("note", "x y,q").replace(",ok,", ',"a,b",°,'), "run.csv"),
         (lambda text: re.sub(r",(\d)", r", +\1", text), "run.csv"),
+        (lambda text: re.sub(r"(\d)\n", r"\1,\n", text), "run.csv"),
+        (lambda text: text.replace("\n", ", \r\n"), "run.csv"),
+        (lambda text: re.sub(r"(\d)\n(0|1)", r"\1,\n\2", text).replace("ok", '"a,""b"'), "run.csv"),
+        (lambda text: text.replace("\n", ",\n", 5).replace("ok", '5" °'), "run.csv"),
+        (lambda text: text.replace("\n", ",\n", 1), "run.csv"),
     ],
 )
 def test_csv_dialects(tmp_path, change, name):
@@ -183,6 +188,9 @@ def test_missing_cells_are_gaps(tmp_path, cell):
         ("0.0,1.5,-2e3\n1,2,3\n", "first line holds numbers, where column names are expected"),
         ("t,x,x,force\n1,2,3,4\n", "has 2 columns named 'x'"),
         ("t,x,force\n1,2,3\n\n2,2\n", r"line 4 of run1.csv has 2 cells where the header has 3"),
+        ("t,x,force\n1,2,3,\n2,3,4,5\n", r"line 3 of run1.csv has 4 cells where the header has 3"),
+        ("t,x,force\n1,2,3,,\n", r"line 2 of run1.csv has 5 cells where the header has 3"),
+        ("t,x,force,\n1,2,3\n1,2\n", r"line 3 of run1.csv has 2 cells where the header has 4"),
         ("t,x,force\n31/01/2024 12:00:00,2,3\n", r"line 2: .* read as 2024-01-31 12:00:00.5 or .* may be two days"),
         ("t,x,force\n1,2,2024-01-31 12:00:00\n", r"'force' .* dates are read in the column of the time alone"),
         ("t,x,force\ns,m,N\n1,2,3\n2,3,4\n", r"'t' .* not numbers \(line 2: 's'\); delete that line"),
@@ -240,6 +248,9 @@ LAID_OUT = {
     "said to be commas": "sep=,\nt,x;y\n0.00,1.5\n0.25,-2.25\n",
     "a name over two lines": 't,"x\n(m)"\n0.00,1.5\n0.25,-2.25\n',
     "blank before a name over two lines": '\n"t","x\r\n(m)"\r\n0.00,1.5\r\n0.25,-2.25\r\n',
+    "semicolons at the ends of lines": "t;x\n0,00;1,5;\n0,25;-2,25;\n",
+    "semicolons at the ends of some": "t;x;\n0,00;1,5\n0,25;-2,25;\n",
+    "said to be bars, and some end lines": "sep=|\nt|x\n0.00|1.5|\n0.25|-2.25\n",
     "tabs, and dates": "t\tx\n00:00:00,00\t1,5\n00:00:00,25\t-2,250\n",
 }
 

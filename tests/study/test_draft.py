@@ -286,6 +286,18 @@ def test_a_label_with_a_line_break_is_told_on_one_line(here):
     assert "#   of two lines: constant, 0" in text
 
 
+def test_a_separator_at_the_ends_of_lines_makes_no_column(here):
+    lines = [f"{t!r},{x!r}," for t, x in zip(T.tolist(), motion(1).tolist(), strict=True)]
+    Path("log.csv").write_text("\n".join(["t,x,", *lines]) + "\n")
+    assert "Left out" not in draft([Path("log.csv")], [Path("log.csv")], Path()).text
+    lines[4] += "bumped"
+    Path("log.csv").write_text("\n".join(["t,x,", *lines]) + "\n")
+    assert (
+        "#   : has cells that are not numbers (line 6: 'bumped')"
+        in draft([Path("log.csv")], [Path("log.csv")], Path()).text
+    )
+
+
 def test_no_column_is_lost_to_the_name_of_another(here):
     made = {"t": T, "x_4": motion(1), "u": motion(2), "x (m)": motion(3), "x (mm)": motion(4)}
     study, _ = drafted(made)
