@@ -40,7 +40,8 @@ def with_springs_and_dampers(work: Work, filtered: Filtered, regressed: Regresse
     study, signals = work.study, filtered.signals
     if study.library.by_hand or not study.suspects or not filtered.sample.complete:
         return regressed
-    extra = (*_springs(signals, regressed.relations), *_dampers(signals.coordinates, regressed.relations))
+    coordinates, relations = signals.coordinates, regressed.relations
+    extra = (*_springs(signals, relations), *_drags(coordinates, relations), *_dampers(coordinates, relations))
     found = regressed_with(with_extra(work, extra), filtered, MANY) if extra else None
     if found is None:
         return regressed
@@ -62,9 +63,22 @@ def _springs(signals: Signals, relations: Sequence[Relation]) -> tuple[str, ...]
     return tuple(text for n in suspected for text in (n, f"{n}**3"))
 
 
-def _several(relation: Relation, angle: str) -> bool:
-    """Say whether several terms of a relation hold functions of an angle: nothing else of it is in the library."""
-    return sum(angle in t.product.term.names for t in relation.terms) >= SEVERAL
+def _drags(coordinates: Sequence[Coordinate], relations: Sequence[Relation]) -> tuple[str, ...]:
+    """Return the cube of the rate of every angle, where dry friction and drag together may imitate it.
+
+    What turns has rates to the second power in its library, as those of mechanisms are, but the drag of a hull is cubic.
+
+    Args:
+        coordinates: the angles among them.
+        relations: what regression proposes; where it does so, one has to hold several functions of the rate.
+    """
+    rates = (c.states[1] for c in coordinates if c.angle and c.order > 1)
+    return tuple(f"{v}**3" for v in rates if not relations or any(_several(r, v) for r in relations))
+
+
+def _several(relation: Relation, name: str) -> bool:
+    """Say whether several terms of a relation hold functions of an angle or its rate, with little else to choose."""
+    return sum(name in t.product.term.names for t in relation.terms) >= SEVERAL
 
 
 def _dampers(coordinates: Sequence[Coordinate], relations: Sequence[Relation]) -> tuple[str, ...]:

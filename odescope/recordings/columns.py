@@ -12,7 +12,7 @@ from odescope.errors import InputError, nearest
 from odescope.recordings.dates import DAY, FORMS, from_text, is_dates, is_durations, is_text
 from odescope.recordings.headings import in_seconds
 from odescope.recordings.layout import Layout
-from odescope.recordings.text_files import NUMBER
+from odescope.recordings.text_headers import NUMBER
 
 if TYPE_CHECKING:
     from pyarrow import Array, ChunkedArray, Table

@@ -16,7 +16,7 @@ import numpy as np
 from odescope.arrays import BoolArray, IntArray
 from odescope.errors import InputError
 from odescope.recordings.dates import DATE, MISSING, date_hint, from_text
-from odescope.recordings.text_headers import TextFile, open_bytes, zipped
+from odescope.recordings.text_headers import NUMBER, TextFile, open_bytes, zipped
 
 if TYPE_CHECKING:
     from pyarrow import ChunkedArray, DataType, NativeFile, Table
@@ -25,7 +25,6 @@ HEAD_PART = 1 << 18  # bytes that tell what kind of cells a column has
 BLOCK_BYTES = 1 << 20  # what counting lines reads at once
 MARK_ROWS = 8192  # the place of every so-manieth row is kept: part of a file is read from the one before it
 TELLING_MARKS = 8  # so many times MARK_ROWS rows are parsed at once to find the decimal mark
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE | re.ASCII)
 THOUSANDS = r"^\s*[+-]?[1-9]\d{0,2}(,\d{3})+\s*$"  # 1,250 may be a thousand and more, or one and a quarter
 RAGGED = re.compile(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)")
 

@@ -5,14 +5,19 @@ from __future__ import annotations
 import csv
 import gzip
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import IO, cast
 
 from odescope.errors import InputError
+from odescope.recordings.dates import DATE
 
 HEAD_BYTES = 1 << 20
 SAID = re.compile(r"sep=([;,|\t])", re.IGNORECASE)  # the first line of spreadsheets' own: what separates
+COMMENT = re.compile(r"[ \t]*#+ *+(?=[^,;|\t]|$)")  # what makes a line one; a "#" alone in its cell is a name
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE | re.ASCII)
 DECIMAL_COMMA = re.compile(rb"\d,\d")
 QUOTED_COMMA = re.compile(rb'"\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*"')  # where commas separate
 
@@ -37,7 +42,7 @@ class TextFile:
 
 
 def read_header(path: Path) -> TextFile:
-    """Read the header line, skipping blank lines before it.
+    """Read the header line, skipping blank lines and comments before it (see `_header_line`).
 
     Raises:
         InputError: the file is empty, no text of one byte a character, or nothing follows the header.
@@ -53,8 +58,8 @@ def read_header(path: Path) -> TextFile:
     if "\0" in text:
         raise InputError(f"{path.name} is not a text file in UTF-8; save it as UTF-8")
     said = SAID.fullmatch(text.strip(" \r\n"))
-    at = filled[1] if said is not None and len(filled) > 1 else filled[0]
-    text = _decoded(lines[at])
+    at = _header_line(lines, filled[1:] if said is not None and len(filled) > 1 else filled)
+    text = COMMENT.sub("", _decoded(lines[at]), count=1)
     while text.count('"') % 2 and at + 1 < len(lines):  # a line break within quotes belongs to a name
         at += 1
         text = f"{text} {_decoded(lines[at])}"
@@ -62,11 +67,41 @@ def read_header(path: Path) -> TextFile:
         raise InputError(f"{path.name} holds column names but no rows of data")
     bare = re.sub(r'"[^"]*"', "", text)  # a separator within quotes belongs to a name
     separator = max("\t;,", key=bare.count) if said is None else said[1]
-    names = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
+    names = _cells(text, separator)
     mark = QUOTED_COMMA if separator == "," else DECIMAL_COMMA
     commas = mark.search(b"\n".join(lines[at + 1 :])) is not None
     decimals = (",", ".") if separator == ";" else (".", ",") if commas else (".",)
     return TextFile(path, separator, tuple(" ".join(name.split()) for name in names), at + 1, decimals)
+
+
+def _header_line(lines: Sequence[bytes], filled: Sequence[int]) -> int:
+    """Return which line is the header: the first that begins with no "#", unless the last comment above has the names.
+
+    Such a comment has as many cells as the line below, and that holds a number or a date, as no header does.
+
+    Args:
+        lines: of the file.
+        filled: those of them that are not blank.
+    """
+    comments = list(takewhile(lambda k: _decoded(lines[k]).lstrip().startswith("#"), filled))
+    if not comments or len(comments) == len(filled):
+        return filled[len(comments) - 1 if comments else 0]
+    below = filled[len(comments)]
+    row = _decoded(lines[below])
+    separator = next((mark for mark in "\t;" if mark in row), ",")  # decimal commas may outnumber what separates
+    cells = _cells(row, separator)
+    data = any(NUMBER.fullmatch(cell.strip().replace(",", ".")) or DATE.match(cell) for cell in cells)
+    names = _cells(COMMENT.sub("", _decoded(lines[comments[-1]]), count=1), separator)
+    return comments[-1] if data and _counts(names) & _counts(cells) else below
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+
+
+def _counts(cells: Sequence[str]) -> set[int]:
+    """Return how many cells a line has, with and without an empty one behind a separator that ends it."""
+    return {len(cells), len(cells) - (not cells[-1].strip())}
 
 
 def _decoded(line: bytes) -> str:

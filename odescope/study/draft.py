@@ -24,7 +24,7 @@ from odescope.recordings.layout import Layout
 from odescope.recordings.periods import at_one_period
 from odescope.recordings.readers import column_names, read_chunk
 from odescope.recordings.record import Records
-from odescope.recordings.text_files import NUMBER
+from odescope.recordings.text_headers import NUMBER
 from odescope.signals.look import HELD, Role, Seen, look, repeats
 from odescope.study.looked_at import columns_of
 from odescope.study.toml import moved, parse_study
