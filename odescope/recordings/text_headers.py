@@ -16,7 +16,7 @@ from odescope.recordings.dates import DATE
 
 HEAD_BYTES = 1 << 20
 SAID = re.compile(r"sep=([;,|\t])", re.IGNORECASE)  # the first line of spreadsheets' own: what separates
-COMMENT = re.compile(r"[ \t]*#+ *+(?=[^,;|\t]|$)")  # what makes a line one; a "#" alone in its cell is a name
+COMMENT = re.compile(r"^[ \t]*#++ *+(?=[^,;|\t])")  # what makes a line one; a "#" alone in its cell is a name
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE | re.ASCII)
 DECIMAL_COMMA = re.compile(rb"\d,\d")
 QUOTED_COMMA = re.compile(rb'"\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*"')  # where commas separate
@@ -58,8 +58,9 @@ def read_header(path: Path) -> TextFile:
     if "\0" in text:
         raise InputError(f"{path.name} is not a text file in UTF-8; save it as UTF-8")
     said = SAID.fullmatch(text.strip(" \r\n"))
-    at = _header_line(lines, filled[1:] if said is not None and len(filled) > 1 else filled)
-    text = COMMENT.sub("", _decoded(lines[at]), count=1)
+    told = said is not None and len(filled) > 1
+    at = _header_line(lines, filled[told:], None if said is None else said[1])
+    text = COMMENT.sub("", _decoded(lines[at]))
     while text.count('"') % 2 and at + 1 < len(lines):  # a line break within quotes belongs to a name
         at += 1
         text = f"{text} {_decoded(lines[at])}"
@@ -74,7 +75,7 @@ def read_header(path: Path) -> TextFile:
     return TextFile(path, separator, tuple(" ".join(name.split()) for name in names), at + 1, decimals)
 
 
-def _header_line(lines: Sequence[bytes], filled: Sequence[int]) -> int:
+def _header_line(lines: Sequence[bytes], filled: Sequence[int], separator: str | None) -> int:
     """Return which line is the header: the first that begins with no "#", unless the last comment above has the names.
 
     Such a comment has as many cells as the line below, and that holds a number or a date, as no header does.
@@ -82,16 +83,17 @@ def _header_line(lines: Sequence[bytes], filled: Sequence[int]) -> int:
     Args:
         lines: of the file.
         filled: those of them that are not blank.
+        separator: of cells, where the file says it.
     """
     comments = list(takewhile(lambda k: _decoded(lines[k]).lstrip().startswith("#"), filled))
     if not comments or len(comments) == len(filled):
         return filled[len(comments) - 1 if comments else 0]
     below = filled[len(comments)]
     row = _decoded(lines[below])
-    separator = next((mark for mark in "\t;" if mark in row), ",")  # decimal commas may outnumber what separates
+    separator = separator or next((mark for mark in "\t;" if mark in row), ",")  # more commas may be decimal marks
     cells = _cells(row, separator)
     data = any(NUMBER.fullmatch(cell.strip().replace(",", ".")) or DATE.match(cell) for cell in cells)
-    names = _cells(COMMENT.sub("", _decoded(lines[comments[-1]]), count=1), separator)
+    names = _cells(COMMENT.sub("", _decoded(lines[comments[-1]])), separator)
     return comments[-1] if data and _counts(names) & _counts(cells) else below
 
 

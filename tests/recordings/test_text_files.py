@@ -70,6 +70,13 @@ def refused(folder, text, message, layout=LAYOUT, name="run1.csv"):
         (lambda text: re.sub(r"(\d)\n(0|1)", r"\1,\n\2", text).replace("ok", '"a,""b"'), "run.csv"),
         (lambda text: text.replace("\n", ",\n", 5).replace("ok", '5" °'), "run.csv"),
         (lambda text: text.replace("\n", ",\n", 1), "run.csv"),
+        (lambda text: "# logger v1.2\n# date 2026-01-01, 12:00\n" + text, "run.csv"),
+        (lambda text: '\ufeff# a "quoted\n\n #\n' + text.replace("\n", ",\n"), "run.csv"),
+        (lambda text: "# " + text, "run.csv"),
+        (lambda text: "# logger, v1.2, by, me\r\n#" + text.replace("\n", "\r\n"), "run.csv"),
+        (lambda text: '# 5 "\n# ' + text.replace("\n", ",\n", 2), "run.csv"),
+        (lambda text: "# a, b, c, d\n#" + text.replace(",", ";").replace(".", ","), "run.csv"),
+        (lambda text: "sep=|\n# a|b|c|d\n#" + text.replace(",", "|"), "run.csv"),
     ],
 )
 def test_csv_dialects(tmp_path, change, name):
@@ -79,6 +86,24 @@ def test_csv_dialects(tmp_path, change, name):
 def test_the_header_tells_separator_names_and_lines_to_skip(tmp_path):
     file = read_header(write(tmp_path, '\n \nt; "x;1, or 2" ;force\n1;2;3\n'))
     assert (file.separator, file.names, file.skip) == (";", ("t", "x;1, or 2", "force"), 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "names", "skip"),
+    [
+        ("#,t,item #2\n1,0.0,2\n", ("#", "t", "item #2"), 1),
+        ("# logger v1.2\n#;t\n1;0,5\n", ("#", "t"), 2),
+        ("# a, b\nt,x\n0,1\n", ("t", "x"), 2),
+        ("# by me\n0,1,2\n", ("0", "1", "2"), 2),
+        ("## t,x\n2026-01-01 12:00,NA\n", ("t", "x"), 1),
+        ("# t,x,u\n0,1,\n", ("t", "x", "u"), 1),
+        ("#\n# t,x,u\n0,1,2,\n", ("t", "x", "u"), 2),
+        ("# t\n#\n0,1\n", ("0", "1"), 3),
+    ],
+)
+def test_comments_before_the_header_are_skipped_and_the_last_may_be_it(tmp_path, text, names, skip):
+    file = read_header(write(tmp_path, f"{text}5,6\n"))
+    assert (file.names, file.skip) == (names, skip)
 
 
 def test_labels_read_the_same_cell_by_cell(tmp_path):
@@ -191,6 +216,9 @@ def test_missing_cells_are_gaps(tmp_path, cell):
         ("t,x,force\n1,2,3,\n2,3,4,5\n", r"line 3 of run1.csv has 4 cells where the header has 3"),
         ("t,x,force\n1,2,3,,\n", r"line 2 of run1.csv has 5 cells where the header has 3"),
         ("t,x,force,\n1,2,3\n1,2\n", r"line 3 of run1.csv has 2 cells where the header has 4"),
+        ("# t,x,force\n", "column names but no rows of data"),
+        ("# by me\nt,x,force\n1,a,3\n2,2,3\n", r"'x' .*\(line 3: 'a'\)"),
+        ("# by me\n1,2,3\n2,3,4\n", "first line holds numbers, where column names are expected"),
         ("t,x,force\n31/01/2024 12:00:00,2,3\n", r"line 2: .* read as 2024-01-31 12:00:00.5 or .* may be two days"),
         ("t,x,force\n1,2,2024-01-31 12:00:00\n", r"'force' .* dates are read in the column of the time alone"),
         ("t,x,force\ns,m,N\n1,2,3\n2,3,4\n", r"'t' .* not numbers \(line 2: 's'\); delete that line"),
@@ -251,6 +279,7 @@ LAID_OUT = {
     "semicolons at the ends of lines": "t;x\n0,00;1,5;\n0,25;-2,25;\n",
     "semicolons at the ends of some": "t;x;\n0,00;1,5\n0,25;-2,25;\n",
     "said to be bars, and some end lines": "sep=|\nt|x\n0.00|1.5|\n0.25|-2.25\n",
+    "comments, and names in the last": "# by me\n# t;x\n0,00;1,5\n0,25;-2,25\n",
     "tabs, and dates": "t\tx\n00:00:00,00\t1,5\n00:00:00,25\t-2,250\n",
 }
 
