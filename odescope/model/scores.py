@@ -207,7 +207,8 @@ class TimeScore(msgspec.Struct, frozen=True):
     stamps were smoothed, in sample periods. `missing` counts, by name, the samples of a coordinate that were not
     measured, and the gaps they are in; `samples` how many each coordinate should have. `bridged` has, by name, the
     longest gap of an input in samples, and how far a straight line over as many is off elsewhere, in its standard
-    deviations. `scatter` is the largest of recordings whose samples were taken off even times, in sample periods.
+    deviations. `scatter` is the largest of recordings whose samples were taken off even times, in sample periods. `cut`
+    counts the gaps at which recordings were cut.
     """
 
     rows: int
@@ -218,6 +219,7 @@ class TimeScore(msgspec.Struct, frozen=True):
     missing: dict[str, tuple[int, int]]
     bridged: dict[str, tuple[int, float]] = {}
     scatter: float = 0.0
+    cut: int = 0
 
     @property
     def uneven(self) -> bool:

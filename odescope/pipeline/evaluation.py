@@ -201,8 +201,9 @@ def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequ
         missing={name: told for name, told in missing.items() if told[0]},
         bridged={i.name: gap for i in inputs if i.hold != "zero" and (gap := bridged(records, i.name))[0]},
         scatter=max(r.scatter for r in repairs),
+        cut=sum(r.cut for r in repairs),
     )
-    repaired = found.disordered or found.doubled or found.jitter or found.scatter
+    repaired = found.disordered or found.doubled or found.jitter or found.scatter or found.cut
     return found if repaired or found.missing or found.bridged else None
 
 

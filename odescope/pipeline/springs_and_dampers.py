@@ -66,7 +66,7 @@ def _springs(signals: Signals, relations: Sequence[Relation]) -> tuple[str, ...]
 def _drags(coordinates: Sequence[Coordinate], relations: Sequence[Relation]) -> tuple[str, ...]:
     """Return the cube of the rate of every angle, where dry friction and drag together may imitate it.
 
-    What turns has rates to the second power in its library, as those of mechanisms are, but the drag of a hull is cubic.
+    What turns has rates to the second power in its library, as mechanisms do, but the drag of a hull is cubic.
 
     Args:
         coordinates: the angles among them.

@@ -31,12 +31,12 @@ def bridged(records: Records, name: str) -> tuple[int, float]:
     if not longest or not whole:
         return longest, 0.0
     every = max(sum(len(y) - longest - 1 for y in whole) // WINDOWS, 1)
-    off = np.concatenate([_off_lines(y, longest, every) for y in whole])
+    off = np.concatenate([off_lines(y, longest, every) for y in whole])
     spread = float(np.concatenate([run.column(name)[m] for run, m in zip(records, measured, strict=True)]).std())
     return longest, float(np.sqrt(np.mean(off**2))) / spread if spread > 0.0 else 0.0
 
 
-def _off_lines(y: FloatArray, gap: int, every: int) -> FloatArray:
+def off_lines(y: FloatArray, gap: int, every: int) -> FloatArray:
     """Return how far values (N,) are from the lines that would bridge gaps among them.
 
     Args:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray, true_ranges
 from odescope.errors import InputError
+from odescope.recordings.between_samples import looks_held
+from odescope.recordings.bridges import WINDOWS, off_lines
 from odescope.recordings.record import UNREPAIRED, Record, Repairs, check_finite, within
 
 Gaps = Literal["bridge", "split", "refuse"]
@@ -16,6 +19,9 @@ Gaps = Literal["bridge", "split", "refuse"]
 SHORTEST_RUN = 16  # fewer samples between gaps leave nothing between the margins of a derivative filter
 GAP_PERIODS = 1.5  # a longer step lacks at least one sample
 LONGEST_GAP = 32  # steps of a column: over a longer gap its samples hardly say what happened, and the run is cut there
+FEW = 4  # samples: over as many an input that is not known for so long hardly moves a state
+UNKNOWN = 0.25  # of an input's standard deviation: further off, a line is no knowledge of what it did
+APART = 100  # samples between cuts, on average, at least: so many more a piece has than states at its begin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +51,12 @@ class RawRun:
         named = record.names, record.units, record.source
         return cls(record.t, values, *named, rows, record.names, record.counts, record.repairs)
 
+    def cut(self, cuts: Sequence[IntArray]) -> Iterator[RawRun]:
+        """Yield pieces, each by the indices (n,) of its samples; the first bears what was done to the rows."""
+        for k, samples in enumerate(cuts):
+            repairs = UNREPAIRED if k else replace(self.repairs, cut=len(cuts) - 1)
+            yield replace(self.take(samples), repairs=repairs)
+
     def take(self, samples: IntArray) -> RawRun:
         """Return some samples (n,), by their indices."""
         counts = None if self.counts is None else self.counts[samples]
@@ -57,18 +69,19 @@ def check_cells(run: RawRun) -> None:
     check_finite(~np.isinf(run.values), run.labels, run.rows, run.source)
 
 
-def pieces(run: RawRun, gaps: Gaps, partial: bool = False) -> tuple[IntArray, ...]:
+def pieces(run: RawRun, gaps: Gaps, partial: bool = False, inputs: Collection[str] = ()) -> tuple[IntArray, ...]:
     """Return the samples (n,) of each piece of a raw run, as indices into it.
 
     A gap is where cells are missing or time jumps by more than 1.5 periods. With "bridge" a run is only cut where a
-    gap of a column is longer than 32 of the median steps between the column's own samples; missing cells stay in the
-    pieces. With "split" it is cut at every gap.
+    gap of a column is longer than 32 of the median steps between the column's own samples, or where an input did in it
+    what nobody knows; missing cells stay in the pieces. With "split" it is cut at every gap.
     Pieces shorter than 16 samples are dropped, unless the run is all one piece.
 
     Args:
         run: its times increasing, but for those that are missing; its angles are not unwrapped yet.
         gaps: whether gaps are bridged, split at or refused.
         partial: the run is cut out of a longer one, whose rest may well serve: that nothing is left of it is no fault.
+        inputs: names of the columns that drive the others.
 
     Raises:
         InputError: there are gaps and `gaps` is "refuse"; no piece is left; a column has fewer than 2 samples.
@@ -91,7 +104,7 @@ def pieces(run: RawRun, gaps: Gaps, partial: bool = False) -> tuple[IntArray, ..
     if gaps == "refuse":
         _refuse_gaps(run, run.rows[timed[:-1]][steps > longest])
         return (timed,)
-    found = _bridged(run, measured) if gaps == "bridge" else _split(run, measured[:, 0], longest)
+    found = _bridged(run, measured, inputs) if gaps == "bridge" else _split(run, measured[:, 0], longest)
     whole = len(found) == 1 and gaps == "bridge"
     lengths = [_common_rows(measured[samples]) for samples in found]
     least = 2 if whole else SHORTEST_RUN
@@ -111,17 +124,54 @@ def _split(run: RawRun, complete: BoolArray, longest: float) -> list[IntArray]:
     return np.split(samples, np.flatnonzero(cuts) + 1)
 
 
-def _bridged(run: RawRun, measured: BoolArray) -> list[IntArray]:
-    """Return the pieces between gaps too long to bridge; what lies in the gap of one column is lost of the others."""
+def _bridged(run: RawRun, measured: BoolArray, inputs: Collection[str]) -> list[IntArray]:
+    """Return the pieces between gaps that are not bridged; what lies in the gap of one column is lost of the others."""
     piece, kept = np.zeros(len(run.t), dtype=np.int64), ~np.isnan(run.t)
-    for cells in measured.T:
+    for name, cells, values in zip(run.names, measured.T, run.values.T, strict=True):
         there = np.flatnonzero(cells)
         steps = np.diff(run.t[there])
-        for k in np.flatnonzero(steps > LONGEST_GAP * np.median(steps)):
+        long = steps > LONGEST_GAP * np.median(steps)
+        if name in inputs:
+            long |= _unknown(steps, values[there])
+        for k in np.flatnonzero(long):
             kept[there[k] + 1 : there[k + 1]] = False
             piece[there[k + 1] :] += 1
     samples = np.flatnonzero(kept)
     return np.split(samples, np.flatnonzero(np.diff(piece[samples])) + 1)
+
+
+def _unknown(steps: FloatArray, values: FloatArray) -> BoolArray:
+    """Return in which gaps (n - 1,) an input did what nobody knows: it stepped, or no line over as many samples tells.
+
+    A coordinate is bridged by the law, as long as what drives it is known.
+
+    Args:
+        steps: (n - 1,) of time between its samples.
+        values: (n,) of these.
+    """
+    lost: IntArray = np.rint(steps / np.median(steps)).astype(int) - 1
+    unknown: BoolArray = lost > 0
+    if not unknown.any():
+        return unknown
+    if looks_held(values):
+        unknown &= np.diff(values) != 0.0
+    else:
+        far = [n for n in np.unique(lost[lost > FEW]).tolist() if _off(values, lost, n) > UNKNOWN * values.std()]
+        unknown = np.isin(lost, far)
+    return unknown if APART * np.count_nonzero(unknown) <= len(values) else unknown & (lost > FEW)
+
+
+def _off(values: FloatArray, lost: IntArray, gap: int) -> float:
+    """Return the root mean square by which lines over so many samples are off where all are there, 0 if none are.
+
+    Args:
+        values: (n,) of an input.
+        lost: (n - 1,) samples between these.
+        gap: samples that the line bridges.
+    """
+    whole = [y for y in np.split(values, np.flatnonzero(lost > 0) + 1) if len(y) > gap + 1]
+    every = max(len(values) // WINDOWS, 1)
+    return float(np.sqrt(np.mean(np.concatenate([off_lines(y, gap, every) for y in whole]) ** 2))) if whole else 0.0
 
 
 def _common_rows(cells: BoolArray) -> int:

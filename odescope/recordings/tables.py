@@ -63,7 +63,8 @@ def on_uniform_time(records: Records, layout: Layout) -> Records:
         InputError: the stamps do not serve, or the gaps are refused.
     """
     runs = (RawRun.of(record) for record in records)
-    return Records(tuple(_made_uniform(run.take(p), layout)[0] for run in runs for p in pieces(run, layout.gaps)))
+    cut = (piece for run in runs for piece in run.cut(pieces(run, layout.gaps, inputs=layout.inputs)))
+    return Records(tuple(_made_uniform(run, layout)[0] for run in cut))
 
 
 def _made_uniform(run: RawRun, layout: Layout) -> tuple[Record, IntArray]:
@@ -155,8 +156,9 @@ def _between_gaps(run: RawRun, chunk: Chunk, layout: Layout) -> Iterator[Stretch
     check_cells(run)
     run = in_order(run)
     rows = run.rows - 1
-    for samples in pieces(run, layout.gaps, partial=cut_before or cut_after):
-        record, points = _made_uniform(run.take(samples), layout)
+    cuts = pieces(run, layout.gaps, cut_before or cut_after, layout.inputs)
+    for samples, piece in zip(cuts, run.cut(cuts), strict=True):
+        record, points = _made_uniform(piece, layout)
         first, last = _own(rows[samples], points, chunk, len(record))
         if first < last:
             begins, ends = not (cut_before and samples[0] == 0), not (cut_after and samples[-1] + 1 == len(rows))

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -7,6 +8,7 @@ from hypothesis import strategies as st
 
 from odescope.errors import InputError
 from odescope.recordings.gaps import RawRun, check_cells, pieces
+from odescope.recordings.record import Repairs
 
 TIME = np.arange(40) * 0.01
 
@@ -120,3 +122,45 @@ def test_a_column_without_numbers_is_named():
     values = np.column_stack([TIME, np.full(40, np.nan)])
     with pytest.raises(InputError, match=r"0 of 40 cells of 'phi' hold numbers in run1\.csv: expected at least 2"):
         cut_at_gaps(raw(TIME, values), "bridge")
+
+
+def driven(u, lost):
+    """Return a run of a coordinate and an input, samples of both lost."""
+    kept = np.setdiff1d(np.arange(len(u)), lost)
+    values = np.column_stack([np.sin(0.02 * kept), u[kept]])
+    rows = np.arange(1, len(kept) + 1)
+    return RawRun(kept.astype(float), values, ("x", "u"), (None, None), "run1.csv", rows, ("x", "u"))
+
+
+def lengths(run, inputs=("u",)):
+    return [len(samples) for samples in pieces(run, "bridge", inputs=inputs)]
+
+
+STEPPING = np.repeat(np.arange(20.0) * 7.0 % 5.0, 50)
+
+
+def test_a_run_is_cut_where_an_input_stepped_unseen():
+    assert lengths(driven(STEPPING, [249, 250, 330])) == [249, 748]  # from 249 to 250, but nowhere about 330
+    assert lengths(driven(STEPPING, [249, 250, 330]), inputs=()) == [997]
+
+
+def test_a_run_is_not_cut_to_pieces_at_single_samples():
+    every = np.arange(50, 1000, 50)
+    assert lengths(driven(STEPPING, every)) == [981]
+    long = np.r_[every, np.arange(301, 306)]  # six in a row are another matter
+    assert lengths(driven(STEPPING, long)) == [295, 681]
+
+
+@pytest.mark.parametrize(("period", "gap", "cuts"), [(40.0, 20, 1), (40.0, 3, 0), (400.0, 20, 0)])
+def test_a_run_is_cut_where_no_line_tells_what_an_input_did(period, gap, cuts):
+    u = np.sin(2.0 * np.pi * np.arange(1000.0) / period)
+    run = driven(u, np.arange(500, 500 + gap))
+    assert len(lengths(run)) == 1 + cuts
+    assert lengths(run, inputs=()) == [1000 - gap]  # the law bridges coordinates
+
+
+def test_the_first_of_several_pieces_bears_what_was_done_to_the_rows():
+    run = replace(driven(STEPPING, [249, 250]), repairs=Repairs(rows=998, doubled=3))
+    first, second = run.cut(pieces(run, "bridge", inputs=("u",)))
+    assert (first.repairs.rows, first.repairs.doubled, first.repairs.cut) == (998, 3, 1)
+    assert (second.repairs.rows, second.repairs.doubled, second.repairs.cut) == (0, 0, 0)

@@ -1,0 +1,31 @@
+"""Rows that were lost just where a command stepped: nobody knows in which of them it did."""
+
+import numpy as np
+import pytest
+
+from odescope import Data, Driven, Measured, Study, identify
+
+LOST = [300, 630, 631, 900]  # the command steps every 30 rows
+
+
+def valve(seed):
+    """Return a log of x' = u - x/2 at half a per cent of noise, four rows lost."""
+    rng = np.random.default_rng(seed)
+    u, x = np.repeat(rng.uniform(-1.0, 1.0, 40), 30), np.zeros(1200)
+    for k in range(len(x) - 1):
+        x[k + 1] = 2.0 * u[k] + (x[k] - 2.0 * u[k]) * np.exp(-0.05)
+    kept = np.setdiff1d(np.arange(len(x)), LOST)
+    return {"t": 0.1 * kept, "x": (x + 0.005 * x.std() * rng.standard_normal(len(x)))[kept], "u": u[kept]}
+
+
+@pytest.mark.parametrize("seed", [3, *(pytest.param(s, marks=pytest.mark.slow) for s in range(3))])
+def test_steps_that_nobody_saw_are_not_taken_for_late(seed):
+    """Held until the next row a command is late at these steps: noise of the process, or four terms more."""
+    study = Study(data=Data(time="t"), coordinates={"x": Measured()}, inputs={"u": Driven()})
+    result = identify(study, valve(seed))
+    terms = {t.text: t for t in result.model.relations[0].terms}
+    assert set(terms) == {"x_dot", "x", "u"}
+    for name, truth in {"x": 0.5, "u": -1.0}.items():
+        assert abs(terms[name].coefficient - truth) < 4.0 * terms[name].std_error < 0.002
+    assert any(note.startswith("recordings were cut at 3 gaps") for note in result.notes)
+    assert result.refinement.exact
