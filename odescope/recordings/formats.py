@@ -24,6 +24,7 @@ from odescope.recordings.text_files import (
     head_of,
     index_rows,
     read_columns,
+    read_loosely,
     refuse_blank_lines,
     settle_decimal,
 )
@@ -72,16 +73,25 @@ def _read_text(path: Path, layout: Layout) -> Columns:
     file = _header(path, layout)
     if layout.time is None:
         refuse_blank_lines(file)
-    return read_columns(file, layout.used, layout.numeric, layout.time)
+    return _columns(file, layout)
+
+
+def _columns(file: TextFile, layout: Layout) -> Columns:
+    """Return the used columns of a text file, or of a part of one."""
+    loose = [label for label in layout.numeric if label in layout.loose]
+    strict = [label for label in layout.used if label not in loose]
+    numeric = [label for label in layout.numeric if label in strict]
+    time = layout.time if layout.time in strict else None
+    return read_loosely(file, loose) | (read_columns(file, strict, numeric, time) if strict else {})
 
 
 def _read_text_head(path: Path, layout: Layout) -> Columns:
-    return read_columns(head_of(_header(path, layout)), layout.used, layout.numeric, layout.time)
+    return _columns(head_of(_header(path, layout)), layout)
 
 
 def _read_text_chunk(chunk: Chunk, layout: Layout) -> Columns:
     assert chunk.text is not None  # cut gives every chunk of a text file one
-    columns = read_columns(chunk.text, layout.used, layout.numeric, layout.time)
+    columns = _columns(chunk.text, layout)
     start, stop = chunk.window
     return {label: column.slice(start - chunk.text.first, stop - start) for label, column in columns.items()}
 

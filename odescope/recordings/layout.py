@@ -17,7 +17,8 @@ class Layout:
     `columns` and `units` are pairs (name in odescope, column in the file) and (name, unit); `angles`, `held` and
     `inputs` hold names in odescope, `degrees` those of angles to convert to radians; `jitter` is a limit in sample
     periods, None for none; `time_unit` is that of the column `time`; `time`, `date` and `recording` are columns in the
-    file, or `recording` a folder's key (lap=7/a.parquet). `date` holds the day where `time` holds a clock.
+    file, or `recording` a folder's key (lap=7/a.parquet). `date` holds the day where `time` holds a clock. `loose` are
+    columns in a text file whose cells count as missing where they are no numbers, and are not refused.
 
     Raises:
         InputError: not exactly one of `time` and `sample_period`, no column, a tolerance or period out of range.
@@ -36,6 +37,7 @@ class Layout:
     jitter: float | None = None
     time_unit: TimeUnit = "s"
     date: str | None = None
+    loose: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         if (self.time is None) == (self.sample_period is None):

@@ -16,7 +16,7 @@ import numpy as np
 from odescope.arrays import BoolArray, IntArray
 from odescope.errors import InputError
 from odescope.recordings.dates import DATE, MISSING, date_hint, from_text
-from odescope.recordings.text_headers import NUMBER, TextFile, open_bytes, zipped
+from odescope.recordings.text_headers import NUMBER, TextFile, evened, open_bytes, zipped
 
 if TYPE_CHECKING:
     from pyarrow import ChunkedArray, DataType, NativeFile, Table
@@ -27,6 +27,17 @@ MARK_ROWS = 8192  # the place of every so-manieth row is kept: part of a file is
 TELLING_MARKS = 8  # so many times MARK_ROWS rows are parsed at once to find the decimal mark
 THOUSANDS = r"^\s*[+-]?[1-9]\d{0,2}(,\d{3})+\s*$"  # 1,250 may be a thousand and more, or one and a quarter
 RAGGED = re.compile(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)")
+
+
+class NotNumbersError(InputError):
+    """Cells of a column are no numbers; of those that are not empty, `share` are."""
+
+    def __init__(self, message: str, share: float) -> None:
+        super().__init__(message, share)
+        self.share = share
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,8 +217,7 @@ def read_columns(
             with contextlib.suppress(pa.ArrowInvalid, InputError):
                 found = _parse(file, {**types, time: pa.string()}, decimal)
                 return {**found, time: from_text(found[time], time, file.path.name)}
-    cells = _parse(file, dict.fromkeys(types, pa.binary()), ".", threads=False)
-    texts = {label: [cell.decode(errors="replace") for cell in cells[label].to_pylist()] for label in labels}
+    texts = _texts(file, labels)
     dates = None if time is None else _as_dates(texts[time], time)  # then the cells at fault are in other columns
     checked = [label for label in numeric if dates is None or label != time]
     faults = {mark: {label: _faults(texts[label], mark) for label in checked} for mark in file.decimals}
@@ -224,6 +234,32 @@ def read_columns(
     }
 
 
+def read_loosely(file: TextFile, labels: Sequence[str]) -> dict[str, ChunkedArray]:
+    """Return the labelled columns as Arrow columns of floats, NaN where a cell is missing or no number.
+
+    Raises:
+        InputError: a row of too few or too many cells.
+        pyarrow.ArrowInvalid: a file that Arrow cannot parse for any other reason.
+    """
+    import pyarrow as pa
+
+    found = {}
+    for label, cells in _texts(file, labels).items() if labels else ():
+        faults = {mark: set(_faults(cells, mark)) for mark in file.decimals}
+        decimal = min(faults, key=lambda mark: len(faults[mark]))
+        values = [_float("" if row in faults[decimal] else cell, decimal) for row, cell in enumerate(cells)]
+        found[label] = pa.chunked_array([pa.array(values, pa.float64())])
+    return found
+
+
+def _texts(file: TextFile, labels: Sequence[str]) -> dict[str, list[str]]:
+    """Return the cells of the labelled columns as they stand in the file."""
+    import pyarrow as pa
+
+    cells = _parse(file, dict.fromkeys(labels, pa.binary()), ".", threads=False)
+    return {label: [cell.decode(errors="replace") for cell in cells[label].to_pylist()] for label in labels}
+
+
 def _parse(
     file: TextFile, types: Mapping[str, DataType], decimal: str, threads: bool = True
 ) -> dict[str, ChunkedArray]:
@@ -238,7 +274,7 @@ def _parse(
         except pa.ArrowInvalid as error:
             if not RAGGED.search(str(error)):
                 raise
-            table = _table(file, _evened(file), kinds, decimal, threads)
+            table = _table(file, pa.BufferReader(evened(file)), kinds, decimal, threads)
     except pa.ArrowInvalid as error:
         ragged = RAGGED.search(str(error))  # the row handler of pyarrow fails on rows that are not UTF-8
         if ragged is None or ragged[1] is None:  # rows are counted only where one thread reads
@@ -279,23 +315,6 @@ def _arrow_stream(file: TextFile) -> NativeFile:
     return pa.OSFile(str(file.path)).get_stream(file.begin, file.end - file.begin)
 
 
-def _evened(file: TextFile) -> NativeFile:
-    """Return a file or part whose rows have as many cells as the header, where they differ by an empty last one.
-
-    Loggers end each row with a separator, or only the header, or only some rows. Other rows stay as they are.
-    """
-    import pyarrow as pa
-
-    with open_bytes(file.path) as stream:
-        stream.seek(file.begin)
-        text = stream.read() if file.end is None else stream.read(file.end - file.begin)
-    names, split = file.names, re.escape(file.separator.encode())
-    named = len(names) - (len(names) > 1 and not names[-1])
-    cell = rb'(?:"(?:[^"\r\n]|"")*+"[^%b\r\n]*+|[^"%b\r\n][^%b\r\n]*+|)' % (split, split, split)
-    row = rb"(?<![^\r\n])(?=[^\r\n])(%b(?:%b%b){%d})%b? *(?![^\r\n])" % (cell, split, cell, named - 1, split)
-    return pa.BufferReader(re.sub(row, rb"\1" + file.separator.encode() * (len(names) - named), text))
-
-
 def _faults(cells: Sequence[str], decimal: str) -> list[int]:
     """Return the rows whose cell is neither missing nor a plain number with this decimal mark."""
     other = "," if decimal == "." else "."
@@ -328,7 +347,10 @@ def _refuse_cells(file: TextFile, label: str, cells: Sequence[str], rows: list[i
     hint = "delete that line if it holds units or a comment" if units else "empty cells and NaN count as missing"
     if DATE.match(cells[rows[0]]):
         hint = date_hint(cells[rows[0]]) if times else "dates are read in the column of the time alone"
-    raise InputError(f"column {label!r} in {file.path.name} has cells that are not numbers ({shown}{more}); {hint}")
+    raise NotNumbersError(
+        f"column {label!r} in {file.path.name} has cells that are not numbers ({shown}{more}); {hint}",
+        1.0 - len(rows) / sum(cell.strip() not in MISSING for cell in cells),
+    )
 
 
 def _line_numbers(file: TextFile, rows: Sequence[int]) -> list[int]:

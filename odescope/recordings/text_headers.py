@@ -1,4 +1,4 @@
-"""The header line of a text file of numbers: the names of its columns, what separates them, and its decimal marks."""
+"""The header line of a text file of numbers: names of columns, what separates them, decimal marks, cells in a row."""
 
 from __future__ import annotations
 
@@ -112,6 +112,21 @@ def _decoded(line: bytes) -> str:
         return line.decode("utf-8-sig")
     except UnicodeDecodeError:
         return line.decode("cp1252", errors="replace")
+
+
+def evened(file: TextFile) -> bytes:
+    """Return a file or part whose rows have as many cells as the header, where they differ by an empty last one.
+
+    Loggers end each row with a separator, or only the header, or only some rows. Other rows stay as they are.
+    """
+    with open_bytes(file.path) as stream:
+        stream.seek(file.begin)
+        text = stream.read() if file.end is None else stream.read(file.end - file.begin)
+    names, split = file.names, re.escape(file.separator.encode())
+    named = len(names) - (len(names) > 1 and not names[-1])
+    cell = rb'(?:"(?:[^"\r\n]|"")*+"[^%b\r\n]*+|[^"%b\r\n][^%b\r\n]*+|)' % (split, split, split)
+    row = rb"(?<![^\r\n])(?=[^\r\n])(%b(?:%b%b){%d})%b? *(?![^\r\n])" % (cell, split, cell, named - 1, split)
+    return re.sub(row, rb"\1" + file.separator.encode() * (len(names) - named), text)
 
 
 def zipped(path: Path) -> bool:

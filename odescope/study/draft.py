@@ -102,9 +102,10 @@ def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Draft
     columns = {label: column.values for label, column in read.items() if not column.refusal}
     dated = [label for label, column in read.items() if column.dated]
     refusals = {label: column.refusal for label, column in read.items() if column.refusal}
+    faults = {label: column.faults for label, column in read.items() if column.faults}
     clock = clock_of({label: values[: chunks[0].stop] for label, values in columns.items()}, dated)
     with opened(file) as kind:
-        recording = _recording(kind, file, tuple(read), clock)
+        recording = _recording(kind, file, tuple(read), clock, frozenset(faults))
     taken = (clock.label, clock.counts, recording, *dated)
     others = [n for n in columns if n not in taken and np.isfinite(columns[n]).any()]
     headings = headings_of(others)
@@ -113,7 +114,7 @@ def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Draft
         raise InputError("; ".join([said, *_told(refusals)]))
     # What repeats itself is not moved to even times along a curve, which would hide that it does.
     repeating = frozenset(n for n, h in headings.items() if repeats(columns[h.label]) > HELD)
-    layout = replace(_layout(clock, recording, headings), held=repeating)
+    layout = replace(_layout(clock, recording, headings), held=repeating, loose=frozenset(faults))
     records = Records(tuple(stretch.record for chunk in chunks for stretch in read_chunk(chunk, layout)))
     seen = look(at_one_period(records, layout), headings)
     if not chunks[0].whole:
@@ -132,7 +133,7 @@ def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Draft
     seen_files = dict.fromkeys(chunk.path.name for chunk in chunks)
     if len(seen_files) < len(files) or (len(files) == 1 and sources[0] != file):
         sampled = f"{', '.join(seen_files)}: {sampled}"
-    text = "\n".join(_lines(sources, folder, clock, recording, sampled, seen, unused)) + "\n"
+    text = "\n".join(_lines(sources, folder, clock, recording, sampled, seen, unused, faults)) + "\n"
     parse_study(text)
     return Drafted(text, sampled, seen, unused)
 
@@ -197,14 +198,16 @@ def _goes_back(values: FloatArray) -> bool:
     return bool(back > BACK * (back + on))
 
 
-def _recording(kind: Format, file: Path, labels: Sequence[str], clock: ClockColumn) -> str | None:
+def _recording(
+    kind: Format, file: Path, labels: Sequence[str], clock: ClockColumn, loose: frozenset[str]
+) -> str | None:
     """Return the column that changes wherever time goes back, or that is called so and stays for long."""
     if clock.label is None:
         return None
-    layout = Layout(time=clock.label, columns=(("t", clock.label),), date=clock.date)
+    layout = Layout(time=clock.label, columns=(("t", clock.label),), date=clock.date, loose=loose)
     back = set(np.flatnonzero(np.diff(row_seconds(kind.read(file, layout), layout, file.name)) < 0.0).tolist())
     for label in labels:
-        layout = Layout(time=clock.label, columns=(("t", clock.label),), recording=label)
+        layout = Layout(time=clock.label, columns=(("t", clock.label),), recording=label, loose=loose)
         called = LABELS.fullmatch(Heading.of(label).name) is not None
         if label in (clock.label, clock.date) or not (called or back):
             continue
@@ -315,12 +318,17 @@ def _lines(
     sampled: str,
     seen: Sequence[Seen],
     unused: Mapping[str, str],
+    faults: Mapping[str, str],
 ) -> Iterator[str]:
     """Yield the lines of a study."""
     files = [_from(folder, source) for source in sources]
     yield "# Drafted from a look at the data: read each line, and correct what was guessed."
     yield "[data]"
     yield f"# {sampled}"
+    left_out = _left_out(seen, unused)
+    if told := [label for label in faults if label == clock.label or label not in left_out]:
+        yield "# CHANGE THIS in the data: a run refuses such cells until they are corrected or emptied"
+        yield from (f"#   {_on_one_line(f'{label}: {faults[label]}')}" for label in told)
     yield f"files = {_quoted(files)}"
     if clock.label is None:
         yield _line("sample_period = 1.0", "CHANGE THIS: seconds; no column holds the time")
@@ -338,7 +346,7 @@ def _lines(
     if inputs:
         yield from ("", "[inputs]" + " " * (WIDTH - 8) + "# each may stand in every equation")
         yield from (_line(f"{s.name} = {_input(s)}", s.why) for s in inputs)
-    if left_out := _left_out(seen, unused):
+    if left_out:
         yield from ("", "# Left out:")
         yield from (f"#   {_on_one_line(f'{label}: {why}')}" for label, why in left_out.items())
 

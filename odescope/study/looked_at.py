@@ -18,19 +18,26 @@ from odescope.recordings.dates import is_dates
 from odescope.recordings.formats import Format, opened
 from odescope.recordings.layout import Layout
 from odescope.recordings.readers import column_names, survey
+from odescope.recordings.text_files import NotNumbersError
 
 MOST_ROWS = 800_000  # that are looked at one and all
 LEAST_NUMBERS = 2  # of a column in a file that is looked at beside another
+MOSTLY = 0.9  # of the cells of a column are numbers: then it holds numbers, and the others are faults
 PARTS, PART_ROWS = 8, 50_000  # of a longer log
 
 
 @dataclass(frozen=True, eq=False)
 class ReadColumn:
-    """The numbers (N,) in a column, and whether they are dates; `refusal` says what one of something else holds."""
+    """The numbers (N,) in a column, and whether they are dates; `refusal` says what one of something else holds.
+
+    `faults` says which cells among numbers are none, `share` how many of those that a refused column holds are.
+    """
 
     values: FloatArray
     dated: bool
     refusal: str = ""
+    faults: str = ""
+    share: float = 0.0
 
     @property
     def serves(self) -> bool:
@@ -79,7 +86,7 @@ def columns_of(files: Sequence[Path], labels: Sequence[str]) -> tuple[tuple[Chun
         if rows > MOST_ROWS or not more[0].whole:
             break
         own = _columns_in(more, labels)
-        if all(own[label].serves or not first.serves for label, first in found[0].items()):
+        if all((own[label].serves and not own[label].faults) or not first.serves for label, first in found[0].items()):
             chunks += more
             found.append(own)
     return chunks, {label: _joined([own[label] for own in found]) for label in found[0]}
@@ -95,7 +102,8 @@ def _joined(parts: Sequence[ReadColumn]) -> ReadColumn:
     refused = next((part for part in parts if part.refusal), None)
     if refused is not None:
         return refused
-    return ReadColumn(np.concatenate([part.values for part in parts]), any(part.dated for part in parts))
+    faults = next((part.faults for part in parts if part.faults), "")
+    return ReadColumn(np.concatenate([part.values for part in parts]), any(part.dated for part in parts), faults=faults)
 
 
 def _column_of(kind: Format, chunks: Sequence[Chunk], label: str) -> ReadColumn:
@@ -103,7 +111,16 @@ def _column_of(kind: Format, chunks: Sequence[Chunk], label: str) -> ReadColumn:
         kind.read if chunk.whole or kind.read_chunk is None else partial(_of_chunk, kind.read_chunk, chunk)
         for chunk in chunks
     )
-    return _joined([read_column(read, chunks[0].path, label) for read in readers])
+    return _joined([_without_faults(read, chunks[0].path, label) for read in readers])
+
+
+def _without_faults(read: Callable[[Path, Layout], Columns], file: Path, label: str) -> ReadColumn:
+    """Return a column as `read_column` does, with the faults among numbers as missing cells."""
+    found = read_column(read, file, label)
+    if found.share < MOSTLY:
+        return found
+    layout = Layout(time=label, columns=(("column", label),), loose=frozenset({label}))
+    return ReadColumn(times(read(file, layout)[label], layout, file.name), False, faults=found.refusal)
 
 
 def _of_chunk(read_chunk: Callable[[Chunk, Layout], Columns], chunk: Chunk, _: Path, layout: Layout) -> Columns:
@@ -125,4 +142,4 @@ def read_column(read: Callable[[Path, Layout], Columns], file: Path, label: str)
     except InputError as error:
         # How many such cells there are depends on how much of the file was read.
         said = re.sub(r" and \d+ more", " and others", str(error).removeprefix(f"column {label!r} in {file.name} "))
-        return ReadColumn(np.empty(0), False, said)
+        return ReadColumn(np.empty(0), False, said, share=error.share if isinstance(error, NotNumbersError) else 0.0)

@@ -198,6 +198,18 @@ def test_missing_cells_are_gaps(tmp_path, cell):
     assert [(run.t[0], run.t[-1]) for run in runs] == [(0, 19), (21, 39)]
 
 
+def test_cells_of_loose_columns_that_are_no_numbers_are_missing(tmp_path):
+    text = ["t;x;force;u", *(f"{k};{k},5;{k};{k}" for k in range(40))]
+    text[1], text[21], text[31] = "0;s;0;0", "20;20.5;?;20", "30;;30;30"
+    columns = (*LAYOUT.columns, ("v", "u"))
+    refused(tmp_path, text, r"'x' .*\(line 2: 's', line 22: '20.5'\)", replace(LAYOUT, columns=columns))
+    (run,) = read_records([tmp_path / "run1.csv"], replace(LAYOUT, columns=columns, loose=frozenset({"x", "force"})))
+    counted = np.flatnonzero(run.counted("x") == 0.0).tolist(), np.flatnonzero(run.counted("u") == 0.0).tolist()
+    assert counted == ([19, 29], [19])  # a recording begins with the first row of which all is there
+    assert run.column("x")[[0, 38]].tolist() == [1.5, 39.5]
+    assert run.column("v").tolist() == list(range(1, 40))
+
+
 # files that are refused
 
 

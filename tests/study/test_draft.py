@@ -10,6 +10,7 @@ from drafts import T, drafted, motion
 from logs import pendulum
 from pyarrow import parquet
 
+from odescope.errors import InputError
 from odescope.study.draft import draft
 from odescope.study.options import Measured
 from odescope.study.toml import parse_study
@@ -296,6 +297,37 @@ def test_a_separator_at_the_ends_of_lines_makes_no_column(here):
         "#   : has cells that are not numbers (line 6: 'bumped')"
         in draft([Path("log.csv")], [Path("log.csv")], Path()).text
     )
+
+
+def drafted_with(path, cells):
+    """The study of a log in which cells of x, or of another column, are replaced, and its text."""
+    made = {"t": T, "x": motion(1), "u": stepped(3, [0.0, 1.0, 3.0]), "gain": 0.0 * T}
+    columns = {label: [repr(v) for v in values.tolist()] for label, values in made.items()}
+    for label, row, cell in cells:
+        columns[label][row] = cell
+    Path(path).write_text("\n".join([",".join(made), *map(",".join, zip(*columns.values(), strict=True))]) + "\n")
+    found = draft([Path(path)], [Path(path)], Path())
+    return parse_study(found.text), found.text
+
+
+def test_a_column_of_numbers_with_faults_is_one_and_they_are_told(here):
+    clean, _ = drafted_with("log.csv", [])
+    study, text = drafted_with("log.csv", [("x", 100, "err"), ("x", 200, ""), ("x", 700, "1.2.3"), ("gain", 3, "off")])
+    assert (study.coordinates, study.inputs, study.data) == (clean.coordinates, clean.inputs, clean.data)
+    assert "# CHANGE THIS in the data: a run refuses such cells until they are corrected or emptied\n#   x: " in text
+    assert "#   x: has cells that are not numbers (line 102: 'err', line 702: '1.2.3'); empty cells and NaN" in text
+    assert "off" not in text  # what the study does without is not refused
+    study, text = drafted_with("log.csv", [("t", 100, "err"), ("u", 50, "?")])
+    assert (study.data.time, study.coordinates, study.inputs) == ("t", clean.coordinates, clean.inputs)
+    assert "#   t: has cells that are not numbers (line 102: 'err')" in text
+    assert "#   u: has cells that are not numbers (line 52: '?')" in text
+
+
+def test_a_tenth_of_the_cells_may_be_faults(here):
+    empty = [("x", row, "") for row in range(0, 1500, 2)]
+    assert "x" in drafted_with("log.csv", [*empty, *(("x", row, "err") for row in range(1, 151, 2))])[0].coordinates
+    with pytest.raises(InputError, match=r"x: has cells that are not numbers \(line 3: 'err'"):
+        drafted_with("log.csv", [*empty, *(("x", row, "err") for row in range(1, 153, 2))])
 
 
 def test_no_column_is_lost_to_the_name_of_another(here):

@@ -96,3 +96,28 @@ def test_a_compressed_log_is_looked_at_whole(tmp_path, long):
     path = Path(tmp_path / "a.csv.gz")
     path.write_bytes(gzip.compress(written(tmp_path / "b.csv", {"t": T, "y": np.sin(T)}).read_bytes(), 1))
     assert drafted(path).sampled.startswith(f"{ROWS} samples in 1 recording")
+
+
+@pytest.mark.parametrize("length", [1, 2])
+def test_faults_among_numbers_are_missing_cells_in_a_part_and_in_the_whole(tmp_path, long, length):
+    rows = ROWS // length if length == 1 else 20_000
+    columns = {"t": T[:rows], "y": np.sin(T[:rows]).astype(str), "brake": np.zeros(rows).astype(str)}
+    columns["y"][3000] = columns["brake"][3000] = "err"
+    columns["brake"][rows // 4 : rows // 4 + 1000] = "1.0"
+    found = drafted(written(tmp_path / "a.csv", columns))
+    assert [(s.name, s.role) for s in found.seen] == [("y", "coordinate"), ("brake", "input")]
+    assert "#   y: has cells that are not numbers (line 3002: 'err'); empty" in found.text
+
+
+def test_another_file_with_faults_is_not_looked_at(tmp_path):
+    for name, cell in (("a.csv", "0.5"), ("b.csv", "0.5"), ("c.csv", "err")):
+        cells = np.sin(T[:2000]).astype(str)
+        cells[7] = cell
+        written(tmp_path / name, {"t": T[:2000], "y": cells})
+    files = [tmp_path / name for name in ("a.csv", "b.csv", "c.csv")]
+    found = draft(files, files, tmp_path)
+    assert found.sampled.startswith("a.csv, b.csv: 4000 samples")
+    assert "CHANGE" not in found.text
+    found = draft(files[::-1], files[::-1], tmp_path)
+    assert found.sampled.startswith("5999 samples in 3 recordings")
+    assert "#   y: has cells that are not numbers (line 9: 'err')" in found.text
