@@ -74,15 +74,15 @@ class _Work(Sharing):
     def trials(self, standing: Standing, k: int) -> Iterator[Standing | None]:
         """Yield the model with other functions for one suspicion, those that come nearest to what it says now.
 
-        Beside a constant and the variable itself all smooth functions come near; beside neither the right one does.
+        Beside a constant and the variable itself all smooth functions come near; beside neither the right one does. One
+        that saturates soon is a constant but near nothing: beside the variable alone it is told from one.
         """
         suspected, fit = self.suspected[k], standing.fit
         alone = {n for n in self.alone(suspected.relation, fit) if n != suspected.variable}
-        wide, lean = (
-            self.base(suspected.relation, fit.theta, given) for given in ({ONE.text, suspected.variable, *alone}, alone)
-        )
-        for base in (wide, lean) if lean != wide else (wide,):
-            yield from self.trials_beside(standing, k, base)
+        given = ({ONE.text, suspected.variable, *alone}, {suspected.variable, *alone}, alone)
+        bases = (tuple(self.base(suspected.relation, fit.theta, names)) for names in given)
+        for base in dict.fromkeys(bases):
+            yield from self.trials_beside(standing, k, list(base))
 
     def trials_beside(self, standing: Standing, k: int, base: list[int]) -> Iterator[Standing | None]:
         """Yield the same beside given terms.
@@ -107,7 +107,9 @@ class _Work(Sharing):
         near = [p for squares, p in imitated.ranked([*plain, *self.choices[k]], others) if squares <= far]
         functions = [p for p in near if p.choice not in plain]
         rivals = [[p for p in functions if len(p.choice.constants) == n][:m] for n, m in RIVALS.items()]
-        for rival in (*(p for p in near if p.choice in plain), *chain.from_iterable(rivals), *self.curves(k)):
+        # Powers that imitate a saturation have another shape where little is left: few see that it is near.
+        known = [p for p in functions if p.choice.saturates and not any(p in found for found in rivals)]
+        for rival in (*(p for p in near if p.choice in plain), *chain.from_iterable(rivals), *known, *self.curves(k)):
             if rival.choice != standing.placed[k].choice:
                 yield self.with_rival(standing, k, rival, others, (base, imitated, bar))
 

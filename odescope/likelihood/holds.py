@@ -90,9 +90,10 @@ def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold, width: float) -> 
     usual = seen if seen in trials else now
     if best != usual and not _credible(trials[best], trials[usual]):
         best = usual
+    gain: float | None = None
     if np.isfinite(width):
         if best == usual:
-            best = _best_joined(trials, usual, width)
+            best, gain = _best_joined(trials, usual, width)
         elif late and not _better_joined(trials[best], trials[usual], width):
             best = usual
         if late and best != "zero" and (delayed or now == "zero"):
@@ -100,10 +101,10 @@ def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold, width: float) -> 
             if held is not None and running is not None and _says_as_much(held, running, width):
                 best, trials["zero"] = "zero", held
     gains = dict(choice.gains)
-    if best != "linear" and "linear" in trials:
+    if gain is None and best != "linear" and "linear" in trials:
         (_, linear), (there, fitted) = trials["linear"], trials[best]
-        gains[name] = 0.5 * (linear.cost - fitted.cost) / _scale(there, fitted)
-    return HoldChoice(*trials[best], gains)
+        gain = 0.5 * (linear.cost - fitted.cost) / _scale(there, fitted)
+    return HoldChoice(*trials[best], gains if gain is None else gains | {name: gain})
 
 
 def _structures(found: Fit, late: list[int]) -> tuple[Structure, Structure]:
@@ -127,7 +128,15 @@ def _trials(
 
 
 def tried_under(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: Hold) -> Trial | None:
-    """Return the fit of a structure under a hold of input j, in segments of their own; None where it is lost."""
+    """Return the fit of a structure under a hold of an input, in segments of their own; None where it is lost.
+
+    Args:
+        space: of the model.
+        found: the model, whose states the fit begins with.
+        j: number of the input.
+        structure: coefficients to begin with, and the numbers of what is present.
+        hold: of the input.
+    """
     holds, (theta, present) = holds_of(space), structure
     other = space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
     loose = np.full_like(space.segments.spread, np.inf)
@@ -151,8 +160,10 @@ def joined_under(trial: Trial, width: float) -> Trial | None:
     return space, here
 
 
-def _best_joined(trials: Mapping[Hold, Trial], usual: Hold, width: float) -> Hold:
+def _best_joined(trials: Mapping[Hold, Trial], usual: Hold, width: float) -> tuple[Hold, float | None]:
     """Return the hold that is better than the usual one in joined segments, where those of their own do not tell.
+
+    With it what it gains over linear in log-likelihood, where the usual one is linear, and another is better.
 
     What hardly changes from sample to sample, as the force of a swell on a ship, says little within a short segment.
 
@@ -164,12 +175,14 @@ def _best_joined(trials: Mapping[Hold, Trial], usual: Hold, width: float) -> Hol
     near = [h for h in trials if -HINT < fall(trials[h], trials[usual]) <= DEAREST]
     known = joined_under(trials[usual], width) if near else None
     if known is None:
-        return usual
+        return usual, None
     others = {h: other for h in near if (other := joined_under(trials[h], width)) is not None}
     falls = {h: fall(other, known) for h, other in others.items()}
     best = max(falls, key=falls.__getitem__, default=usual)
     least = TOLD if _scale(*known) < FOLLOWED else DEAREST
-    return best if best != usual and falls[best] > least else usual
+    if best == usual or not falls[best] > least:
+        return usual, None
+    return best, 0.5 * falls[best] if usual == "linear" else None
 
 
 def _better_joined(best: Trial, usual: Trial, width: float) -> bool:

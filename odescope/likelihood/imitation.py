@@ -11,7 +11,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant, grid_of
 from odescope.library.expression import Name, Term
-from odescope.library.families import Family
+from odescope.library.families import HALF, Family
 from odescope.library.tape import Tape, evaluate, write_tape
 from odescope.likelihood.least_within import LARGEST, Curves, least_within
 from odescope.likelihood.unexplained import unexplained
@@ -39,6 +39,11 @@ class Choice:
     def size(self) -> int:
         """Number of its coefficients and constants."""
         return len(self.terms) + len(self.constants)
+
+    @property
+    def saturates(self) -> bool:
+        """Whether it is a saturation, such as x/(half_x + x), with or without something beside."""
+        return any(c.name.startswith(f"{HALF}_") for c in self.constants)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,7 @@ from odescope.likelihood.search_space import SearchSpace
 from odescope.recordings.coordinate import Hold
 
 RUNNING: dict[Hold, Hold] = {"linear": "band-limited", "band-limited": "linear"}  # smooth inputs hardly differ in it
-LIKELY = 0.05  # least share of the other hold that is worth a word, where coefficients differ by as many
-ERRORS = 1.0  # standard errors
+TOLD = 1.5  # times the standard error that is known under one hold: what is added up to that needs no word
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +54,6 @@ def undecided_holds(space: SearchSpace, found: Fit, open_: Collection[str], widt
         share = float(expit(0.5 * fall(there, (space, found))))
         apart = there[1].theta[found.free] - found.theta[found.free]
         added += share * np.outer(apart, apart)
-        errors = np.sqrt(scale * found.variances)
-        if share > LIKELY and (np.abs(apart) > ERRORS * errors).any():
+        if (share * apart**2 > (TOLD**2 - 1.0) * scale * found.variances).any():
             others[name] = RUNNING[hold]
     return Undecided(added, others)

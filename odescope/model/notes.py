@@ -29,6 +29,7 @@ MUCH = 0.3  # of the root mean square of a target, that a model leaves: no distu
 HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
 BRIDGED = 0.01  # of the standard deviation of an input, that lines over its gaps are off by elsewhere
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
+TELLING = 5.0  # log-likelihood: smooth inputs that gain less by being band-limited are as good as linear
 REASONS = {
     "saturated": ("is saturated", "are saturated"),
     "repeated": ("repeats the one before", "repeat the one before"),
@@ -180,6 +181,8 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
                 f"{name} is {between.hold} between samples, or {between.other}: the record does not decide, so"
                 f" standard errors allow for both (where you know, set hold in [inputs.{name}])"
             )
+            continue
+        if between.hold == "band-limited" and between.gain is not None and between.gain < TELLING:
             continue
         acts = "held" if between.hold == "zero" else between.hold
         steps = f", {between.steps} of its steps come before the sample that shows them" if between.steps else ""

@@ -98,6 +98,13 @@ def test_a_hold_is_told_with_what_speaks_for_it(gain, line):
     assert said(ModelScores(holds={"u": HoldScore("zero", gain)})) == (line,)
 
 
+def test_holds_that_hardly_differ_are_not_told_and_those_in_doubt_are():
+    assert said(ModelScores(holds={"u": HoldScore("band-limited", 4.0)})) == ()
+    assert said(ModelScores(holds={"u": HoldScore("band-limited", 6.0)})) != ()
+    (line,) = said(ModelScores(holds={"u": HoldScore("linear", None, other="band-limited")}))
+    assert line.startswith("u is linear between samples, or band-limited: the record does not decide")
+
+
 def test_steps_between_samples_are_counted():
     (line,) = said(ModelScores(holds={"u": HoldScore("zero", None, 7)}))
     assert line == "u is held between samples, 7 of its steps come before the sample that shows them"
