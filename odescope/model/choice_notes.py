@@ -32,6 +32,10 @@ SUSPECTED = {
     "recurring": "what is unexplained of {target} repeats along {variable}, at {low:.4g} to {high:.4g} rad a unit"
     " of it, as the cogging of a motor does",
 }
+REPLACED = {  # what functions were found for, where it is in the model no more
+    "powers": "{target} has {found} in place of several powers of {variable}",
+    "fractions": "{target} has {found} in place of a fraction in {variable}",
+}
 WAVES = ("periodic", "swinging", "recurring")  # reasons that ask for a sine of a rate of its own
 UNCOUNTED = ("driven", "residual", *WAVES)  # reasons that no number of terms gives
 JOINT = ("pair", "sine")  # reasons that are of no variable, and of too many functions to name
@@ -102,15 +106,19 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
         return f"{what}: {_forced(found)}"
     if not found.tried:
         return f"{what}: functions of it could not be tried; {_held_within(found)}"
-    tried = "" if found.reason in JOINT else f" ({listed(_some(found.tried))} competed)"
+    left = f"; {_held_within(found)}" if _stands(found) else ""
+    many, of_it = len(found.tried), "" if found.reason in JOINT else " of it"
     if found.found:
         gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
-        left = f"; {_held_within(found)}" if _stands(found) else ""
-        return f"{what}: {listed(found.found)} instead{gain}{tried}{left}"
+        tried = f" ({many} functions competed)" if of_it and many > 1 else ""
+        said = REPLACED.get(found.reason, f"{what}: {{found}} instead")
+        said = said.format(target=found.target, found=listed(found.found), variable=found.variable)
+        return f"{said}{gain}{tried}{left}"
     lost = "none is better" if not found.gain else "none was kept in the end"
     if found.gain is not None and found.gain < 0.0:
         lost = f"the best is worse by {-found.gain:,.0f} in cost and price"
-    return f"{what}: functions of it were tried, {lost}{tried}" + (f"; {_held_within(found)}" if _stands(found) else "")
+    tried = f"{many} functions{of_it} were tried" if many > 1 else f"{found.tried[0]} was tried"
+    return f"{what}: {tried}, {lost}{left}"
 
 
 def _forced(found: SuspicionScore) -> str:

@@ -17,15 +17,66 @@ from odescope.library.readable import readable
 from odescope.likelihood.refine import Refinement
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.filtering import Filtered
-from odescope.pipeline.forms import relations_form
+from odescope.pipeline.forms import Posed, relations_form
+from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import refine_form
 from odescope.pipeline.units import units_of
-from odescope.pipeline.wider import LEAST, TIMES, basis_of, evidently_better, regressed_with, with_basis, within
+from odescope.pipeline.wider import (
+    LEAST,
+    TIMES,
+    basis_of,
+    evidently_better,
+    promises,
+    regressed_with,
+    with_basis,
+    within,
+)
 from odescope.pipeline.work import Work
 from odescope.study.library_options import Span
 
 DEGREE = 2  # of the products of states and inputs
 CLOSE = 1.1  # times an energy that was found, and the inverse: its range beside a second one
+
+
+def rates(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, Refinement] | None:
+    """Return relations in few terms with rates that go with a temperature, and their model; None where none promises.
+
+    A reactor that ignites is too steep for products of its temperature to imitate, and too quick for regression to tell
+    many of these apart. With what flows in and out, and rates, a library is small: it is tried first. Nothing is where
+    there is no temperature or no amount, or a library was written by hand.
+
+    Args:
+        work: whose study says of which variables functions may be looked for.
+        filtered: the records and their signals.
+        regressed: what regression in the default library found.
+    """
+    if work.study.library.by_hand or not filtered.sample.complete:
+        return None
+    factors = _factors(work, filtered, ())
+    amounts = _amounts(work, filtered, factors)
+    if not factors or not amounts:
+        return None
+    best: tuple[Posed, Refinement] | None = None
+    inputs = [name for name in work.study.suspects if name in work.study.inputs]
+    flows = tuple(f"{inflow}*{state}" for inflow in inputs for state in filtered.signals.states)
+    for beside in ((), flows) if flows else ((),):
+        wide = _with_rates(work, amounts, factors, _spans(factors), 1, beside)
+        found = regressed_with(wide, filtered)
+        if found is None or not promises(found, regressed):
+            continue
+        work.monitor.tell(Progress("suspicion", "search with rates that go with a temperature", 0, 1))
+        posed = _posed(wide, found)
+        refinement = refine_form(wide, filtered, posed)
+        if refinement is not None and _holds(refinement) and (best is None or evidently_better(refinement, best[1])):
+            best = posed, refinement
+        if best is not None and leaves_nothing(best[1]):
+            break
+    return best
+
+
+def leaves_nothing(refinement: Refinement) -> bool:
+    """Say whether a model has rates that go with a temperature, and follows the record with no term in doubt."""
+    return refinement.exact and refinement.outcome.sure and _holds(refinement)
 
 
 def with_arrhenius(
@@ -49,7 +100,7 @@ def with_arrhenius(
     if study.library.by_hand or not filtered.sample.complete or not (wanting or suspicions):
         return refinement, ()
     factors = _factors(work, filtered, ())
-    amounts = [n for n in signals.states if n in study.suspects and n not in {f.variable for f in factors}]
+    amounts = _amounts(work, filtered, factors)
     if not factors or not amounts:
         return refinement, ()
     balances = [r for r, c in enumerate(signals.coordinates) if c.name in amounts]
@@ -59,15 +110,15 @@ def with_arrhenius(
             return refinement, ()
         if refinement.lacks_nothing and settled:  # what else stands in doubt may be all wrong
             work = within(work, max(LEAST, TIMES * refinement.spent))
-    spans = {c.name: (c.low, c.high) for f in factors for c in f.constants}
+    spans = _spans(factors)
     if law is None:
-        one = _with_rates(work, filtered, amounts, factors, spans)
+        one = _searched(_with_rates(work, amounts, factors, spans), filtered)
         law = one if one is not None and evidently_better(one, refinement) else None
     if wanting if law is None else _imitates(law, balances, factors):
         more, found = _factors(work, filtered, tuple(spans)), () if law is None else law.settings.parameters
         known = {p.name: (p.value / CLOSE, p.value * CLOSE) for p in found if p.name in spans}
-        spans = spans | known | {c.name: (c.low, c.high) for f in more for c in f.constants}
-        two = _with_rates(work, filtered, amounts, (*factors, *more), spans)
+        spans = spans | known | _spans(more)
+        two = _searched(_with_rates(work, amounts, (*factors, *more), spans), filtered)
         if two is not None and evidently_better(two, law or refinement):
             law, factors = two, (*factors, *more)
     if law is None or law is refinement:
@@ -76,27 +127,53 @@ def with_arrhenius(
 
 
 def _with_rates(
-    work: Work, filtered: Filtered, amounts: Sequence[str], factors: Sequence[Family], spans: Mapping[str, Span]
-) -> Refinement | None:
-    """Return the model of a search with rates that go with temperatures, None where there is none.
+    work: Work,
+    amounts: Sequence[str],
+    factors: Sequence[Family],
+    spans: Mapping[str, Span],
+    degree: int = DEGREE,
+    beside: Sequence[str] = (),
+) -> Work:
+    """Return the work for a study with rates that go with temperatures.
 
     Args:
         work: for the study.
-        filtered: the records and their signals.
         amounts: the states that may react.
         factors: of their rates.
         spans: of the constants in these.
+        degree: of the products of states and inputs.
+        beside: more candidates.
     """
-    wide = with_basis(work, basis_of(work.study), DEGREE)
+    wide = with_basis(work, basis_of(work.study), degree)
     reactants = (*amounts, *(f"{a}*{b}" for a, b in combinations_with_replacement(amounts, 2)))
-    rates = tuple(f"{r}*{f.term.text}" for f in factors for r in reactants)
-    library = msgspec.structs.replace(wide.study.library, extra=rates, parameters=dict(spans))
-    wide = replace(wide, study=msgspec.structs.replace(wide.study, library=library))
+    extra = (*(f"{r}*{f.term.text}" for f in factors for r in reactants), *beside)
+    library = msgspec.structs.replace(wide.study.library, extra=extra, parameters=dict(spans))
+    return replace(wide, study=msgspec.structs.replace(wide.study, library=library))
+
+
+def _searched(wide: Work, filtered: Filtered) -> Refinement | None:
+    """Return the model of a search with rates that go with temperatures, None where there is none."""
     tried = regressed_with(wide, filtered)
     if tried is None:
         return None
-    work.monitor.tell(Progress("suspicion", "search with rates that go with a temperature", 0, 1))
-    return refine_form(wide, filtered, relations_form(wide.study, (tried, *tried.elsewhere), lambda _: tried))
+    wide.monitor.tell(Progress("suspicion", "search with rates that go with a temperature", 0, 1))
+    return refine_form(wide, filtered, _posed(wide, tried))
+
+
+def _posed(wide: Work, found: Regressed) -> Posed:
+    """Return the relations of a library, searched from what regression finds at all energies."""
+    return relations_form(wide.study, (found, *found.elsewhere), lambda _: found)
+
+
+def _amounts(work: Work, filtered: Filtered, factors: Sequence[Family]) -> list[str]:
+    """Return the states that may react: all but those that rates go with."""
+    warm = {f.variable for f in factors}
+    return [n for n in filtered.signals.states if n in work.study.suspects and n not in warm]
+
+
+def _spans(factors: Sequence[Family]) -> dict[str, Span]:
+    """Return the ranges of the constants in factors, by name."""
+    return {c.name: (c.low, c.high) for f in factors for c in f.constants}
 
 
 def _factors(work: Work, filtered: Filtered, taken: Sequence[str]) -> tuple[Family, ...]:

@@ -77,7 +77,7 @@ def test_what_was_tried_and_what_it_was_worth_is_said(found):
     assert {"log(x)", "sqrt(x)", "tanh(x/scale_x)"} <= set(said[0].tried)
     # Nothing is compared where the model without it follows the record only under process noise.
     assert said[0].gain is None or said[0].gain > 10.0
-    assert any("log(x) instead" in note for note in found.notes)
+    assert any("log(x) in place of" in note for note in found.notes)
     assert from_json(to_json(found.model)).scores.suspicions == found.model.scores.suspicions
 
 
