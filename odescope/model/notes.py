@@ -26,6 +26,7 @@ FAR = 0.5  # standard deviations of the record: free runs further off say that l
 OPEN = 0.1  # drift of a sum: no small leak, and no gain of a sensor that is a little off
 FLOWS = 'name what flows in or out as inputs, or add reactions with the world outside, such as "-> S" and "S ->"'
 MUCH = 0.3  # of the root mean square of a target, that a model leaves: no disturbance of what was measured whole
+LITTLE = 0.005  # of it: less is told, and no reason to doubt a law
 HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
 BRIDGED = 0.01  # of the standard deviation of an input, that lines over its gaps are off by elsewhere
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
@@ -118,6 +119,8 @@ def notes_of(
     if scores is not None:
         said += [*findings(scores), *parting_sentences(scores.free_runs, scores.likelihood)]
         said += [*warnings_of(scores, doubts), *_of_the_data(scores)]
+        if scores.likelihood is not None and doubts is not None:
+            said += [*_unexplained(scores.likelihood, doubts, True)]
     return tuple(dict.fromkeys(said))
 
 
@@ -307,27 +310,34 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
         yield (
             f"no standard errors: even in short segments the best model misses the record by {missed} its noise, so"
             " coefficients are the regression's; look for what the library lacks, such as dry friction or a reaction,"
-            " for a delay, or for an input that was not recorded"
+            " for a delay, or for an input or a state that was not recorded: of two states one of which was measured"
+            " the law is one equation with order = 2"
         )
         return
-    if judged.process_noise is not None:
-        left = {t: q for t, q in judged.process_noise.items() if q is not None}
-        known = {t: doubts.targets.get(t, ("", 0.0)) for t in left}
-        sizes = ", ".join(_size(q, t, *known[t]) for t, q in left.items())
-        much = [t for t, q in left.items() if q > MUCH * known[t][1] > 0.0]
-        why = ""
-        if much:
-            why = (
-                f"; so much of {listed(much)} says that a state was not measured, what drives it not recorded, or that"
-                " it is an input itself, which belongs in [inputs]"
-            )
-        yield (
-            f"the model leaves {sizes} unexplained (root mean square of averages over {doubts.window:.2g} s);"
-            f" standard errors allow for it{why}"
-        )
+    yield from _unexplained(judged, doubts, False)
     if doubts.thin:
         terms = ", ".join(f"{term} in {target} ({errors:.1f} standard errors)" for term, target, errors in doubts.thin)
         yield f"thin evidence, more data would decide: {terms}"
+
+
+def _unexplained(judged: Likelihood, doubts: Doubts, little: bool) -> Iterator[str]:
+    """Yield what a model leaves to noise of the process, where that is little of every target, or is not."""
+    left = {t: q for t, q in (judged.process_noise or {}).items() if q is not None}
+    known = {t: doubts.targets.get(t, ("", 0.0)) for t in left}
+    if not left or all(q < LITTLE * known[t][1] for t, q in left.items()) != little:
+        return
+    sizes = ", ".join(_size(q, t, *known[t]) for t, q in left.items())
+    much = [t for t, q in left.items() if q > MUCH * known[t][1] > 0.0]
+    why = ""
+    if much:
+        why = (
+            f"; so much of {listed(much)} says that a state was not measured, what drives it not recorded, or that"
+            " it is an input itself, which belongs in [inputs]"
+        )
+    yield (
+        f"the model leaves {sizes} unexplained (root mean square of averages over {doubts.window:.2g} s);"
+        f" standard errors allow for it{why}"
+    )
 
 
 def _size(left: float, target: str, unit: str, whole: float) -> str:

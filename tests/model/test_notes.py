@@ -129,9 +129,12 @@ def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():
     notes = said(ModelScores(likelihood=judged), doubts)
     assert [any(part in note for note in notes) for part in ("its budget", "largest number of terms")] == [True, True]
     assert "0.5 of x_dot unexplained (root mean square of averages over 0.2 s)" in notes[2]
-    sized = said(ModelScores(likelihood=judged), msgspec.structs.replace(doubts, targets={"x_dot": ("mm s⁻¹", 200.0)}))
-    assert "leaves 0.5 mm s⁻¹ of x_dot (0.25 % of its root mean square) unexplained" in sized[2]
-    assert sized[2].endswith("standard errors allow for it")
+    for whole, per_cent, warns in ((50.0, "1.00", True), (200.0, "0.25", False)):
+        of_it = msgspec.structs.replace(doubts, targets={"x_dot": ("mm s⁻¹", whole)})
+        (sized,) = (n for n in said(ModelScores(likelihood=judged), of_it) if "unexplained" in n)
+        assert f"leaves 0.5 mm s⁻¹ of x_dot ({per_cent} % of its root mean square) unexplained" in sized
+        assert sized.endswith("standard errors allow for it")
+        assert (sized in warnings_of(ModelScores(likelihood=judged), of_it)) == warns
     mostly = said(ModelScores(likelihood=judged), msgspec.structs.replace(doubts, targets={"x_dot": ("mm s⁻¹", 1.25)}))
     assert "so much of x_dot says that a state was not measured, what drives it not recorded, or" in mostly[2]
     assert "an input itself" in mostly[2]
