@@ -35,7 +35,7 @@ from odescope.pipeline.springs_and_dampers import with_springs_and_dampers
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
 from odescope.pipeline.sums import with_sums
 from odescope.pipeline.suspicion import left_over, with_suspected
-from odescope.pipeline.temperatures import leaves_nothing, rates, with_arrhenius
+from odescope.pipeline.temperatures import rates, with_arrhenius
 from odescope.pipeline.wider import evidently_better
 from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints
@@ -226,16 +226,17 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
     """
     if not work.study.likelihood.enabled:
         return posed, None
-    small: tuple[Posed, Refinement] | None = None
-    if posed.form == "relations" and not work.late:
-        small = rates(work, filtered, regressed) or flows(work, filtered, regressed)
-    if small is not None and (conclusive(small[1]) or leaves_nothing(small[1])):
-        return small
+    relations = posed.form == "relations" and not work.late
+    if relations and (reacting := rates(work, filtered, regressed)) is not None:
+        return reacting
+    flowing = flows(work, filtered, regressed) if relations else None
+    if flowing is not None and conclusive(flowing[1]):
+        return flowing
     refinement = refine_form(work, filtered, posed)
     if work.late:
         return posed, refinement
-    if small is not None and evidently_better(small[1], refinement):
-        return small
+    if flowing is not None and evidently_better(flowing[1], refinement):
+        return flowing
     better = {"relations": with_sums, "lagrangian": with_drag}.get(posed.form)
     return (posed, refinement) if better is None else better(work, filtered, posed, refinement)
 

@@ -35,6 +35,7 @@ from odescope.pipeline.work import Work
 from odescope.study.library_options import Span
 
 DEGREE = 2  # of the products of states and inputs
+AT_FIRST = 40.0  # units of budget for a search in a small library: another comes if it is no law
 CLOSE = 1.1  # times an energy that was found, and the inverse: its range beside a second one
 
 
@@ -42,8 +43,9 @@ def rates(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
     """Return relations in few terms with rates that go with a temperature, and their model; None where none promises.
 
     A reactor that ignites is too steep for products of its temperature to imitate, and too quick for regression to tell
-    many of these apart. With what flows in and out, and rates, a library is small: it is tried first. Nothing is where
-    there is no temperature or no amount, or a library was written by hand.
+    many of these apart. With what flows in and out, and rates, a library is small: it is tried first, and its model is
+    kept where it follows the record with no term in doubt. Nothing is tried where there is no temperature or no amount,
+    or a library was written by hand.
 
     Args:
         work: whose study says of which variables functions may be looked for.
@@ -56,27 +58,20 @@ def rates(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
     amounts = _amounts(work, filtered, factors)
     if not factors or not amounts:
         return None
-    best: tuple[Posed, Refinement] | None = None
-    inputs = [name for name in work.study.suspects if name in work.study.inputs]
-    flows = tuple(f"{inflow}*{state}" for inflow in inputs for state in filtered.signals.states)
+    warm = {f.variable for f in factors}
+    inflows = [name for name in work.study.suspects if name in work.study.inputs and name not in warm]
+    flows = tuple(f"{inflow}*{state}" for inflow in inflows for state in filtered.signals.states)
     for beside in ((), flows) if flows else ((),):
-        wide = _with_rates(work, amounts, factors, _spans(factors), 1, beside)
+        wide = within(_with_rates(work, amounts, factors, _spans(factors), 1, beside), AT_FIRST)
         found = regressed_with(wide, filtered)
         if found is None or not promises(found, regressed):
             continue
         work.monitor.tell(Progress("suspicion", "search with rates that go with a temperature", 0, 1))
         posed = _posed(wide, found)
         refinement = refine_form(wide, filtered, posed)
-        if refinement is not None and _holds(refinement) and (best is None or evidently_better(refinement, best[1])):
-            best = posed, refinement
-        if best is not None and leaves_nothing(best[1]):
-            break
-    return best
-
-
-def leaves_nothing(refinement: Refinement) -> bool:
-    """Say whether a model has rates that go with a temperature, and follows the record with no term in doubt."""
-    return refinement.exact and refinement.outcome.sure and _holds(refinement)
+        if refinement is not None and refinement.exact and refinement.outcome.sure and _holds(refinement):
+            return posed, refinement
+    return None
 
 
 def with_arrhenius(

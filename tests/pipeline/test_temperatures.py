@@ -68,6 +68,19 @@ def test_a_rate_that_the_library_names_is_found_in_both_balances(seed, how):
     assert exact(identify(study(**library), logged(seed, **how)).model, "E")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_reactor_that_ignites_under_a_steady_flow_has_its_law(seed):
+    """Its temperature rises by a hundred kelvins within a few samples: no products, and nothing in a large library."""
+    coordinates, inputs = {"c": Measured(), "T": Measured(unit="K")}, {"Tc": Driven(unit="K")}
+    logs = [{n: v for n, v in log.items() if n != "q"} for log in logged(seed, **IGNITES | {"flow": (1.0, 1.0)})]
+    model = identify(Study(data=Data(time="t"), coordinates=coordinates, inputs=inputs), logs).model
+    held = [{t.product.text for t in r.terms[1:]} for r in model.relations]
+    (rate,) = (text for text in held[0] if "exp" in text)
+    assert held == [{"1", "c", rate}, {"1", "T", "Tc", rate}]
+    assert abs(model.parameters[0].value - ENERGY) < 4.0 * model.parameters[0].std_error
+
+
 def stepped_bath(seed, rates, start):
     """Return two recordings of a and b in a bath whose temperature is stepped, by `rates` (a, b, T)."""
     rng, t, logs = np.random.default_rng(seed), np.arange(0.0, END, PERIOD), []
