@@ -59,8 +59,8 @@ class Data(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         sample_period (s): the time between rows, always in seconds, where no column holds it; one of the two must be
             given.
         recording: the column, or the key=value folder, that tells recordings apart.
-        gaps: what happens where samples lack: they are bridged up to 32 steps, the recording is split, or it is
-            refused.
+        gaps: what happens where samples lack: they are bridged up to 32 steps, and the recording is cut where they are
+            longer or an input did in them what nobody knows; or it is split at each, or refused.
         jitter (sample periods): how far time stamps may be from regular ones; further off, the recording is refused.
             Left out, any time stamps will do.
         memory (MB): what an identification may take; of a longer log the chunks are read one by one.
