@@ -93,11 +93,11 @@ def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold, width: float) -> 
     gain: float | None = None
     if np.isfinite(width):
         if best == usual:
-            best, gain = _best_joined(trials, usual, width)
+            best, gain = _best_joined(trials, usual, width, None if delayed or usual != now else (space, found))
         elif late and not _better_joined(trials[best], trials[usual], width):
             best = usual
         if late and best != "zero" and (delayed or now == "zero"):
-            held, running = tried_under(space, found, j, at_once, "zero"), tried_under(space, found, j, later, best)
+            held, running = _tried(space, found, j, at_once, "zero"), _tried(space, found, j, later, best)
             if held is not None and running is not None and _says_as_much(held, running, width):
                 best, trials["zero"] = "zero", held
     gains = dict(choice.gains)
@@ -121,13 +121,13 @@ def _trials(
     trials = dict(known)
     for hold in get_args(Hold):
         for structure in structures:
-            trial = tried_under(space, found, j, structure, hold)
+            trial = _tried(space, found, j, structure, hold)
             if trial is not None and (hold not in trials or fall(trial, trials[hold]) > 0.0):
                 trials[hold] = trial
     return trials
 
 
-def tried_under(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: Hold) -> Trial | None:
+def _tried(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: Hold) -> Trial | None:
     """Return the fit of a structure under a hold of an input, in segments of their own; None where it is lost.
 
     Args:
@@ -144,7 +144,7 @@ def tried_under(space: SearchSpace, found: Fit, j: int, structure: Structure, ho
     return None if again is None else (other, again)
 
 
-def joined_under(trial: Trial, width: float) -> Trial | None:
+def _joined(trial: Trial, width: float) -> Trial | None:
     """Return the same in joined segments, which are joined step by step; None where it is lost.
 
     Args:
@@ -160,7 +160,21 @@ def joined_under(trial: Trial, width: float) -> Trial | None:
     return space, here
 
 
-def _best_joined(trials: Mapping[Hold, Trial], usual: Hold, width: float) -> tuple[Hold, float | None]:
+def _near(joined: Trial, other: SearchSpace, width: float) -> Trial | None:
+    """Return the same in a space under another hold, which hardly differs, in joined segments; None where it is lost.
+
+    Args:
+        joined: in joined segments.
+        other: the space.
+        width: of the defects.
+    """
+    again = other.again(joined[1], joined[1].x0, other.segments.spread * width)
+    return None if again is None else (other, again)
+
+
+def _best_joined(
+    trials: Mapping[Hold, Trial], usual: Hold, width: float, joined: Trial | None
+) -> tuple[Hold, float | None]:
     """Return the hold that is better than the usual one in joined segments, where those of their own do not tell.
 
     With it what it gains over linear in log-likelihood, where the usual one is linear, and another is better.
@@ -171,13 +185,14 @@ def _best_joined(trials: Mapping[Hold, Trial], usual: Hold, width: float) -> tup
         trials: holds in segments of their own.
         usual: what stands where nothing is better.
         width: of the defects.
+        joined: the usual one in joined segments, where it is known.
     """
-    near = [h for h in trials if -HINT < fall(trials[h], trials[usual]) <= DEAREST]
-    known = joined_under(trials[usual], width) if near else None
+    near = [h for h in trials if h != usual and -HINT < fall(trials[h], trials[usual]) <= DEAREST]
+    known = (joined or _joined(trials[usual], width)) if near else None
     if known is None:
         return usual, None
-    others = {h: other for h in near if (other := joined_under(trials[h], width)) is not None}
-    falls = {h: fall(other, known) for h, other in others.items()}
+    others = {h: _joined(trials[h], width) if joined is None else _near(joined, trials[h][0], width) for h in near}
+    falls = {h: fall(other, known) for h, other in others.items() if other is not None}
     best = max(falls, key=falls.__getitem__, default=usual)
     least = TOLD if _scale(*known) < FOLLOWED else DEAREST
     if best == usual or not falls[best] > least:
@@ -193,7 +208,7 @@ def _better_joined(best: Trial, usual: Trial, width: float) -> bool:
         usual: the other.
         width: of the defects.
     """
-    better, worse = joined_under(best, width), joined_under(usual, width)
+    better, worse = _joined(best, width), _joined(usual, width)
     return better is None or worse is None or fall(better, worse) > DEAREST
 
 
@@ -207,7 +222,7 @@ def _says_as_much(held: Trial, running: Trial, width: float) -> bool:
         running: the other.
         width: of the defects.
     """
-    simple, other = joined_under(held, width), joined_under(running, width)
+    simple, other = _joined(held, width), _joined(running, width)
     return simple is not None and other is not None and fall(simple, other) > 0.0
 
 

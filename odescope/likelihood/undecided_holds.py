@@ -13,7 +13,7 @@ from scipy.special import expit
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.holds import fall, holds_of, joined_under, tried_under
+from odescope.likelihood.holds import fall, holds_of
 from odescope.likelihood.search_space import SearchSpace
 from odescope.recordings.coordinate import Hold
 
@@ -47,12 +47,13 @@ def undecided_holds(space: SearchSpace, found: Fit, open_: Collection[str], widt
     for j, (name, hold) in enumerate(zip(space.frame.inputs, holds_of(space), strict=True)):
         if name not in open_ or hold not in RUNNING:
             continue
-        trial = tried_under(space, found, j, (found.theta, found.present), RUNNING[hold])
-        there = None if trial is None else joined_under(trial, width)
-        if there is None or not np.array_equal(there[1].free, found.free):
+        holds = holds_of(space)
+        other = space.on(space.segments.held([*holds[:j], RUNNING[hold], *holds[j + 1 :]]))
+        again = other.again(found, found.x0, space.segments.spread * width)
+        if again is None or not np.array_equal(again.free, found.free):
             continue
-        share = float(expit(0.5 * fall(there, (space, found))))
-        apart = there[1].theta[found.free] - found.theta[found.free]
+        share = float(expit(0.5 * fall((other, again), (space, found))))
+        apart = again.theta[found.free] - found.theta[found.free]
         added += share * np.outer(apart, apart)
         if (share * apart**2 > (TOLD**2 - 1.0) * scale * found.variances).any():
             others[name] = RUNNING[hold]

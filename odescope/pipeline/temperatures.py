@@ -61,8 +61,10 @@ def rates(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
     warm = {f.variable for f in factors}
     inflows = [name for name in work.study.suspects if name in work.study.inputs and name not in warm]
     flows = tuple(f"{inflow}*{state}" for inflow in inflows for state in filtered.signals.states)
-    for beside in ((), flows) if flows else ((),):
-        wide = within(_with_rates(work, amounts, factors, _spans(factors), 1, beside), AT_FIRST)
+    two = (*factors, *_factors(work, filtered, tuple(_spans(factors))))
+    first = (two, ()) if len(amounts) > 1 else (factors, ())  # reactions in a row, or there and back, have two energies
+    for among, beside in dict.fromkeys([first, (factors, flows)]):
+        wide = within(_with_rates(work, amounts, among, _spans(among), 1, beside), AT_FIRST)
         found = regressed_with(wide, filtered)
         if found is None or not promises(found, regressed):
             continue
