@@ -75,22 +75,31 @@ class _Work(Sharing):
         """Yield the model with other functions for one suspicion, those that come nearest to what it says now.
 
         Beside a constant and the variable itself all smooth functions come near; beside neither the right one does. One
-        that saturates soon is a constant but near nothing: beside the variable alone it is told from one.
+        that saturates soon is a constant but near nothing, where powers that imitate it have another shape: no ranking
+        sees it, and beside the variable alone it is told from a constant.
         """
         suspected, fit = self.suspected[k], standing.fit
         alone = {n for n in self.alone(suspected.relation, fit) if n != suspected.variable}
-        given = ({ONE.text, suspected.variable, *alone}, {suspected.variable, *alone}, alone)
-        bases = (tuple(self.base(suspected.relation, fit.theta, names)) for names in given)
-        for base in dict.fromkeys(bases):
-            yield from self.trials_beside(standing, k, list(base))
+        wide, bare, lean = (
+            self.base(suspected.relation, fit.theta, given)
+            for given in ({ONE.text, suspected.variable, *alone}, {suspected.variable, *alone}, alone)
+        )
+        every = [Choice(), *self.linear(k), *self.choices[k]]
+        for base in (wide, lean) if lean != wide else (wide,):
+            yield from self.trials_beside(standing, k, base, every)
+        if bare not in (wide, lean):
+            yield from self.trials_beside(standing, k, bare, [c for c in self.choices[k] if c.saturates])
 
-    def trials_beside(self, standing: Standing, k: int, base: list[int]) -> Iterator[Standing | None]:
+    def trials_beside(
+        self, standing: Standing, k: int, base: list[int], choices: Sequence[Choice]
+    ) -> Iterator[Standing | None]:
         """Yield the same beside given terms.
 
         Args:
             standing: the model as it is.
             k: number of the suspicion.
             base: numbers of the terms.
+            choices: what is tried.
         """
         fit, relation = standing.fit, self.suspected[k].relation
         others = [
@@ -104,10 +113,9 @@ class _Work(Sharing):
         bar, said = self.moves().penalised(fit), standing.said or fit
         far = FAR * self.unknown(said, relation, self.suspected[k].reason == "residual") if self.exact else np.inf
         plain = [Choice(), *self.linear(k)]
-        near = [p for squares, p in imitated.ranked([*plain, *self.choices[k]], others) if squares <= far]
+        near = [p for squares, p in imitated.ranked(choices, others) if squares <= far]
         functions = [p for p in near if p.choice not in plain]
         rivals = [[p for p in functions if len(p.choice.constants) == n][:m] for n, m in RIVALS.items()]
-        # Powers that imitate a saturation have another shape where little is left: few see that it is near.
         known = [p for p in functions if p.choice.saturates and not any(p in found for found in rivals)]
         for rival in (*(p for p in near if p.choice in plain), *chain.from_iterable(rivals), *known, *self.curves(k)):
             if rival.choice != standing.placed[k].choice:

@@ -314,3 +314,31 @@ def test_two_passes_say_what_the_model_in_the_end_holds():
         ("y_dot", "pair"): ("pair", ()),
         ("y_dot", "sine"): ("sine", ()),
     }
+
+
+def eliminated(seed):
+    """Return a log of a drug in blood and tissue, which is eliminated by Michaelis and Menten, at 1 % noise."""
+    rng, t, hold = np.random.default_rng(seed), np.arange(0.0, 40.0, 0.05), 40
+    doses, states = rng.choice([0.0, 0.0, 50.0, 100.0, 150.0], len(t) // hold), [np.zeros(2)]
+    for k, dose in enumerate(doses):
+        there = 0.05 * np.arange(k * hold, (k + 1) * hold + 1)
+        rate = lambda _, c, dose=dose: [  # noqa: E731
+            dose / 10.0 - 3.0 * c[0] / (2.0 + c[0]) - 0.5 * c[0] + 0.3 * c[1], 0.5 * c[0] - 0.3 * c[1]
+        ]  # fmt: skip
+        solved = solve_ivp(rate, (there[0], there[-1]), states[-1], t_eval=there[1:], rtol=1e-9, atol=1e-11)
+        states.extend(solved.y.T)
+    c = np.array(states)[: len(t)].T
+    blood, tissue = c + NOISE * c.std(axis=1, keepdims=True) * rng.standard_normal(c.shape)
+    return {"t": t, "b": blood, "c": tissue, "u": np.repeat(doses, hold)}
+
+
+@pytest.mark.slow
+def test_a_saturation_is_found_beside_what_goes_in_proportion():
+    """It is a constant but near nothing, where a root imitates it."""
+    given = Study(data=Data(time="t"), coordinates={n: Measured() for n in "bc"}, inputs={"u": Driven()})
+    found = []
+    for seed in range(6):
+        relation = identify(given, eliminated(seed)).model.relations[0]
+        rest = {t.text for t in relation.terms} - {"b_dot", "b", "c", "u"}
+        found.append(len(rest) == 1 and len(relation.terms) == 5 and "+ b)**-1" in rest.pop())
+    assert sum(found) >= 4
