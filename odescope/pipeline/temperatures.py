@@ -72,7 +72,7 @@ def rates(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
         posed = _posed(wide, found)
         refinement = refine_form(wide, filtered, posed)
         if refinement is not None and refinement.exact and refinement.outcome.sure and _holds(refinement):
-            return posed, refinement
+            return posed, replace(refinement, finished=True)  # no larger budget than this one's own would be spent
     return None
 
 
