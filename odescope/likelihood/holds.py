@@ -52,6 +52,12 @@ def holds_of(space: SearchSpace) -> tuple[Hold, ...]:
     return () if space.segments.driven is None else space.segments.driven.holds
 
 
+def under(space: SearchSpace, j: int, hold: Hold) -> SearchSpace:
+    """Return a space with a hold of its input j."""
+    holds = holds_of(space)
+    return space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
+
+
 def choose_holds(space: SearchSpace, found: Fit, open_: Mapping[str, Hold], width: float = float("inf")) -> HoldChoice:
     """Return the holds under which the structure that was found fits best, each input's in turn.
 
@@ -137,8 +143,7 @@ def _tried(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: H
         structure: coefficients to begin with, and the numbers of what is present.
         hold: of the input.
     """
-    holds, (theta, present) = holds_of(space), structure
-    other = space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
+    (theta, present), other = structure, under(space, j, hold)
     loose = np.full_like(space.segments.spread, np.inf)
     again = other.fit(_as_late(space, j, theta, present, hold), present, found.x0, loose, found.strength, TRIAL_STEPS)
     return None if again is None else (other, again)
@@ -160,7 +165,7 @@ def _joined(trial: Trial, width: float) -> Trial | None:
     return space, here
 
 
-def _near(joined: Trial, other: SearchSpace, width: float) -> Trial | None:
+def refitted(joined: Trial, other: SearchSpace, width: float) -> Trial | None:
     """Return the same in a space under another hold, which hardly differs, in joined segments; None where it is lost.
 
     Args:
@@ -191,7 +196,7 @@ def _best_joined(
     known = (joined or _joined(trials[usual], width)) if near else None
     if known is None:
         return usual, None
-    others = {h: _joined(trials[h], width) if joined is None else _near(joined, trials[h][0], width) for h in near}
+    others = {h: _joined(trials[h], width) if joined is None else refitted(joined, trials[h][0], width) for h in near}
     falls = {h: fall(other, known) for h, other in others.items() if other is not None}
     best = max(falls, key=falls.__getitem__, default=usual)
     least = TOLD if _scale(*known) < FOLLOWED else DEAREST

@@ -13,7 +13,7 @@ from scipy.special import expit
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.holds import fall, holds_of
+from odescope.likelihood.holds import fall, holds_of, refitted, under
 from odescope.likelihood.search_space import SearchSpace
 from odescope.recordings.coordinate import Hold
 
@@ -47,13 +47,11 @@ def undecided_holds(space: SearchSpace, found: Fit, open_: Collection[str], widt
     for j, (name, hold) in enumerate(zip(space.frame.inputs, holds_of(space), strict=True)):
         if name not in open_ or hold not in RUNNING:
             continue
-        holds = holds_of(space)
-        other = space.on(space.segments.held([*holds[:j], RUNNING[hold], *holds[j + 1 :]]))
-        again = other.again(found, found.x0, space.segments.spread * width)
-        if again is None or not np.array_equal(again.free, found.free):
+        other = refitted((space, found), under(space, j, RUNNING[hold]), width)
+        if other is None or not np.array_equal(other[1].free, found.free):
             continue
-        share = float(expit(0.5 * fall((other, again), (space, found))))
-        apart = again.theta[found.free] - found.theta[found.free]
+        share = float(expit(0.5 * fall(other, (space, found))))
+        apart = other[1].theta[found.free] - found.theta[found.free]
         added += share * np.outer(apart, apart)
         if (share * apart**2 > (TOLD**2 - 1.0) * scale * found.variances).any():
             others[name] = RUNNING[hold]
