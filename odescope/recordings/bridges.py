@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from odescope.arrays import FloatArray, true_ranges
@@ -26,17 +28,26 @@ def bridged(records: Records, name: str) -> tuple[int, float]:
         run.column(name)[first:stop]
         for run, there in zip(records, measured, strict=True)
         for first, stop in true_ranges(there)
-        if stop - first > longest + 1
     ]
-    if not longest or not whole:
-        return longest, 0.0
-    every = max(sum(len(y) - longest - 1 for y in whole) // WINDOWS, 1)
-    off = np.concatenate([off_lines(y, longest, every) for y in whole])
-    spread = float(np.concatenate([run.column(name)[m] for run, m in zip(records, measured, strict=True)]).std())
-    return longest, float(np.sqrt(np.mean(off**2))) / spread if spread > 0.0 else 0.0
+    off = off_lines(whole, longest) if longest else 0.0  # of a column that moves, which has a standard deviation
+    return longest, off / float(np.concatenate(whole).std()) if off > 0.0 else 0.0
 
 
-def off_lines(y: FloatArray, gap: int, every: int) -> FloatArray:
+def off_lines(stretches: Sequence[FloatArray], gap: int) -> float:
+    """Return the root mean square by which values are off the lines that would bridge gaps among them.
+
+    0 where no stretch is long enough to tell.
+
+    Args:
+        stretches: (N,) values each, of which none is missing.
+        gap: samples in each gap.
+    """
+    long = [y for y in stretches if len(y) > gap + 1]
+    every = max(sum(len(y) - gap - 1 for y in long) // WINDOWS, 1)
+    return float(np.sqrt(np.mean(np.concatenate([_off(y, gap, every) for y in long]) ** 2))) if long else 0.0
+
+
+def _off(y: FloatArray, gap: int, every: int) -> FloatArray:
     """Return how far values (N,) are from the lines that would bridge gaps among them.
 
     Args:

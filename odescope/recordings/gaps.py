@@ -11,7 +11,7 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray, IntArray, true_ranges
 from odescope.errors import InputError
 from odescope.recordings.between_samples import looks_held
-from odescope.recordings.bridges import WINDOWS, off_lines
+from odescope.recordings.bridges import off_lines
 from odescope.recordings.record import UNREPAIRED, Record, Repairs, check_finite, within
 
 Gaps = Literal["bridge", "split", "refuse"]
@@ -156,22 +156,10 @@ def _unknown(steps: FloatArray, values: FloatArray) -> BoolArray:
     if looks_held(values):
         unknown &= np.diff(values) != 0.0
     else:
-        far = [n for n in np.unique(lost[lost > FEW]).tolist() if _off(values, lost, n) > UNKNOWN * values.std()]
+        whole, most = np.split(values, np.flatnonzero(unknown) + 1), UNKNOWN * float(values.std())
+        far = [n for n in np.unique(lost[lost > FEW]).tolist() if off_lines(whole, n) > most]
         unknown = np.isin(lost, far)
     return unknown if APART * np.count_nonzero(unknown) <= len(values) else unknown & (lost > FEW)
-
-
-def _off(values: FloatArray, lost: IntArray, gap: int) -> float:
-    """Return the root mean square by which lines over so many samples are off where all are there, 0 if none are.
-
-    Args:
-        values: (n,) of an input.
-        lost: (n - 1,) samples between these.
-        gap: samples that the line bridges.
-    """
-    whole = [y for y in np.split(values, np.flatnonzero(lost > 0) + 1) if len(y) > gap + 1]
-    every = max(len(values) // WINDOWS, 1)
-    return float(np.sqrt(np.mean(np.concatenate([off_lines(y, gap, every) for y in whole]) ** 2))) if whole else 0.0
 
 
 def _common_rows(cells: BoolArray) -> int:
