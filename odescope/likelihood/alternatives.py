@@ -87,8 +87,9 @@ class _Work(Sharing):
         every = [Choice(), *self.linear(k), *self.choices[k]]
         for base in (wide, lean) if lean != wide else (wide,):
             yield from self.trials_beside(standing, k, base, every)
-        if bare not in (wide, lean):
-            yield from self.trials_beside(standing, k, bare, [c for c in self.choices[k] if c.saturates])
+        saturations = [c for c in self.choices[k] if c.saturates]
+        if saturations and bare not in (wide, lean):
+            yield from self.trials_beside(standing, k, bare, saturations)
 
     def trials_beside(
         self, standing: Standing, k: int, base: list[int], choices: Sequence[Choice]
