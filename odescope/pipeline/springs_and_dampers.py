@@ -21,6 +21,7 @@ from odescope.recordings.coordinate import Coordinate
 from odescope.signals.estimate import Signals
 
 TURN = 2.0 * np.pi  # within which an angle says how far a spring is wound
+FRICTION = 3  # terms of a rate alone, its size and sign among them, that may imitate its cube
 SEVERAL = 2  # terms with functions of one angle that may imitate a spring, and masses that a damper is between
 MANY = 400  # candidates of a target: beyond, another regression takes long
 
@@ -70,15 +71,20 @@ def _drags(coordinates: Sequence[Coordinate], relations: Sequence[Relation]) -> 
 
     Args:
         coordinates: the angles among them.
-        relations: what regression proposes; where it does so, one has to hold several functions of the rate.
+        relations: what regression proposes; where it does so, one has to hold drag and friction of the rate.
     """
     rates = (c.states[1] for c in coordinates if c.angle and c.order > 1)
-    return tuple(f"{v}**3" for v in rates if not relations or any(_several(r, v) for r in relations))
+    return tuple(f"{v}**3" for v in rates if not relations or any(_of_it_alone(r, v) >= FRICTION for r in relations))
 
 
-def _several(relation: Relation, name: str) -> bool:
-    """Say whether several terms of a relation hold functions of an angle or its rate, with little else to choose."""
-    return sum(name in t.product.term.names for t in relation.terms) >= SEVERAL
+def _of_it_alone(relation: Relation, rate: str) -> int:
+    """Return how many terms of a relation are functions of a rate and of nothing else."""
+    return sum(t.product.factor is None and t.product.term.names == {rate} for t in relation.terms)
+
+
+def _several(relation: Relation, angle: str) -> bool:
+    """Say whether several terms of a relation hold functions of an angle: nothing else of it is in the library."""
+    return sum(angle in t.product.term.names for t in relation.terms) >= SEVERAL
 
 
 def _dampers(coordinates: Sequence[Coordinate], relations: Sequence[Relation]) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ def within(work: Work, budget: float) -> Work:
 
 
 def regressed_with(
-    work: Work, filtered: Filtered, many: int = MANY, beside: Sequence[Relation] | None = None
+    work: Work, filtered: Filtered, many: int = MANY, beside: Sequence[Relation] = ()
 ) -> Regressed | None:
     """Return what regression finds in the library of a study, at all its constants, None where it is too large.
 
@@ -87,7 +87,7 @@ def regressed_with(
     study: Study = work.study
     stays = not_ruled_out(study, filtered.sample.records)
     libraries = tuple(study.candidates(c.target).that(stays) for c in study.measured())
-    if beside is not None:
+    if beside:
         own = (Library(tuple(t.product.expanded for t in r.terms if not t.product.bare)) for r in beside)
         libraries = tuple(library + terms for library, terms in zip(libraries, own, strict=True))
     if max(map(len, libraries)) > min(many, filtered.signals.samples):

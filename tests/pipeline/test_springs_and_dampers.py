@@ -47,6 +47,10 @@ def ship(a, v, u):
     return -0.3 * a + 0.27 * a**3 - 0.02 * v - 0.25 * v * abs(v) + u
 
 
+def yaw(_, v, u):
+    return u - 0.1 * v - 14.0 * v**3
+
+
 def pendulum(a, v, u):
     return u - 9.0 * np.sin(a) - 0.3 * v
 
@@ -78,6 +82,15 @@ MACHINES = {
         0.05,
         {"u": 1.0, "a": -0.3, "a**3": 0.27},
         {"a_dot", "a_dot*abs(a_dot)"},
+    ),
+    "yaw": (
+        yaw,
+        [[1.0, 0.0], [0.0, 0.0]],
+        1.0,
+        1500,
+        0.01,
+        {"u": 1.0, "a_dot": -0.1, "a_dot**3": -14.0},
+        set(),
     ),
     "pendulum": (
         pendulum,
