@@ -53,7 +53,13 @@ def holds_of(space: SearchSpace) -> tuple[Hold, ...]:
 
 
 def under(space: SearchSpace, j: int, hold: Hold) -> SearchSpace:
-    """Return a space with a hold of its input j."""
+    """Return a space under a hold of one of its inputs.
+
+    Args:
+        space: under the holds so far.
+        j: number of the input.
+        hold: of the input.
+    """
     holds = holds_of(space)
     return space if hold == holds[j] else space.on(space.segments.held([*holds[:j], hold, *holds[j + 1 :]]))
 
