@@ -112,8 +112,8 @@ class ModelPath:
 
         Unless its runs are near enough: a misfit of thousandths may look white, and holds ever more that is sure.
         """
-        price = self.space.penalty
-        sure = self._last_with(lambda dropped: SURE * float(price[self.space.mechanisms.index(dropped)]))
+        price = surely(self.space)
+        sure = self._last_with(lambda dropped: float(price[self.space.mechanisms.index(dropped)]))
         near = max((k for k in range(len(self.steps)) if near_enough(self.steps, k, VERY)), default=0)
         return replace(self, chosen=min(self.chosen, max(sure, near)))
 
@@ -172,6 +172,16 @@ class ModelPath:
             f"[likelihood] terms = {terms}: the path of models goes from {longest} terms down to {shortest}; choose"
             " one of these"
         )
+
+
+def surely(space: SearchSpace) -> FloatArray:
+    """Return what each mechanism has to earn (mechanisms,) to stay whatever free runs say: SURE times its price.
+
+    The zero of an input stays for its price, as that of a sensor does: it moves free runs by little, and is usual.
+    """
+    price = SURE * space.penalty
+    price[list(space.zeros)] /= SURE
+    return price
 
 
 def telling(

@@ -22,7 +22,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error, thinned, without_held_out
 from odescope.likelihood.negligible import one_less
 from odescope.likelihood.noise_levels import estimate_noise, with_noise
-from odescope.likelihood.path import SURE, VERY, ModelPath
+from odescope.likelihood.path import VERY, ModelPath, surely
 from odescope.likelihood.program import Program
 from odescope.likelihood.search import WhiteResiduals
 from odescope.likelihood.search_space import Move, SearchSpace
@@ -248,12 +248,12 @@ def _without_unsure(space: SearchSpace, found: Fit, before: IntArray) -> tuple[F
         found: the fit.
         before: numbers of those that stay.
     """
-    moves = Moves(space, _BlockSpread(space), 1.0, 1.0, [])
+    moves, enough = Moves(space, _BlockSpread(space), 1.0, 1.0, []), surely(space)
     while (wald := robust_wald(space, found)) is not None:
         earned = dict(zip(found.free.tolist(), wald.tolist(), strict=True))
         added = [k for k in earned if k not in before and space.mechanisms[k].parts]
         k = min(added, key=lambda k: earned[k] / space.penalty[k], default=None)
-        shorter = None if k is None or earned[k] > SURE * space.penalty[k] else moves.without(found, k)
+        shorter = None if k is None or earned[k] > enough[k] else moves.without(found, k)
         if k is None or shorter is None:
             break
         found = shorter

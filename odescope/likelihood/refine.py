@@ -20,12 +20,12 @@ from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.families import promising
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.held_out import thinned, without_held_out
+from odescope.likelihood.held_out import free_run_errors, stretches, thinned, without_held_out
 from odescope.likelihood.holds import holds_of
 from odescope.likelihood.input_searches import Between
 from odescope.likelihood.negligible import without_negligible
 from odescope.likelihood.noise_or_terms import cost_without_process_noise, few_with_process_noise
-from odescope.likelihood.path import LOST, ModelPath, telling
+from odescope.likelihood.path import LOST, VERY, ModelPath, telling
 from odescope.likelihood.process_noise import PATH_SHARE, Noisy, in_pieces, search_with_process_noise, white
 from odescope.likelihood.program import Frame
 from odescope.likelihood.search import CHANCE, WHITE, LikelihoodSearch, Outcome, fitted_again, full, in_whole
@@ -124,6 +124,17 @@ class Refinement:
     def free_run_error(self) -> float:
         """Error of free runs over what is held out, in standard deviations; infinite where none were made."""
         return np.inf if self.path is None else self.path.choice.error
+
+    @property
+    def hardly_off(self) -> bool:
+        """Whether free runs stay so near to all of the record that what noise of the process takes up moves nothing.
+
+        So are the errors of a solver with its usual tolerance: they go with this and that, and no law is behind them.
+        """
+        if self.process is None:
+            return False
+        errors = free_run_errors(self.space, self.fit.theta, stretches(self.space.segments))
+        return float(errors.mean()) < VERY**2
 
     def gained_over(self, before: Refinement | None) -> float | None:
         """Return by how much the deviance is less than that of another model, noise of the process counted.

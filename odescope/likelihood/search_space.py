@@ -12,6 +12,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.library.constants import Constant, mechanism_at
 from odescope.library.expression import Term
 from odescope.library.mechanism import Mechanism, Part, scale_groups
+from odescope.library.product import Product
 from odescope.library.tape import evaluate, write_tape
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
@@ -82,6 +83,14 @@ class SearchSpace:
     def stays(self, k: int) -> bool:
         """Say whether a mechanism is there by default: what is known, or a relation's own target, bare."""
         return self.mechanisms[k].known is not None or self.frame.own(self.mechanisms[k])
+
+    @cached_property
+    def zeros(self) -> frozenset[int]:
+        """Constants where an input may stand by itself, whose zero is as likely off as not."""
+        parts = (p for m in self.mechanisms for p in m.parts)
+        driven = {p.relation for p in parts if p.product.text in self.frame.inputs}
+        constant = (m.relations <= driven and {p.product for p in m.parts} == {Product(None)} for m in self.mechanisms)
+        return frozenset(k for k, zero in enumerate(constant) if zero)
 
     @cached_property
     def penalty(self) -> FloatArray:

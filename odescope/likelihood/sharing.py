@@ -196,13 +196,16 @@ class Sharing(Beginnings):
         return sorted(k for place in places if (k := self.number[place]) >= self.own)
 
     def split(self, term: Term, name: str) -> tuple[Family, Term] | None:
-        """Return the function of a variable that a term holds, and the rest of the term; None where it holds none."""
+        """Return the function of a variable that a term holds, and the rest of the term; None where it holds none.
+
+        A rest with constants of its own is another function: the product of the two is none of one variable.
+        """
         if name not in term.names:
             return None
         for family in self.families.get(name, ()):
             if all(term.power_of(atom) == power for atom, power in family.term.factors):
                 rest = Term(tuple(f for f in term.factors if f not in family.term.factors))
-                if rest.names.isdisjoint(family.term.names):
+                if rest.names.isdisjoint(family.term.names) and rest.names.isdisjoint(self.space.frame.constants):
                     return family, rest
         return None
 

@@ -68,7 +68,8 @@ def suspicions(refinement: Refinement, names: Collection[str], declared: Collect
         here = [_growing(space, s) for s in found_here if s is not None]
         driven = (n for n in _driven(space, found, r) if n in names - {s.variable for s in here})
         suspected += [*here, *(Suspicion(r, n, "driven") for n in driven)]
-    if refinement.process is not None or refinement.outcome.scale > WHITE:
+    leaves_more = refinement.process is not None or refinement.outcome.scale > WHITE
+    if leaves_more and not refinement.hardly_off:
         known = {s.relation for s in suspected}  # an imitation that is not good enough leaves a residual, too
         suspected += [s for s in _residual(space, found, names, terms) if s.relation not in known]
     return tuple(suspected)

@@ -92,7 +92,7 @@ def _sought(
         before: what follows the record without a forcing.
         records: the recordings.
     """
-    if before.exact or before.late or not study.suspects:
+    if before.exact or before.late or not study.suspects or before.hardly_off:
         return None
     forcing = periodic(before.space, _positions(study))
     if forcing is None:

@@ -16,14 +16,21 @@ def bridged(records: Records, name: str) -> tuple[int, float]:
     """Return how long the longest gap of a column is, in samples, and how far a line over as many is off elsewhere.
 
     That is the root mean square between the ends of the line, over the standard deviation of the column; 0 where
-    nothing is missing, and where no stretch is long enough to tell.
+    nothing is missing, and where no stretch is long enough to tell. A gap with one value at both ends is none of those:
+    a command that holds its values kept it.
 
     Args:
         records: uniformly sampled.
         name: of the column.
     """
     measured = [run.counted(name) > 0.0 for run in records]
-    longest = max((stop - first for there in measured for first, stop in true_ranges(~there)), default=0)
+    moved = (
+        stop - first
+        for run, there in zip(records, measured, strict=True)
+        for first, stop in true_ranges(~there)
+        if len({*run.column(name)[[max(first - 1, 0), min(stop, len(run) - 1)]].tolist()}) > 1
+    )
+    longest = max(moved, default=0)
     whole = [
         run.column(name)[first:stop]
         for run, there in zip(records, measured, strict=True)

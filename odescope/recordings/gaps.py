@@ -52,9 +52,8 @@ class RawRun:
         return cls(record.t, values, *named, rows, record.names, record.counts, record.repairs)
 
     def cut(self, cuts: Sequence[IntArray]) -> Iterator[RawRun]:
-        """Yield pieces, each by the indices (n,) of its samples; the first bears what was done to the rows."""
-        for k, samples in enumerate(cuts):
-            repairs = UNREPAIRED if k else replace(self.repairs, cut=len(cuts) - 1)
+        """Yield pieces, each by the indices (n,) of its samples; the longest bears what was done to the rows."""
+        for samples, repairs in zip(cuts, borne(self.repairs, cuts), strict=True):
             yield replace(self.take(samples), repairs=repairs)
 
     def take(self, samples: IntArray) -> RawRun:
@@ -63,25 +62,36 @@ class RawRun:
         return replace(self, t=self.t[samples], values=self.values[samples], rows=self.rows[samples], counts=counts)
 
 
+def borne(repairs: Repairs, cuts: Sequence[IntArray]) -> tuple[Repairs, ...]:
+    """Return the repairs that each piece bears: the longest, which is the last to be left out, those of the whole.
+
+    Args:
+        repairs: of the whole.
+        cuts: the samples (n,) of each piece.
+    """
+    longest = max(range(len(cuts)), key=lambda k: len(cuts[k]), default=0)
+    whole = replace(repairs, cut=repairs.cut + len(cuts) - 1)
+    return tuple(whole if k == longest else UNREPAIRED for k in range(len(cuts)))
+
+
 def check_cells(run: RawRun) -> None:
     """Refuse times and values that are infinite; a missing one is NaN."""
     check_finite(~np.isinf(run.t)[:, None], ("time",), run.rows, run.source)
     check_finite(~np.isinf(run.values), run.labels, run.rows, run.source)
 
 
-def pieces(run: RawRun, gaps: Gaps, partial: bool = False, inputs: Collection[str] = ()) -> tuple[IntArray, ...]:
+def pieces(run: RawRun, gaps: Gaps, partial: bool = False) -> tuple[IntArray, ...]:
     """Return the samples (n,) of each piece of a raw run, as indices into it.
 
     A gap is where cells are missing or time jumps by more than 1.5 periods. With "bridge" a run is only cut where a
-    gap of a column is longer than 32 of the median steps between the column's own samples, or where an input did in it
-    what nobody knows; missing cells stay in the pieces. With "split" it is cut at every gap.
+    gap of a column is longer than 32 of the median steps between the column's own samples; missing cells stay in the
+    pieces. With "split" it is cut at every gap.
     Pieces shorter than 16 samples are dropped, unless the run is all one piece.
 
     Args:
         run: its times increasing, but for those that are missing; its angles are not unwrapped yet.
         gaps: whether gaps are bridged, split at or refused.
         partial: the run is cut out of a longer one, whose rest may well serve: that nothing is left of it is no fault.
-        inputs: names of the columns that drive the others.
 
     Raises:
         InputError: there are gaps and `gaps` is "refuse"; no piece is left; a column has fewer than 2 samples.
@@ -104,7 +114,7 @@ def pieces(run: RawRun, gaps: Gaps, partial: bool = False, inputs: Collection[st
     if gaps == "refuse":
         _refuse_gaps(run, run.rows[timed[:-1]][steps > longest])
         return (timed,)
-    found = _bridged(run, measured, inputs) if gaps == "bridge" else _split(run, measured[:, 0], longest)
+    found = _bridged(run, measured) if gaps == "bridge" else _split(run, measured[:, 0], longest)
     whole = len(found) == 1 and gaps == "bridge"
     lengths = [_common_rows(measured[samples]) for samples in found]
     least = 2 if whole else SHORTEST_RUN
@@ -124,16 +134,42 @@ def _split(run: RawRun, complete: BoolArray, longest: float) -> list[IntArray]:
     return np.split(samples, np.flatnonzero(cuts) + 1)
 
 
-def _bridged(run: RawRun, measured: BoolArray, inputs: Collection[str]) -> list[IntArray]:
-    """Return the pieces between gaps that are not bridged; what lies in the gap of one column is lost of the others."""
+def _bridged(run: RawRun, measured: BoolArray) -> list[IntArray]:
+    """Return the pieces between gaps that are not bridged."""
+    columns = [np.flatnonzero(cells) for cells in measured.T]
+    steps = [np.diff(run.t[there]) for there in columns]
+    return _between(run, columns, [own > LONGEST_GAP * np.median(own) for own in steps])
+
+
+def known(run: RawRun, inputs: Collection[str]) -> tuple[IntArray, ...]:
+    """Return the samples (n,) of each piece of a run in which what its inputs did is known, as indices into it.
+
+    A run is cut where an input stepped in lost rows, or was not seen for so long that no line tells what it did.
+    Pieces shorter than 16 samples are dropped, unless no longer one is left.
+
+    Args:
+        run: a piece of a run (`pieces`) whose gaps are bridged.
+        inputs: names of the columns that drive the others.
+    """
+    measured: BoolArray = np.isfinite(run.values) & np.isfinite(run.t)[:, None]
+    driven = [k for k, name in enumerate(run.names) if name in inputs]
+    columns = [np.flatnonzero(measured[:, k]) for k in driven]
+    cut = [_unknown(np.diff(run.t[there]), run.values[there, k]) for k, there in zip(driven, columns, strict=True)]
+    found = _between(run, columns, cut)
+    return tuple(s for s in found if _common_rows(measured[s]) >= SHORTEST_RUN) or (np.arange(len(run.t)),)
+
+
+def _between(run: RawRun, columns: Sequence[IntArray], cut: Sequence[BoolArray]) -> list[IntArray]:
+    """Return the pieces between gaps of some columns; what lies in the gap of one is lost of the others.
+
+    Args:
+        run: its rows.
+        columns: the samples (n,) of each.
+        cut: after which of these (n - 1,) there is such a gap.
+    """
     piece, kept = np.zeros(len(run.t), dtype=np.int64), ~np.isnan(run.t)
-    for name, cells, values in zip(run.names, measured.T, run.values.T, strict=True):
-        there = np.flatnonzero(cells)
-        steps = np.diff(run.t[there])
-        long = steps > LONGEST_GAP * np.median(steps)
-        if name in inputs:
-            long |= _unknown(steps, values[there])
-        for k in np.flatnonzero(long):
+    for there, gaps in zip(columns, cut, strict=True):
+        for k in np.flatnonzero(gaps):
             kept[there[k] + 1 : there[k + 1]] = False
             piece[there[k + 1] :] += 1
     samples = np.flatnonzero(kept)

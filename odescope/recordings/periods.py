@@ -64,7 +64,7 @@ def stretch_at_period(stretch: Stretch, period: float, layout: Layout) -> Stretc
 
 def _at_period(run: Record, period: float, layout: Layout) -> Record:
     """Return a uniform record on a grid of another period: every sample goes to the nearest point."""
-    if abs(run.sample_period - period) <= PERIODS_DIFFER * period:
+    if abs(run.sample_period - period) <= PERIODS_DIFFER / 3.0 * period:  # two that stay are alike to each other, too
         return run
     points = np.rint((run.t - run.t[0]) / period).astype(np.int64)
     grid = run.t[0] + period * np.arange(points[-1] + 1)

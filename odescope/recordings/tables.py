@@ -15,7 +15,7 @@ from odescope.recordings.chunks import Chunk
 from odescope.recordings.columns import Columns, numbers, recording_codes, row_seconds
 from odescope.recordings.dates import is_dates, is_durations
 from odescope.recordings.disorder import in_order
-from odescope.recordings.gaps import SHORTEST_RUN, RawRun, check_cells, pieces
+from odescope.recordings.gaps import SHORTEST_RUN, RawRun, borne, check_cells, known, pieces
 from odescope.recordings.layout import Layout
 from odescope.recordings.record import Record, Records, Stretch
 from odescope.recordings.uniform import uniform
@@ -63,14 +63,22 @@ def on_uniform_time(records: Records, layout: Layout) -> Records:
         InputError: the stamps do not serve, or the gaps are refused.
     """
     runs = (RawRun.of(record) for record in records)
-    cut = (piece for run in runs for piece in run.cut(pieces(run, layout.gaps, inputs=layout.inputs)))
-    return Records(tuple(_made_uniform(run, layout)[0] for run in cut))
+    cut = (piece for run in runs for piece in run.cut(pieces(run, layout.gaps)))
+    return Records(tuple(record for run in cut for _, record, _ in _made_uniform(run, layout)))
 
 
-def _made_uniform(run: RawRun, layout: Layout) -> tuple[Record, IntArray]:
-    """Return the record of a run without gaps, and the grid point (n,) of each of its rows."""
+def _made_uniform(run: RawRun, layout: Layout) -> Iterator[tuple[IntArray, Record, IntArray]]:
+    """Yield samples, record and grid points of each stretch of a run without gaps in which its inputs are known.
+
+    Samples (n,) are indices into the run, points (n,) where they lie in the record. All stretches lie on one grid: the
+    more stamps there are, the better they tell what a clock is worth.
+    """
     unwrapped = unwrap(run, layout.angles.intersection(run.names))
-    return uniform(unwrapped, layout.jitter, layout.held, layout.inputs)
+    record, points = uniform(unwrapped, layout.jitter, layout.held, layout.inputs)
+    parts = known(run, layout.inputs)
+    for samples, repairs in zip(parts, borne(record.repairs, parts), strict=True):
+        first, last = np.clip(points[samples[[0, -1]]], 0, len(record) - 1).tolist()
+        yield samples, replace(record.part(first, last + 1), repairs=repairs), points[samples] - first
 
 
 def check_rows(rows: int, source: str) -> None:
@@ -156,13 +164,14 @@ def _between_gaps(run: RawRun, chunk: Chunk, layout: Layout) -> Iterator[Stretch
     check_cells(run)
     run = in_order(run)
     rows = run.rows - 1
-    cuts = pieces(run, layout.gaps, cut_before or cut_after, layout.inputs)
-    for samples, piece in zip(cuts, run.cut(cuts), strict=True):
-        record, points = _made_uniform(piece, layout)
-        first, last = _own(rows[samples], points, chunk, len(record))
-        if first < last:
-            begins, ends = not (cut_before and samples[0] == 0), not (cut_after and samples[-1] + 1 == len(rows))
-            yield Stretch(record, first, last, begins, ends)
+    cuts = pieces(run, layout.gaps, cut_before or cut_after)
+    for piece, whole in zip(cuts, run.cut(cuts), strict=True):
+        for own, record, points in _made_uniform(whole, layout):
+            samples = piece[own]
+            first, last = _own(rows[samples], points, chunk, len(record))
+            if first < last:
+                begins, ends = not (cut_before and samples[0] == 0), not (cut_after and samples[-1] + 1 == len(rows))
+                yield Stretch(record, first, last, begins, ends)
 
 
 def _own(rows: IntArray, points: IntArray, chunk: Chunk, count: int) -> tuple[int, int]:

@@ -62,3 +62,11 @@ def test_of_many_stretches_no_more_windows_are_looked_at_than_of_one():
     assert longest == gap
     assert off == pytest.approx(np.sqrt(np.mean(1.0 + part**2 + (1.0 - part) ** 2)), rel=0.05)
     assert peak < 3 * noise.nbytes
+
+
+def test_a_command_that_holds_its_value_over_a_gap_is_known():
+    steps = np.repeat(np.arange(40.0) % 7.0, 100)
+    assert bridged(Records((lacking(steps, (110, 150)),)), "u") == (0, 0.0)
+    longest, off = bridged(Records((lacking(steps, (110, 150), (195, 205)),)), "u")
+    assert longest == 10
+    assert off > 0.0

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from odescope.errors import InputError
-from odescope.recordings.gaps import RawRun, check_cells, pieces
+from odescope.recordings.gaps import RawRun, check_cells, known, pieces
 from odescope.recordings.record import Repairs
 
 TIME = np.arange(40) * 0.01
@@ -133,7 +133,7 @@ def driven(u, lost):
 
 
 def lengths(run, inputs=("u",)):
-    return [len(samples) for samples in pieces(run, "bridge", inputs=inputs)]
+    return [len(samples) for samples in known(run, inputs)]
 
 
 STEPPING = np.repeat(np.arange(20.0) * 7.0 % 5.0, 50)
@@ -159,8 +159,8 @@ def test_a_run_is_cut_where_no_line_tells_what_an_input_did(period, gap, cuts):
     assert lengths(run, inputs=()) == [1000 - gap]  # the law bridges coordinates
 
 
-def test_the_first_of_several_pieces_bears_what_was_done_to_the_rows():
+def test_the_longest_of_several_pieces_bears_what_was_done_to_the_rows():
     run = replace(driven(STEPPING, [249, 250]), repairs=Repairs(rows=998, doubled=3))
-    first, second = run.cut(pieces(run, "bridge", inputs=("u",)))
-    assert (first.repairs.rows, first.repairs.doubled, first.repairs.cut) == (998, 3, 1)
-    assert (second.repairs.rows, second.repairs.doubled, second.repairs.cut) == (0, 0, 0)
+    first, second = run.cut(known(run, ("u",)))
+    assert (first.repairs.rows, first.repairs.doubled, first.repairs.cut) == (0, 0, 0)
+    assert (second.repairs.rows, second.repairs.doubled, second.repairs.cut) == (998, 3, 1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from odescope.recordings.layout import Layout
-from odescope.recordings.periods import at_one_period, common_period, stretch_at_period
+from odescope.recordings.periods import at_one_period, common_period, sampled_alike, stretch_at_period
 from odescope.recordings.record import Record, Records, Stretch
 
 NOISE = 1e-3
@@ -66,3 +66,10 @@ def test_an_input_runs_in_lines_on_another_grid_as_well():
     found = at_one_period(square, replace(PLAIN, inputs=frozenset({"u"}))).runs[1]
     away = np.abs(np.sin(5.0 * found.t)) > 5.0 * 0.0142  # two samples
     assert np.allclose(found.column("u")[away], np.sign(np.sin(5.0 * found.t))[away], atol=0.02)
+
+
+def test_records_that_differ_both_ways_come_to_one_period_too():
+    runs = tuple(sampled(0.002 * (1.0 + off), 500 + k) for k, off in enumerate((-9e-5, 0.0, 9e-5)))
+    found = at_one_period(Records(runs), PLAIN)
+    assert sampled_alike(found)
+    assert [len(run) for run in found] == [len(run) for run in runs]

@@ -48,3 +48,23 @@ def test_gaps_are_refused_where_the_study_says_so():
     record = Record(t, np.column_stack([np.sin(t), np.cos(t)]), ("x", "phi"))
     with pytest.raises(InputError, match="time has 1 gap"):
         on_uniform_time(Records.of(record), replace(LAYOUT, gaps="refuse"))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_cut_where_a_command_stepped_unseen_keeps_the_clock_of_the_whole(seed):
+    rng = np.random.default_rng(seed)
+    t = STEADY + 0.001 * rng.standard_normal(4000)  # that is when the samples were taken
+    u = np.repeat(rng.standard_normal(800), 5)
+    kept = np.sort(rng.permutation(4000)[:3950])
+    layout = Layout(time="t", columns=(("x", "x"), ("u", "u")), inputs=frozenset({"u"}))
+    table = {"t": t, "x": np.sin(2.0 * t) + 1e-5 * rng.standard_normal(4000), "u": u}
+    found = tuple(records_from({name: column[kept] for name, column in table.items()}, layout))
+    assert len(found) > 4
+    (told,) = (run.repairs for run in found if run.repairs.rows)
+    assert (told.jitter, told.scatter) == (0.0, pytest.approx(0.1, rel=0.1))
+    assert told.cut == len(found) - 1
+    for run in found:
+        assert run.sample_period == pytest.approx(found[0].sample_period, rel=1e-9)
+        numbers = (run.t - found[0].t[0]) / run.sample_period
+        assert np.abs(numbers - np.rint(numbers)).max() < 1e-6
+        assert np.abs(run.column("x") - np.sin(2.0 * run.t)).max() < 1e-4
