@@ -126,28 +126,27 @@ def constant_sums(columns: Sequence[FloatArray], names: Sequence[str], noise: Fl
     Args:
         columns: one a recording, (species, N): as measured, not smoothed.
         names: of the species.
-        noise: (species,) standard deviations of their noise, white.
+        noise: (recordings, species) standard deviations of their noise, white.
 
     Raises:
         InputError: shapes do not agree, or a value is not finite.
     """
     _check_columns(columns, names, noise)
     spread = np.array([np.std(np.concatenate([x[i] for x in columns])) for i in range(len(names))])
-    variance = np.maximum(noise, FLOOR * spread) ** 2
-    scatter, freedom, slow = _scatters(columns)
+    scatter, freedom, variance = _scatters(columns, np.maximum(noise, FLOOR * spread) ** 2)
     if not len(freedom):
         return ()
     allowed = TOLERANCE**2 * chdtri(freedom, LEVEL / len(freedom))
-    excess = np.diagonal(scatter[slow]) / freedom[slow] - variance
+    excess = np.diagonal(scatter[-1]) / freedom[-1] - variance[-1]  # of the blocks of all recordings together
     found = list[tuple[int, ...]]()
     for k in range(2, min(MOST_MEMBERS, len(names)) + 1):
         weights = _weights(k)
         for members in combinations(range(len(names)), k):
             inside = np.ix_(range(len(freedom)), members, members)
             sums = np.einsum("wi,qij,wj->wq", weights, scatter[inside], weights)
-            noises = weights**2 @ variance[list(members)]
-            constant = np.all(sums <= allowed * noises[:, None], axis=1)
-            clear = excess[list(members)].min() >= CLEAR * noises
+            noises = weights**2 @ variance[:, list(members)].T
+            constant = np.all(sums <= allowed * noises, axis=1)
+            clear = excess[list(members)].min() >= CLEAR * noises[:, -1]
             for w in weights[constant & clear]:
                 law = dict(zip(members, w.astype(int).tolist(), strict=True))
                 found.append(tuple(law.get(i, 0) for i in range(len(names))))
@@ -164,20 +163,26 @@ def _check_columns(columns: Sequence[FloatArray], names: Sequence[str], noise: F
             raise InputError(f"recording {k} has shape {x.shape}, expected {len(names)} species by samples")
         if not np.isfinite(x).all():
             raise InputError(f"recording {k} has values that are not finite; leave those samples out")
-    if noise.shape != (len(names),) or not (np.isfinite(noise).all() and (noise >= 0.0).all()):
-        raise InputError(f"expected {len(names)} standard deviations of noise, none negative, got {noise!r}")
+    if noise.shape != (len(columns), len(names)) or not (np.isfinite(noise).all() and (noise >= 0.0).all()):
+        raise InputError(
+            f"expected standard deviations of noise of shape {len(columns), len(names)}, none negative, got {noise!r}"
+        )
 
 
-def _scatters(columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, int]:
-    """Return sums of squares and products about the mean, (q, species, species), degrees of freedom (q,), and a q.
+def _scatters(columns: Sequence[FloatArray], variance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return sums of squares and products about the mean, (q, species, species), degrees of freedom, and variances.
 
     Of every recording and of all of them together, sample by sample and in means of blocks: samples alone hide what
-    drifts slowly within the noise, blocks alone what oscillates fast. The one returned is the blocks of all.
+    drifts slowly within the noise, blocks alone what oscillates fast. The last are the blocks of all.
+
+    Args:
+        columns: one a recording, (species, N).
+        variance: (recordings, species) of the noise.
     """
-    both = list[tuple[list[FloatArray], list[int]]]()
+    scatters, freedoms, variances = list[FloatArray](), list[int](), list[FloatArray]()
     for blocks in (None, BLOCKS):
-        scatter, freedom = list[FloatArray](), list[int]()
-        for x in columns:
+        scatter, freedom, own = list[FloatArray](), list[int](), list[FloatArray]()
+        for x, v in zip(columns, variance, strict=True):
             count = x.shape[1] if blocks is None else min(blocks, x.shape[1])
             if count < 2:
                 continue
@@ -186,12 +191,12 @@ def _scatters(columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, in
             scaled = sums / np.sqrt(np.diff(starts))
             scatter.append(scaled @ scaled.T)
             freedom.append(count - 1)
+            own.append(v)
         if scatter:
-            both.append(([*scatter, np.sum(scatter, axis=0)], [*freedom, sum(freedom)]))
-    if not both:
-        return np.empty((0, 0, 0)), np.empty(0), 0
-    (fine, many), (coarse, few) = both
-    return np.array([*fine, *coarse]), np.array([*many, *few], dtype=float), -1
+            scatters += [*scatter, np.sum(scatter, axis=0)]
+            freedoms += [*freedom, sum(freedom)]
+            variances += [*own, np.average(own, axis=0, weights=freedom)]
+    return np.array(scatters), np.array(freedoms, dtype=float), np.array(variances)
 
 
 def _weights(members: int) -> FloatArray:

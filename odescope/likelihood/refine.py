@@ -346,7 +346,7 @@ def _with_process_noise(
     starts = [*starts, *(theta for theta in parts if theta is not None)]
     # Where there is process noise no search without it comes to an end: they leave a share of the budget.
     own = space.budget.rest(1.0 - JOINED_SHARE)
-    pieces = in_pieces(cut, space.within(own), starts)
+    pieces = in_pieces(cut, replace(space.within(own), zeros_are_off=True), starts)
     process = search_with_process_noise(pieces, starts, terms)
     space.budget.spent += own.spent
     if process is None:

@@ -54,6 +54,7 @@ class SearchSpace:
     evaluator: Evaluator
     mechanisms: tuple[Mechanism, ...]
     frame: Frame
+    zeros_are_off: bool = False
 
     @property
     def segments(self) -> Segments:
@@ -102,7 +103,10 @@ class SearchSpace:
         """
         share = RARER ** -np.array([m.size for m in self.mechanisms], dtype=np.float64)
         choice = [not self.stays(k) for k in range(len(self.mechanisms))]
-        found: FloatArray = penalty(self.segments.samples, share / share[choice].sum())
+        share /= share[choice].sum()
+        if self.zeros_are_off:
+            share[list(self.zeros)] = 0.5
+        found: FloatArray = penalty(self.segments.samples, share)
         found[self.known] = 0.0
         return found
 

@@ -18,6 +18,8 @@ from odescope.recordings.record import Records
 from odescope.signals.estimate import Signals
 
 BLOCKS = 16  # a recording: what varies slowly shows in their means, where there is little noise
+OF_THIRD = 20.0  # variances of white noise: that of its third differences
+ALIKE = 1.2  # factor by which these may be larger than the noise that was found: they hold no signal then
 SURE = 3.0  # standard deviations of a variance: what is within them may be noise
 MOST_SPECIES = 16  # of more, sums of four are too many to look at
 
@@ -47,7 +49,7 @@ def constants_of(records: Records, signals: Signals, mechanisms: Sequence[Mechan
     if any(c.order != 1 for c in signals.coordinates) or not 2 <= len(names) <= MOST_SPECIES:
         return ()
     columns = [np.array([run.column(name) for name in names]) for run in records]
-    noise = np.array([c.noise for c in signals.channels])
+    noise = _noises(columns, np.array([c.noise for c in signals.channels]))
     reacting = any(m.kind == "reaction" for m in mechanisms)
     laws = conserved(signals.coordinates, mechanisms) if reacting else ()
     seen = constant_sums(columns, names, noise)
@@ -59,21 +61,36 @@ def constants_of(records: Records, signals: Signals, mechanisms: Sequence[Mechan
     return (*found, *(Conserved(s, (), True, drift) for s, drift in zip(told, drifts, strict=True)))
 
 
+def _noises(columns: Sequence[FloatArray], noise: FloatArray) -> FloatArray:
+    """Return the noise of every species as each recording has it (recordings, c), where third differences are noise.
+
+    Args:
+        columns: (c, N) of every recording.
+        noise: (c,) standard deviations over all of them.
+    """
+    if min(x.shape[1] for x in columns) < BLOCKS:
+        return np.tile(noise, (len(columns), 1))
+    rough = np.array([np.sqrt(np.mean(np.diff(x, 3) ** 2, axis=1) / OF_THIRD) for x in columns])
+    whole = np.sqrt(np.average(rough**2, axis=0, weights=[x.shape[1] for x in columns]))
+    found: FloatArray = np.where(whole <= ALIKE * noise, rough, noise)
+    return found
+
+
 def _drift(columns: Sequence[FloatArray], weights: FloatArray, noise: FloatArray) -> float:
     """Return how far a sum moves within recordings, over the member that moves most; what noise may do counts as none.
 
     Args:
         columns: (c, N) of every recording.
         weights: (c,) of the sum.
-        noise: (c,) standard deviations.
+        noise: (recordings, c) standard deviations.
     """
     moved, most, by_chance, means = 0.0, 0.0, 0.0, 0
-    for x in columns:
+    for x, own in zip(columns, noise, strict=True):
         blocks = np.array_split(x * weights[:, None], min(BLOCKS, x.shape[1]), axis=1)
         mean = np.array([block.mean(axis=1) for block in blocks])
         moved += float(mean.sum(axis=1).var() * len(mean))
         most = max(most, float(mean.var(axis=0).max()))
-        by_chance += float(np.sum((weights * noise) ** 2)) * sum(1.0 / block.shape[1] for block in blocks)
+        by_chance += float(np.sum((weights * own) ** 2)) * sum(1.0 / block.shape[1] for block in blocks)
         means += len(mean)
     beyond = moved - (1.0 + SURE * np.sqrt(2.0 / means)) * by_chance
     return float(np.sqrt(max(beyond, 0.0) / means / most)) if most > 0.0 else 0.0

@@ -40,7 +40,7 @@ def enzyme(rng, recordings=2, samples=200, noise=0.05):
 
 def noisy(runs, rng, noise):
     deviations = noise * np.std(np.concatenate(runs, axis=1), axis=1)
-    return [x + deviations[:, None] * rng.standard_normal(x.shape) for x in runs], deviations
+    return [x + deviations[:, None] * rng.standard_normal(x.shape) for x in runs], np.tile(deviations, (len(runs), 1))
 
 
 def predator_prey(rng, recordings=2, samples=200, noise=0.05):
@@ -153,7 +153,17 @@ def test_weights_are_those_of_the_data():
 
 def test_species_that_hardly_vary_make_no_law():
     rng = np.random.default_rng(3)
-    assert constant_sums([1.0 + 0.1 * rng.standard_normal((3, 100))], list("ABC"), np.full(3, 0.1)) == ()
+    assert constant_sums([1.0 + 0.1 * rng.standard_normal((3, 100))], list("ABC"), np.full((1, 3), 0.1)) == ()
+
+
+def test_every_recording_has_noise_of_its_own():
+    t = np.linspace(0.0, 3.0, 400)
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        noise = np.array([[0.02, 0.02], [0.005, 0.005], [0.01, 0.01]])
+        columns = [np.array([np.exp(-t), 2.0 - np.exp(-t)]) + n[:, None] * rng.standard_normal((2, 400)) for n in noise]
+        assert [str(law) for law in constant_sums(columns, ["A", "B"], noise)] == ["A + B"]
+        assert constant_sums(columns, ["A", "B"], np.full((3, 2), np.sqrt(np.mean(noise**2)))) == ()
 
 
 def test_fast_swings_are_no_noise():
@@ -165,9 +175,9 @@ def test_fast_swings_are_no_noise():
 
 def test_columns_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match="recording 1 has shape"):
-        constant_sums([np.ones((2, 5)), np.ones((3, 5))], ["A", "B"], np.ones(2))
+        constant_sums([np.ones((2, 5)), np.ones((3, 5))], ["A", "B"], np.ones((2, 2)))
     with pytest.raises(InputError, match="not finite"):
-        constant_sums([np.full((2, 5), np.nan)], ["A", "B"], np.ones(2))
-    with pytest.raises(InputError, match="2 standard deviations"):
-        constant_sums([np.ones((2, 5))], ["A", "B"], np.ones(3))
-    assert constant_sums([np.ones((2, 1))], ["A", "B"], np.ones(2)) == ()
+        constant_sums([np.full((2, 5), np.nan)], ["A", "B"], np.ones((1, 2)))
+    with pytest.raises(InputError, match=r"of shape \(1, 2\)"):
+        constant_sums([np.ones((2, 5))], ["A", "B"], np.ones(2))
+    assert constant_sums([np.ones((2, 1))], ["A", "B"], np.ones((1, 2))) == ()

@@ -78,7 +78,7 @@ def test_a_short_record_of_much_noise_moves_no_sum():
         s = 2.0 * np.exp(-0.3 * t)
         values = np.column_stack([s, 2.0 - s]) + 0.1 * rng.standard_normal((12, 2))
         columns = [np.ascontiguousarray(values.T)]
-        drifts.append(_drift(columns, np.ones(2), np.full(2, 0.1)))
+        drifts.append(_drift(columns, np.ones(2), np.full((1, 2), 0.1)))
     assert np.mean(np.array(drifts) > OPEN) <= 0.05
 
 
