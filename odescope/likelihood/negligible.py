@@ -74,20 +74,22 @@ def one_less(space: SearchSpace, here: Fit, wald: FloatArray, defect_std: FloatA
 def contributions(space: SearchSpace, theta: FloatArray) -> FloatArray:
     """Return what each mechanism makes of the relation in which it makes most (mechanisms,), over its largest term.
 
-    Root mean squares over the smoothed states; targets are their differences.
+    Root mean squares over the smoothed states; targets are their differences. What a mechanism makes of a relation is
+    the sum of its parts there: a spring between two shafts pulls with their difference, however far they have turned.
     """
     frame = space.frame
     present = np.flatnonzero(theta)
     owned = [(k, p) for k in present for p in space.mechanisms[k].parts]
     evaluated = space.evaluated([p.product.term for _, p in owned], theta)
     target = dict(zip(frame.targets, rates(space), strict=True))
-    sizes, largest = np.zeros((len(space.mechanisms), len(frame.targets))), np.zeros(len(frame.targets))
+    made = dict[tuple[int, int], FloatArray]()
     for (k, part), values in zip(owned, evaluated, strict=True):
         whole = values if part.product.factor is None else values * target[part.product.factor]
-        size = abs(theta[k] * part.share) * float(np.sqrt(np.mean(whole**2)))
-        sizes[k, part.relation] += size
-        largest[part.relation] = max(largest[part.relation], size)
-    shares: FloatArray = (sizes / np.maximum(largest, 1e-300)).max(axis=1)
+        made[k, part.relation] = made.get((k, part.relation), 0.0) + theta[k] * part.share * whole
+    sizes = np.zeros((len(space.mechanisms), len(frame.targets)))
+    for place, values in made.items():
+        sizes[place] = float(np.sqrt(np.mean(values**2)))
+    shares: FloatArray = (sizes / np.maximum(sizes.max(axis=0), 1e-300)).max(axis=1)
     return shares
 
 

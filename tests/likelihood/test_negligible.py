@@ -42,6 +42,18 @@ def test_contributions_are_the_sizes_of_the_terms_over_the_largest():
     assert not contributions(it, SPRING.theta)[5:].any()
 
 
+def test_parts_that_cancel_are_no_large_term():
+    """Two shafts that have turned far are held together by little."""
+    it = space(SPRING.theta)
+    x, v = it.segments.filtered.T
+    (place,) = it.mechanisms[1].parts
+    (speed,) = it.mechanisms[2].parts
+    both = replace(it.mechanisms[1], parts=(place, replace(place, share=-0.9), speed))
+    found = contributions(it.among([it.mechanisms[0], both, *it.mechanisms[2:]]), SPRING.theta)
+    sizes = [np.sqrt(np.mean(term**2)) for term in (4.0 * (0.1 * x + v), 0.5 * v)]
+    assert found[1] / found[2] == pytest.approx(sizes[0] / sizes[1], rel=1e-6)
+
+
 def test_where_one_recording_ends_and_another_begins_nothing_moves():
     it = space(SPRING.theta)
     whole, count = it.segments, len(it.segments.filtered)
