@@ -118,7 +118,8 @@ class FunctionSpace:
 
         Args:
             theta: (mechanisms,) coefficients.
-            bar: None where cost and price are above: the cost of looser segments is no higher.
+            bar: None where cost and price are above: the cost of looser segments is no higher. Nor is there one where
+                the clock strikes on the way.
         """
         space, spread = self.space, self.space.segments.spread
         here = space.fit(theta, np.flatnonzero(theta), space.segments.initial, spread * np.inf)
@@ -128,7 +129,7 @@ class FunctionSpace:
         if tight is not None and tight.converged:
             return tight
         for width in (w for w in WIDTHS[1:] if w >= self.width):
-            here = space.again(here, here.x0, spread * width)
+            here = None if space.budget.late else space.again(here, here.x0, spread * width)
             if here is None or here.cost + space.price(here) > bar:
                 return None
         return here

@@ -78,7 +78,7 @@ def contributions(space: SearchSpace, theta: FloatArray) -> FloatArray:
     the sum of its parts there: a spring between two shafts pulls with their difference, however far they have turned.
     """
     frame = space.frame
-    present = np.flatnonzero(theta)
+    present = np.flatnonzero(theta).tolist()
     owned = [(k, p) for k in present for p in space.mechanisms[k].parts]
     evaluated = space.evaluated([p.product.term for _, p in owned], theta)
     target = dict(zip(frame.targets, rates(space), strict=True))

@@ -84,3 +84,14 @@ def test_another_function_comes_in_all_relations_at_once(refinement):
     for relation in (0, 1):
         assert "tanh(scale_x**-1*x)" in terms(work.space, ended.fit.theta, relation)
     assert work.moves().penalised(ended.fit) < work.moves().penalised(standing.fit)
+
+
+def test_a_product_of_two_functions_is_none_of_one_variable(refinement):
+    work = _Work.of(refinement, IN_BOTH, 5.0)
+    work = replace(work, families={"x": work.families["x"]})
+    of_x = next(f for f in work.families["x"] if "scale_x" in f.term.names)
+    beside = Term(((Name("y"), 1),))
+    assert work.split(of_x.term * beside, "x") == (of_x, beside)
+    constants = {**work.space.frame.constants, "rate_y": work.space.frame.constants["scale_x"]}
+    other = replace(work, space=replace(work.space, frame=replace(work.space.frame, constants=constants)))
+    assert other.split(of_x.term * Term(((Name("rate_y"), 1), (Name("y"), 1))), "x") is None

@@ -70,3 +70,22 @@ def test_hares_and_lynxes_of_21_years_have_a_law():
     assert prey["hare*lynx"] == pytest.approx(0.028, abs=0.005)
     assert {"lynx", "hare*lynx"} <= set(predator)
     assert any("21 samples cannot decide" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(
+    ("rates", "angle", "start", "seconds", "samples", "law"),
+    [
+        (lambda _, x: [x[1], -4.0 * x[0] - 0.3 * x[1]], False, 1.0, 25.0, 1000, {"x", "x_dot"}),
+        (lambda _, x: [x[1], -9.0 * x[0] - 0.5 * x[1]], False, 1.0, 20.0, 1000, {"x", "x_dot"}),
+        (lambda _, x: [x[1], -9.81 * np.sin(x[0]) - 0.25 * x[1]], True, 0.7, 20.0, 2000, {"sin(x)", "x_dot"}),
+    ],
+    ids=["spring", "stiffer", "pendulum"],
+)
+def test_what_a_solver_errs_by_at_its_usual_tolerance_is_no_forcing(rates, angle, start, seconds, samples, law):
+    """Its steps come at a rate of their own, and what they err by is smooth: sines of time follow it."""
+    t = np.linspace(0.0, seconds, samples)
+    x = solve_ivp(rates, (0.0, seconds), (start, 0.0), t_eval=t).y[0]
+    study = Study(data=Data(time="t"), coordinates={"x": Measured(order=2, angle=angle)})
+    result = identify(study, {"t": t, "x": x})
+    (relation,) = result.model.relations
+    assert {q.text for q in relation.terms} == {"x_ddot", *law}
