@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from odescope.model.scores import (
@@ -32,6 +33,12 @@ SUSPECTED = {
     "recurring": "what is unexplained of {target} repeats along {variable}, at {low:.4g} to {high:.4g} rad a unit"
     " of it, as the cogging of a motor does",
 }
+TURNING = (  # the same, of a turn in degrees
+    "what is unexplained of {target} repeats along {variable} every 360 of it, as along an angle in degrees"
+    ' (unit = "deg" in [coordinates.{variable}] says so)'
+)
+ONE_TURN = 2.0 * math.pi / 360.0  # rad a unit of such an angle
+NARROW = 1.5  # times the least rate: of a wider range no single one is told
 REPLACED = {  # what functions were found for, where it is in the model no more
     "powers": "{target} has {found} in place of several powers of {variable}",
     "fractions": "{target} has {found} in place of a fraction in {variable}",
@@ -101,7 +108,9 @@ def _version(of: VersionScore) -> str:
 
 def _of_a_suspicion(found: SuspicionScore) -> str:
     """Return what competed with powers and fractions of a variable, and how, with a warning where these are left."""
-    what = SUSPECTED[found.reason].format(variable=found.variable, target=found.target, low=found.low, high=found.high)
+    turning = found.low <= ONE_TURN <= found.high < NARROW * found.low and found.reason == "recurring"
+    told = TURNING if turning else SUSPECTED[found.reason]
+    what = told.format(variable=found.variable, target=found.target, low=found.low, high=found.high)
     if found.reason in WAVES:
         return f"{what}: {_forced(found)}"
     if not found.tried:

@@ -180,6 +180,14 @@ def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
         assert any(part in line for line in warned) == warns, part
 
 
+@pytest.mark.parametrize(("rates", "degrees"), [((0.0158, 0.0191), True), ((0.01, 0.05), False), ((0.9, 1.1), False)])
+def test_what_repeats_every_360_may_be_an_angle_in_degrees(rates, degrees):
+    wave = ("sin(rate_x*x)",)
+    found = SuspicionScore("x_ddot", "x", "recurring", 0, *rates, tried=wave, found=wave, gain=50.0)
+    (note,) = said(ModelScores(suspicions=(found,)))
+    assert ('unit = "deg" in [coordinates.x]' in note) == degrees
+
+
 def test_a_model_that_does_not_follow_has_no_errors_to_speak_of():
     judged = msgspec.structs.replace(JUDGED, follows=False, residual_variance=49.0)
     (note,) = said(ModelScores(likelihood=judged), NONE)
