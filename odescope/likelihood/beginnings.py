@@ -46,7 +46,7 @@ class Beginnings(Saturating):
         ways = (self.sparse(found, plain), self.saturating(found), self.substituted(found, plain), rubbing)
         standings = [s for s in ways if s is not None]
         for given in ((), self.lines):
-            if standings and self.space.budget.over:
+            if standings and self.space.budget.late:
                 break
             bar = min((price(s.fit) for s in standings), default=np.inf)
             near = self.beside(found, given, bar)
@@ -122,7 +122,7 @@ class Beginnings(Saturating):
             base.append(self.number[relation, Product(None, dry)])
             imitated = self.imitated(relation, found, base, True)
             for curve in curves:
-                if self.space.budget.over:
+                if self.space.budget.late:
                     break
                 theta = None if imitated is None else self.written(relation, found.theta, base, [curve], imitated)
                 fit = None if theta is None else self.tightened(theta)

@@ -179,9 +179,9 @@ def surely(space: SearchSpace) -> FloatArray:
 
     The zero of an input stays for its price, as that of a sensor does: it moves free runs by little, and is usual.
     """
-    price = SURE * space.penalty
-    price[list(space.zeros)] /= SURE
-    return price
+    times = np.full(len(space.mechanisms), SURE)
+    times[list(space.zeros)] = 1.0
+    return times * space.penalty
 
 
 def telling(

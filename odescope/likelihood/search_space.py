@@ -49,7 +49,11 @@ class Move:
 
 @dataclass(frozen=True, eq=False)
 class SearchSpace:
-    """Everything a search needs that does not change on the way."""
+    """Everything a search needs that does not change on the way.
+
+    `zeros_are_off` says whether the zeros of inputs are as likely off as not: under noise of the process, which hides
+    them. Elsewhere a constant is a term like any other.
+    """
 
     evaluator: Evaluator
     mechanisms: tuple[Mechanism, ...]
@@ -87,7 +91,7 @@ class SearchSpace:
 
     @cached_property
     def zeros(self) -> frozenset[int]:
-        """Constants where an input may stand by itself, whose zero is as likely off as not."""
+        """Constants where an input may stand by itself: its zero."""
         parts = (p for m in self.mechanisms for p in m.parts)
         driven = {p.relation for p in parts if p.product.text in self.frame.inputs}
         constant = (m.relations <= driven and {p.product for p in m.parts} == {Product(None)} for m in self.mechanisms)
@@ -105,7 +109,7 @@ class SearchSpace:
         choice = [not self.stays(k) for k in range(len(self.mechanisms))]
         share /= share[choice].sum()
         if self.zeros_are_off:
-            share[list(self.zeros)] = 0.5
+            share[list(self.zeros)] = 0.5  # off or not
         found: FloatArray = penalty(self.segments.samples, share)
         found[self.known] = 0.0
         return found

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from odescope.arrays import FloatArray, true_ranges
+from odescope.recordings.between_samples import looks_held
 from odescope.recordings.record import Records
 
 WINDOWS = 2000  # of all records at most, spread over them, beside one of every stretch
@@ -16,21 +17,21 @@ def bridged(records: Records, name: str) -> tuple[int, float]:
     """Return how long the longest gap of a column is, in samples, and how far a line over as many is off elsewhere.
 
     That is the root mean square between the ends of the line, over the standard deviation of the column; 0 where
-    nothing is missing, and where no stretch is long enough to tell. A gap with one value at both ends is none of those:
-    a command that holds its values kept it.
+    nothing is missing, and where no stretch is long enough to tell. Gaps in which a command that is seen to be held
+    kept its value do not count.
 
     Args:
         records: uniformly sampled.
         name: of the column.
     """
     measured = [run.counted(name) > 0.0 for run in records]
-    moved = (
+    unknown = (
         stop - first
         for run, there in zip(records, measured, strict=True)
         for first, stop in true_ranges(~there)
-        if len({*run.column(name)[[max(first - 1, 0), min(stop, len(run) - 1)]].tolist()}) > 1
+        if not _kept(run.column(name), first, stop)
     )
-    longest = max(moved, default=0)
+    longest = max(unknown, default=0)
     whole = [
         run.column(name)[first:stop]
         for run, there in zip(records, measured, strict=True)
@@ -38,6 +39,11 @@ def bridged(records: Records, name: str) -> tuple[int, float]:
     ]
     off = off_lines(whole, longest) if longest else 0.0  # of a column that moves, which has a standard deviation
     return longest, off / float(np.concatenate(whole).std()) if off > 0.0 else 0.0
+
+
+def _kept(y: FloatArray, first: int, stop: int) -> bool:
+    """Say whether a column (N,) is a command that holds its values, and had the same one on both sides of a gap."""
+    return bool(y[max(first - 1, 0)] == y[min(stop, len(y) - 1)]) and looks_held(y)
 
 
 def off_lines(stretches: Sequence[FloatArray], gap: int) -> float:
