@@ -124,6 +124,28 @@ def test_beside_white_noise_what_earned_several_times_its_price_stays(statistics
     assert ModelPath(it, tuple(models), 3).keeping_sure.chosen == left
 
 
+@pytest.mark.parametrize(("earned", "left"), [(1.1, 0), (0.9, 1)])
+def test_the_zero_of_an_input_stays_for_its_price(earned, left):
+    """That is nine or so, where the prior gives it even odds; a square at twice its price goes."""
+    usual = spring(1)
+    it = replace(usual, zeros_are_off=True)
+    (zero,) = (k for k, m in enumerate(it.mechanisms) if m.term == "1" and m.place == "x_ddot")
+    others = np.setdiff1d(np.arange(len(it.mechanisms)), [zero])
+    np.testing.assert_array_equal(it.penalty[others], usual.penalty[others])
+    assert it.penalty[zero] == pytest.approx(np.log(it.segments.samples) + 2.0 * np.log(2.0))
+    for k, stays in ((zero, left), (5, 1)):
+        price = (earned if k == zero else 2.0) * it.penalty[k]
+        models = PathStep(None, COMMON, None, 0.0, 8), PathStep(None, COMMON, it.mechanisms[k], price, 7)
+        assert ModelPath(it, models, 1).keeping_sure.chosen == stays
+
+
+def test_a_constant_where_nothing_drives_is_a_term_like_any_other():
+    it = replace(spring(1), zeros_are_off=True)
+    undriven = it.among([m for m in it.mechanisms if "u" not in m.names])
+    assert not undriven.zeros
+    np.testing.assert_array_equal(undriven.penalty, replace(undriven, zeros_are_off=False).penalty)
+
+
 @pytest.mark.parametrize(("error", "left"), [(0.004, 3), (0.008, 1), (0.04, 1)])
 def test_what_looks_white_keeps_nothing_sure_beside_runs_that_are_near_without(error, left):
     it = spring(1)
