@@ -16,10 +16,10 @@ from odescope.model.scores import Conserved, EnergyScore
 from odescope.pipeline.joint_models import samples_of
 from odescope.recordings.record import Records
 from odescope.signals.estimate import Signals
+from odescope.signals.noise import noise_levels
+from odescope.signals.spectral import Spectrum
 
 BLOCKS = 16  # a recording: what varies slowly shows in their means, where there is little noise
-OF_THIRD = 20.0  # variances of white noise: that of its third differences
-ALIKE = 1.2  # factor by which these may be larger than the noise that was found: they hold no signal then
 SURE = 3.0  # standard deviations of a variance: what is within them may be noise
 MOST_SPECIES = 16  # of more, sums of four are too many to look at
 
@@ -62,17 +62,15 @@ def constants_of(records: Records, signals: Signals, mechanisms: Sequence[Mechan
 
 
 def _noises(columns: Sequence[FloatArray], noise: FloatArray) -> FloatArray:
-    """Return the noise of every species as each recording has it (recordings, c), where third differences are noise.
+    """Return the noise of every species as each recording has it (recordings, c), the same where none clearly differs.
 
     Args:
         columns: (c, N) of every recording.
         noise: (c,) standard deviations over all of them.
     """
-    if min(x.shape[1] for x in columns) < BLOCKS:
-        return np.tile(noise, (len(columns), 1))
-    rough = np.array([np.sqrt(np.mean(np.diff(x, 3) ** 2, axis=1) / OF_THIRD) for x in columns])
-    whole = np.sqrt(np.average(rough**2, axis=0, weights=[x.shape[1] for x in columns]))
-    found: FloatArray = np.where(whole <= ALIKE * noise, rough, noise)
+    levels = np.array([noise_levels([Spectrum.of(row) for row in rows]) for rows in zip(*columns, strict=True)]).T
+    whole = np.sqrt(np.average(levels**2, axis=0, weights=[x.shape[1] for x in columns]))
+    found: FloatArray = noise * np.divide(levels, whole, out=np.ones_like(levels), where=whole > 0.0)
     return found
 
 

@@ -15,10 +15,10 @@ SPECIES = tuple(Coordinate(name) for name in "SECP")
 NOISE = 0.01
 
 
-def measured(leak=0.0):
-    """S + E <-> C -> P + E, twice; E leaks at a rate."""
+def measured(leak=0.0, noises=(NOISE, NOISE)):
+    """S + E <-> C -> P + E, twice, each with its noise; E leaks at a rate."""
     rng, t, runs = np.random.default_rng(1), 0.02 * np.arange(500), []
-    for start in ([2.0, 0.8, 0.0, 0.0], [3.0, 0.5, 0.3, 0.0]):
+    for noise, start in zip(noises, ([2.0, 0.8, 0.0, 0.0], [3.0, 0.5, 0.3, 0.0]), strict=True):
         s, states = np.array(start), []
         for _ in t:
             states.append(s)
@@ -26,7 +26,7 @@ def measured(leak=0.0):
                 bind, split, turn = s[0] * s[1], 0.4 * s[2], 0.8 * s[2]
                 change = [split - bind, split + turn - bind - leak * s[1], bind - split - turn, turn]
                 s = s + 0.005 * np.array(change)
-        values = np.array(states) + NOISE * rng.standard_normal((len(t), 4))
+        values = np.array(states) + noise * rng.standard_normal((len(t), 4))
         runs.append(Record(t, values, tuple("SECP"), (None,) * 4))
     records = Records(tuple(runs))
     return records, estimate_signals(records, SPECIES, (), Spectral())
@@ -44,6 +44,12 @@ def test_what_the_data_and_the_reactions_keep_constant(closed):
     found = constants_of(*closed, TRUE)
     assert [(c.sum, c.by_model) for c in found] == [("E + C", True), ("S + C + P", True)]
     assert found[0].values == pytest.approx((0.8, 0.8), abs=0.005)
+
+
+@pytest.mark.parametrize("noises", [(0.002, 0.02), (0.02, 0.002)])
+def test_a_recording_that_is_noisier_moves_no_sum(noises):
+    found = constants_of(*measured(noises=noises), TRUE)
+    assert [(c.sum, c.by_model, bool(c.values)) for c in found] == [("E + C", True, True), ("S + C + P", True, True)]
 
 
 def test_without_reactions_the_data_alone_speak(closed):
