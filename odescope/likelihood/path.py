@@ -180,7 +180,7 @@ def surely(space: SearchSpace) -> FloatArray:
     The zero of an input stays for its price, as that of a sensor does: it moves free runs by little, and is usual.
     """
     times = np.full(len(space.mechanisms), SURE)
-    times[list(space.zeros)] = 1.0
+    times[space.zeros] = 1.0
     return times * space.penalty
 
 

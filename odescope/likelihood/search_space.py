@@ -90,12 +90,12 @@ class SearchSpace:
         return self.mechanisms[k].known is not None or self.frame.own(self.mechanisms[k])
 
     @cached_property
-    def zeros(self) -> frozenset[int]:
+    def zeros(self) -> IntArray:
         """Constants where an input may stand by itself: its zero."""
         parts = (p for m in self.mechanisms for p in m.parts)
         driven = {p.relation for p in parts if p.product.text in self.frame.inputs}
         constant = (m.relations <= driven and {p.product for p in m.parts} == {Product(None)} for m in self.mechanisms)
-        return frozenset(k for k, zero in enumerate(constant) if zero)
+        return np.array([k for k, zero in enumerate(constant) if zero], dtype=np.int64)
 
     @cached_property
     def penalty(self) -> FloatArray:
@@ -109,7 +109,7 @@ class SearchSpace:
         choice = [not self.stays(k) for k in range(len(self.mechanisms))]
         share /= share[choice].sum()
         if self.zeros_are_off:
-            share[list(self.zeros)] = 0.5  # off or not
+            share[self.zeros] = 0.5  # off or not
         found: FloatArray = penalty(self.segments.samples, share)
         found[self.known] = 0.0
         return found
