@@ -141,7 +141,7 @@ def _bridged(run: RawRun, measured: BoolArray) -> list[IntArray]:
     return _between(run, columns, [own > LONGEST_GAP * np.median(own) for own in steps])
 
 
-def known(run: RawRun, inputs: Collection[str]) -> tuple[IntArray, ...]:
+def known(run: RawRun, points: IntArray, inputs: Collection[str]) -> tuple[IntArray, ...]:
     """Return the samples (n,) of each piece of a run in which what its inputs did is known, as indices into it.
 
     A run is cut where an input stepped in lost rows, or was not seen for so long that no line tells what it did.
@@ -149,12 +149,13 @@ def known(run: RawRun, inputs: Collection[str]) -> tuple[IntArray, ...]:
 
     Args:
         run: a piece of a run (`pieces`) whose gaps are bridged.
+        points: (n,) of a uniform grid at which its samples lie, not falling: stamps of uneven sampling lack no rows.
         inputs: names of the columns that drive the others.
     """
     measured: BoolArray = np.isfinite(run.values) & np.isfinite(run.t)[:, None]
     driven = [k for k, name in enumerate(run.names) if name in inputs]
     columns = [np.flatnonzero(measured[:, k]) for k in driven]
-    cut = [_unknown(np.diff(run.t[there]), run.values[there, k]) for k, there in zip(driven, columns, strict=True)]
+    cut = [_unknown(np.diff(points[there]), run.values[there, k]) for k, there in zip(driven, columns, strict=True)]
     found = _between(run, columns, cut)
     return tuple(s for s in found if _common_rows(measured[s]) >= SHORTEST_RUN) or (np.arange(len(run.t)),)
 
@@ -176,16 +177,16 @@ def _between(run: RawRun, columns: Sequence[IntArray], cut: Sequence[BoolArray])
     return np.split(samples, np.flatnonzero(np.diff(piece[samples])) + 1)
 
 
-def _unknown(steps: FloatArray, values: FloatArray) -> BoolArray:
+def _unknown(steps: IntArray, values: FloatArray) -> BoolArray:
     """Return in which gaps (n - 1,) an input did what nobody knows: it stepped, or no line over as many samples tells.
 
     A coordinate is bridged by the law, as long as what drives it is known.
 
     Args:
-        steps: (n - 1,) of time between its samples.
+        steps: (n - 1,) from sample to sample, in points of a grid.
         values: (n,) of these.
     """
-    lost: IntArray = np.rint(steps / np.median(steps)).astype(int) - 1
+    lost: IntArray = np.rint(steps / max(float(np.median(steps)), 1.0)).astype(int) - 1
     unknown: BoolArray = lost > 0
     if not unknown.any():
         return unknown

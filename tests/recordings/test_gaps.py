@@ -133,7 +133,7 @@ def driven(u, lost):
 
 
 def lengths(run, inputs=("u",)):
-    return [len(samples) for samples in known(run, inputs)]
+    return [len(samples) for samples in known(run, run.t.astype(int), inputs)]
 
 
 STEPPING = np.repeat(np.arange(20.0) * 7.0 % 5.0, 50)
@@ -161,6 +161,6 @@ def test_a_run_is_cut_where_no_line_tells_what_an_input_did(period, gap, cuts):
 
 def test_the_longest_of_several_pieces_bears_what_was_done_to_the_rows():
     run = replace(driven(STEPPING, [249, 250]), repairs=Repairs(rows=998, doubled=3))
-    first, second = run.cut(known(run, ("u",)))
+    first, second = run.cut(known(run, run.t.astype(int), ("u",)))
     assert (first.repairs.rows, first.repairs.doubled, first.repairs.cut) == (0, 0, 0)
     assert (second.repairs.rows, second.repairs.doubled, second.repairs.cut) == (998, 3, 1)

@@ -68,3 +68,13 @@ def test_what_is_cut_where_a_command_stepped_unseen_keeps_the_clock_of_the_whole
         numbers = (run.t - found[0].t[0]) / run.sample_period
         assert np.abs(numbers - np.rint(numbers)).max() < 1e-6
         assert np.abs(run.column("x") - np.sin(2.0 * run.t)).max() < 1e-4
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_uneven_sampling_lacks_no_rows(seed):
+    """Steps of up to 1.9 periods, in some of which a command steps."""
+    rng = np.random.default_rng(seed)
+    t = STEADY + 0.01 * rng.uniform(-0.45, 0.45, len(STEADY))
+    table = {"t": t, "x": np.sin(2.0 * t), "u": np.repeat(rng.standard_normal(500), 8)}
+    layout = Layout(time="t", columns=(("x", "x"), ("u", "u")), inputs=frozenset({"u"}))
+    assert len(records_from(table, layout)) == 1
