@@ -21,7 +21,7 @@ GAP_PERIODS = 1.5  # a longer step lacks at least one sample
 LONGEST_GAP = 32  # steps of a column: over a longer gap its samples hardly say what happened, and the run is cut there
 FEW = 4  # samples: over as many an input that is not known for so long hardly moves a state
 UNKNOWN = 0.25  # of an input's standard deviation: further off, a line is no knowledge of what it did
-APART = 100  # samples between cuts, on average, at least: so many more a piece has than states at its begin
+WORTH = 0.5  # of the samples, at least, lie in pieces that are long enough to keep: else single lost samples do not cut
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,11 +120,22 @@ def pieces(run: RawRun, gaps: Gaps, partial: bool = False) -> tuple[IntArray, ..
     least = 2 if whole else SHORTEST_RUN
     kept = tuple(samples for samples, length in zip(found, lengths, strict=True) if length >= least)
     if not kept and not partial:
-        raise InputError(
-            f"nothing is left{within(run.source)} after splitting at its gaps: the longest of {len(found)} pieces "
-            f"has {max(lengths)} samples, and pieces shorter than {SHORTEST_RUN} are dropped"
-        )
+        raise InputError(_nothing_left(run, lengths, least))
     return kept
+
+
+def _nothing_left(run: RawRun, lengths: Sequence[int], least: int) -> str:
+    """Say that no piece of so many samples each, in which all columns have some, has the least number."""
+    if len(lengths) == 1:
+        return (
+            f"{lengths[0]} of {len(run.t)} samples{within(run.source)} lie where all of"
+            f" {', '.join(map(repr, run.labels))} have values: expected at least {least}; leave that recording out, or"
+            " the column that lacks"
+        )
+    return (
+        f"nothing is left{within(run.source)} after splitting at its gaps: the longest of {len(lengths)} pieces "
+        f"has {max(lengths)} samples, and pieces shorter than {SHORTEST_RUN} are dropped"
+    )
 
 
 def _split(run: RawRun, complete: BoolArray, longest: float) -> list[IntArray]:
@@ -145,7 +156,8 @@ def known(run: RawRun, points: IntArray, inputs: Collection[str]) -> tuple[IntAr
     """Return the samples (n,) of each piece of a run in which what its inputs did is known, as indices into it.
 
     A run is cut where an input stepped in lost rows, or was not seen for so long that no line tells what it did.
-    Pieces shorter than 16 samples are dropped, unless no longer one is left.
+    Pieces shorter than 16 samples are dropped; where more than half of the run would be, gaps of up to 4 samples do not
+    cut it.
 
     Args:
         run: a piece of a run (`pieces`) whose gaps are bridged.
@@ -155,9 +167,13 @@ def known(run: RawRun, points: IntArray, inputs: Collection[str]) -> tuple[IntAr
     measured: BoolArray = np.isfinite(run.values) & np.isfinite(run.t)[:, None]
     driven = [k for k, name in enumerate(run.names) if name in inputs]
     columns = [np.flatnonzero(measured[:, k]) for k in driven]
-    cut = [_unknown(np.diff(points[there]), run.values[there, k]) for k, there in zip(driven, columns, strict=True)]
-    found = _between(run, columns, cut)
-    return tuple(s for s in found if _common_rows(measured[s]) >= SHORTEST_RUN) or (np.arange(len(run.t)),)
+    lost = [_lost(np.diff(points[there])) for there in columns]
+    cut = [_unknown(n, run.values[there, k]) for k, there, n in zip(driven, columns, lost, strict=True)]
+    for gaps in (cut, [unknown & (n > FEW) for unknown, n in zip(cut, lost, strict=True)]):
+        kept = tuple(s for s in _between(run, columns, gaps) if _common_rows(measured[s]) >= SHORTEST_RUN)
+        if sum(map(len, kept)) >= WORTH * len(run.t):
+            return kept
+    return kept or (np.arange(len(run.t)),)
 
 
 def _between(run: RawRun, columns: Sequence[IntArray], cut: Sequence[BoolArray]) -> list[IntArray]:
@@ -177,16 +193,20 @@ def _between(run: RawRun, columns: Sequence[IntArray], cut: Sequence[BoolArray])
     return np.split(samples, np.flatnonzero(np.diff(piece[samples])) + 1)
 
 
-def _unknown(steps: IntArray, values: FloatArray) -> BoolArray:
+def _lost(steps: IntArray) -> IntArray:
+    """Return how many samples of a column each of the steps (n,) between its samples lacks, in points of a grid."""
+    return np.rint(steps / max(float(np.median(steps)), 1.0)).astype(int) - 1 if len(steps) else steps
+
+
+def _unknown(lost: IntArray, values: FloatArray) -> BoolArray:
     """Return in which gaps (n - 1,) an input did what nobody knows: it stepped, or no line over as many samples tells.
 
     A coordinate is bridged by the law, as long as what drives it is known.
 
     Args:
-        steps: (n - 1,) from sample to sample, in points of a grid.
+        lost: (n - 1,) samples, from one to the next.
         values: (n,) of these.
     """
-    lost: IntArray = np.rint(steps / max(float(np.median(steps)), 1.0)).astype(int) - 1
     unknown: BoolArray = lost > 0
     if not unknown.any():
         return unknown
@@ -196,7 +216,7 @@ def _unknown(steps: IntArray, values: FloatArray) -> BoolArray:
         whole, most = np.split(values, np.flatnonzero(unknown) + 1), UNKNOWN * float(values.std())
         far = [n for n in np.unique(lost[lost > FEW]).tolist() if off_lines(whole, n) > most]
         unknown = np.isin(lost, far)
-    return unknown if APART * np.count_nonzero(unknown) <= len(values) else unknown & (lost > FEW)
+    return unknown
 
 
 def _common_rows(cells: BoolArray) -> int:

@@ -144,11 +144,13 @@ def test_a_run_is_cut_where_an_input_stepped_unseen():
     assert lengths(driven(STEPPING, [249, 250, 330]), inputs=()) == [997]
 
 
-def test_a_run_is_not_cut_to_pieces_at_single_samples():
+def test_a_run_is_cut_at_single_samples_as_long_as_most_of_it_is_kept():
     every = np.arange(50, 1000, 50)
-    assert lengths(driven(STEPPING, every)) == [981]
-    long = np.r_[every, np.arange(301, 306)]  # six in a row are another matter
-    assert lengths(driven(STEPPING, long)) == [295, 681]
+    assert lengths(driven(STEPPING, every)) == [50, *19 * [49]]
+    quick = np.repeat(np.arange(200.0) * 7.0 % 5.0, 5)  # five samples a value: between cuts nothing would be left
+    every = np.arange(5, 1000, 5)
+    assert lengths(driven(quick, every)) == [801]
+    assert lengths(driven(quick, np.r_[every, np.arange(301, 311)])) == [241, 552]  # ten in a row are another matter
 
 
 @pytest.mark.parametrize(("period", "gap", "cuts"), [(40.0, 20, 1), (40.0, 3, 0), (400.0, 20, 0)])
