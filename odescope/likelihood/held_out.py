@@ -9,7 +9,7 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.segments import Segments
+from odescope.likelihood.segments import SHORT, Segments
 
 FIFTH = 5  # one record in so many is held out; of fewer records, that part of each
 FEW = 3  # stretches of which no spread can be told
@@ -35,12 +35,15 @@ def held_out(segments: Segments) -> list[tuple[int, int]]:
 
 
 def without_held_out(segments: Segments) -> Segments:
-    """Return the segments that have nothing in common with what is held out."""
-    begin, end = segments.start, segments.start + segments.count
-    keep = np.ones(len(begin), dtype=np.bool_)
-    for low, high in held_out(segments):
-        keep &= (end <= low) | (begin >= high)
-    return _kept(segments, keep)
+    """Return the segments that have nothing in common with what is held out, shorter ones where all have."""
+    for own in (segments, segments.cut_anew(SHORT)):
+        begin, end = own.start, own.start + own.count
+        keep = np.ones(len(begin), dtype=np.bool_)
+        for low, high in held_out(own):
+            keep &= (end <= low) | (begin >= high)
+        if keep.any():
+            break
+    return _kept(own, keep)
 
 
 def thinned(segments: Segments) -> Segments:

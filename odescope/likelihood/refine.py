@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.errors import InputError
 from odescope.events import Monitor, Progress
 from odescope.library.constants import Constant
 from odescope.library.mechanism import Mechanism
@@ -191,6 +192,7 @@ def refine(
         deadline: of the clock (`time.time`), after which the best so far is returned; None for none.
 
     Raises:
+        InputError: the path of models has none of so many terms as asked for.
         Stopped: the run is to end.
     """
     everything, constants = with_settings(mechanisms, signals, late, declared)
@@ -290,7 +292,9 @@ def _judged(
         covariance = evidence.covariance
     else:
         path = path or _path(space, best)
-        if path is not None and terms is not None:
+        if terms is not None:
+            if path is None:
+                raise InputError(f"[likelihood] terms = {terms}: no shorter model could be fitted; leave `terms` out")
             path, best, scale = _shortened(space, best, path.chosen_at(terms))
         found, last, evidence = best.fit, space, _evidence(space, best, scale)
         undecided = undecided_holds(space, found, between.open, best.width, scale)
@@ -365,7 +369,9 @@ def _path(space: SearchSpace, outcome: Outcome) -> ModelPath | None:
         return None
     defect_std = space.segments.spread * outcome.width
     # From where the model stands: it may run away from a smoothed state that is on the wrong side of nothing.
-    x0 = outcome.fit.x0[np.isin(space.segments.start, seen.segments.start)]
+    x0 = seen.segments.initial.copy()
+    _, there, known = np.intersect1d(seen.segments.start, space.segments.start, return_indices=True)
+    x0[there] = outcome.fit.x0[known]
     found = seen.again(outcome.fit, x0, defect_std)
     return None if found is None else ModelPath.back(seen, found, defect_std, rough=True)
 

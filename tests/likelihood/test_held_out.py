@@ -57,6 +57,17 @@ def test_what_searches_see_and_what_is_held_out_have_nothing_in_common(lengths):
     )
 
 
+def test_of_records_that_are_a_segment_each_searches_see_shorter_ones():
+    lengths = (36, 36)
+    segments = cut(np.zeros((72, 2)), np.zeros((72, 1)), drive(72), SIGMA, Q, lengths).cut_anew(36)
+    assert segments.count.tolist() == [36, 36]
+    seen = without_held_out(segments)
+    covered = np.concatenate([np.arange(s, s + c) for s, c in zip(seen.start, seen.count, strict=True)])
+    out = np.concatenate([np.arange(low, high) for low, high in held_out(segments)])
+    assert not set(covered) & set(out)
+    assert len(covered) >= 0.6 * 72
+
+
 @pytest.mark.parametrize("lengths", [(70_000,), (30_000, 9_000, 21_000)])
 def test_a_search_sees_stretches_of_a_long_record_from_all_over_it(lengths):
     total = sum(lengths)
