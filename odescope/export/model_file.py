@@ -126,12 +126,13 @@ def _prompt(channel: Coordinate | Input) -> dict[str, object]:
 
 
 def read_model(path: Path | str) -> Model:
-    """Return the model of a file.
+    """Return the model of a file, or that of a folder of results.
 
     Raises:
         InputError: the file is missing, no JSON, has missing or extra keys, or terms that cannot be read.
     """
     path = as_path(path, "a model file")
+    path = path / "model.json" if path.is_dir() else path
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from odescope.errors import InputError
+from odescope.errors import InputError, check_kind
 from odescope.export.spelling import Names
 from odescope.model.model import Model
 from odescope.recordings.coordinate import check_name
@@ -21,17 +21,19 @@ class ProgramFiles:
     notes: tuple[str, ...] = ()
 
 
-def check_program_name(name: str, names: Names, language: str) -> None:
-    """Refuse a name that a program cannot carry.
+def check_program(model: Model, name: str, names: Names, language: str) -> None:
+    """Refuse what is no model, and a name that a program cannot carry.
 
     Args:
+        model: to write.
         name: of functions, or of the model.
         names: what the language asks of names.
         language: for people.
 
     Raises:
-        InputError: it is no plain identifier, or the language reserves it.
+        InputError: it is no model, or the name no plain identifier, or the language reserves it.
     """
+    check_kind(model, Model, "what is written")
     check_name(name, "the name of the program")
     if names.spelled([name])[name] != name:
         raise InputError(f"a program in {language} cannot be called {name!r}, a name of its own: choose another")

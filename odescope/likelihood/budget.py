@@ -29,6 +29,10 @@ class Budget:
     deadline: float | None = None
     spent: float = 0.0
 
+    def __getstate__(self) -> dict[str, object]:
+        """Return what is copied to another process: whom a run tells stays behind."""
+        return self.__dict__ | {"monitor": Monitor()}
+
     def spend(self, segments: Segments, program: Program, free: int, steps: int) -> None:
         """Count one evaluation.
 

@@ -192,8 +192,7 @@ def refine(
         deadline: of the clock (`time.time`), after which the best so far is returned; None for none.
 
     Raises:
-        InputError: the path of models has none of so many terms as asked for.
-        Stopped: the run is to end.
+        InputError, Stopped: the path of models has none of so many terms; the run is to end.
     """
     everything, constants = with_settings(mechanisms, signals, late, declared)
     frame = _frame(signals, everything, constants, declared)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from odescope.errors import InputError, nearest, said
 from odescope.model.model import Model
-from odescope.recordings.checks import is_degrees
+from odescope.recordings.checks import is_degrees, units_differ
 from odescope.recordings.formats import PARQUET
 from odescope.recordings.frames import table_names
 from odescope.recordings.headings import UNITS_OF_TIME, Heading, TimeUnit, find_label, time_unit
@@ -174,6 +174,7 @@ def _layout(model: Model, tables: Sequence[TableLabels], given: TimeColumns, nam
     place = _places(model, first, given)
     time, day = _time_label(model, first, given), model.provenance.get("date")
     labels = {name: _label(name, place, first) or place[name] for name in names} or _rows_alone(model, first, given)
+    _check_units(model, labels)
     angles = frozenset(c.name for c in model.coordinates if c.angle and c.name in names)
     beside = isinstance(day, str) and time is not None and time == model.provenance.get("time")
     return Layout(
@@ -243,6 +244,25 @@ def _check_complete(model: Model, table: TableLabels, given: TimeColumns, names:
         hint = nearest(lacking[0], table.labels) if len(lacking) == 1 else f"its columns are {', '.join(table.labels)}"
         listed = ", ".join(map(repr, lacking))
         raise InputError(f"no column {listed} in {table.source}: {roles} of the model; {hint}")
+
+
+def _check_units(model: Model, labels: Mapping[str, str]) -> None:
+    """Refuse columns that are headed with another unit than their quantities have in the model.
+
+    The one that the model was identified from is read as it was then; angles are, in degrees or radians.
+    """
+    known = model.provenance.get("columns")
+    units = {c.name: c.unit for c in model.coordinates} | {i.name: i.unit for i in model.inputs}
+    for name, unit in units.items():
+        label = labels.get(name, "")
+        headed = Heading.of(label).unit
+        as_then = isinstance(known, dict) and known.get(name) == label
+        if as_then or is_degrees(headed) or not units_differ(headed, unit):
+            continue
+        raise InputError(
+            f"{name} of the model is in {unit}, and the heading {label!r} says {headed}: convert the column, or"
+            " take the unit out of its heading"
+        )
 
 
 def _label(name: str, place: Mapping[str, str], table: TableLabels) -> str | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from odescope.errors import check_kind
+from odescope.errors import InputError, check_kind, said
 from odescope.model.gate import counting_for
 from odescope.model.model import Model
 from odescope.model.quantity_units import quantity_units, shown
@@ -87,6 +87,8 @@ def estimate_states(
         InputError: a column is missing, a name is none of the model's, or the noise of a coordinate is not known.
     """
     check_kind(model, Model, "the observer's model")
+    if not (process is None or process == FIT or isinstance(process, Mapping)):
+        raise InputError(f"process must be {FIT!r}, standard deviations by target, or None; {said(process)} came")
     measurement = measurement_noise(model, noise)
     given = process_noise(model, process if isinstance(process, Mapping) else {})
     counting, notes = counting_for(model, records_for(model, data))

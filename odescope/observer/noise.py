@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from odescope.errors import InputError, nearest
+from odescope.errors import InputError, nearest, said
 from odescope.model.model import Model
 
 FIT: Literal["fit"] = "fit"
@@ -76,12 +76,14 @@ def _identified(model: Model, name: str) -> float:
     return float(noise) * float(np.sqrt(max(1.0, variance or 1.0)))
 
 
-def _checked(
-    given: Mapping[str, float], known: list[str] | tuple[str, ...], what: str, least: float
-) -> dict[str, float]:
+def _checked(given: object, known: list[str] | tuple[str, ...], what: str, least: float) -> dict[str, float]:
+    if not isinstance(given, Mapping):
+        example = f"{{{known[0]!r}: 0.01}}"
+        raise InputError(f"noise must be a number for each {what}, such as {example}; {said(given)} came")
     for name, value in given.items():
         if name not in known:
             raise InputError(f"noise of {name!r}, which is no {what} of the model; {nearest(name, known)}")
         if not least < value < float("inf"):
-            raise InputError(f"noise of {name} must be a {'positive ' if least == 0.0 else ''}number, got {value!r}")
+            wanted = "a positive number" if least == 0.0 else "a number of at least 0"
+            raise InputError(f"noise of {name} must be {wanted}, got {value!r}")
     return dict(given)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
+from odescope.errors import InputError, nearest
 from odescope.model.driven_record import DrivenRecord
 from odescope.model.integration import Drive
 from odescope.model.model import Model
@@ -45,12 +46,17 @@ class StateEstimate:
     source: str
 
     def column(self, name: str) -> FloatArray:
-        """Return one state (N,)."""
-        return self.states[:, self.names.index(name)]
+        """Return one state (N,); InputError names the nearest where there is none."""
+        return self.states[:, self._place(name)]
 
     def column_std(self, name: str) -> FloatArray:
-        """Return the standard deviations (N,) of one state."""
-        return self.std[:, self.names.index(name)]
+        """Return the standard deviations (N,) of one state; InputError as for `column`."""
+        return self.std[:, self._place(name)]
+
+    def _place(self, name: str) -> int:
+        if name not in self.names:
+            raise InputError(f"no state {name!r}; {nearest(name, self.names)}")
+        return self.names.index(name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from odescope.pipeline.ruled_out import Stays, mechanisms_that_stay, not_ruled_o
 from odescope.pipeline.sample import Sample, open_recordings
 from odescope.pipeline.store import Store
 from odescope.pipeline.work import Work, swept
-from odescope.recordings.checks import check_channels
+from odescope.recordings.checks import check_channels, check_seconds
 from odescope.recordings.coordinate import Input
 from odescope.recordings.periods import at_one_period
 from odescope.recordings.readers import records_from
@@ -86,6 +86,8 @@ def prepare(work: Work, data: Records | Table | Sequence[Table] | None, store: P
             sample = Sample(_in_memory(study, data))
         sample = replace(sample, records=at_one_period(sample.records, study.layout()))
         check_channels(sample.records, study.measured(), study.driven())
+        if study.data.time is not None and study.data.time_unit is None:
+            check_seconds(sample.records)
     with work.stage("library"):
         fixed = study.library.terms is not None or study.library.preset == "paper"
         shafts = () if fixed else turning_together(sample.records, study.measured())

@@ -10,7 +10,8 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray
 from odescope.errors import InputError
 from odescope.recordings.coordinate import Coordinate, Input
-from odescope.recordings.record import Records, within
+from odescope.recordings.headings import is_unit, since_1970
+from odescope.recordings.record import Record, Records, within
 
 LARGEST_VALUE = 1e30  # products of a few such values would overflow
 LENGTHS = frozenset(
@@ -37,11 +38,12 @@ def check_channels(records: Records, coordinates: Sequence[Coordinate], inputs: 
     Raises:
         InputError: a name used twice (derived names included) or without a column, a coordinate that changes in no
             recording, an input that is one constant, an angle in degrees or in what is no unit of angles, a wrapped
-            angle that is not declared as one, values above 1e30.
+            angle that is not declared as one, values above 1e30, a recording that comes twice.
     """
     if not coordinates:
         raise InputError("no coordinate: expected at least one measured quantity to find an equation for")
     _check_unique(coordinates, inputs)
+    _check_repeated(records)
     for name in (*(c.name for c in coordinates), *(driver.name for driver in inputs)):
         if (largest := max(float(np.abs(run.column(name)).max()) for run in records)) > LARGEST_VALUE:
             raise InputError(f"{name!r} has values as large as {largest:.3g}; give it in a larger unit")
@@ -66,6 +68,20 @@ def _check_unique(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) ->
         if name in owners:
             raise InputError(f"the name {name!r} is used twice: by {owners[name]} and by {owner}; rename one of them")
         owners[name] = owner
+
+
+def _check_repeated(records: Records) -> None:
+    """Refuse a recording that holds the samples of another: they would count twice, and errors be too small."""
+    like: dict[tuple[float, float, int], list[tuple[int, Record]]] = {}
+    for number, run in enumerate(records, 1):
+        before = like.setdefault((float(run.t[0]), float(run.values[0, 0]), len(run)), [])
+        for first, other in before:
+            if np.array_equal(run.t, other.t) and np.array_equal(run.values, other.values):
+                raise InputError(
+                    f"recording {number}{within(run.source)} holds the same samples as recording {first}"
+                    f"{within(other.source)}: give each once, or what is known would seem twice as sure"
+                )
+        before.append((number, run))
 
 
 def _check_angle(angle: Coordinate, records: Records) -> None:
@@ -150,6 +166,26 @@ def may_be_kelvins(name: str, values: FloatArray) -> bool:
 def is_degrees(unit: str | None) -> bool:
     """Return whether a unit is degrees."""
     return unit is not None and unit.strip().casefold() in DEGREES
+
+
+def units_differ(headed: str | None, unit: str | None) -> bool:
+    """Say whether a heading says another unit than a study or a model.
+
+    Single ones alone are compared: m/s and m s^-1 are spelled differently and the same.
+    """
+    single = [word for word in (headed, unit) if word is not None and is_unit(word) and word.isalpha()]
+    alike = len({"deg" if is_degrees(word) else word.casefold() for word in single}) < 2
+    return not alike
+
+
+def check_seconds(records: Records) -> None:
+    """Refuse times that are taken for seconds, as nothing says their unit, and count parts of a second since 1970."""
+    start = float(records.runs[0].t[0])
+    if (unit := since_1970(start)) is not None:
+        raise InputError(
+            f"time begins at {start:.6g}{within(records.runs[0].source)}, which looks like {unit} since 1970, and"
+            f' nothing says its unit: give time_unit = "{unit}" in [data], or "s" if these are seconds'
+        )
 
 
 def degrees_hints(records: Records, coordinates: Sequence[Coordinate]) -> tuple[str, ...]:

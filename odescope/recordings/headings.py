@@ -10,6 +10,7 @@ from typing import Literal
 
 from odescope.errors import InputError
 
+SINCE = (1e8, 1e10)  # seconds from 1970 on: numbers that are such in parts of a second are no times of experiments
 TimeUnit = Literal["s", "ms", "us", "ns", "min", "h", "d"]
 
 _TIMES: dict[TimeUnit, tuple[str, ...]] = {
@@ -32,6 +33,7 @@ _SECONDS: dict[TimeUnit, tuple[float, float]] = {
     "d": (86400.0, 1.0),
 }
 UNITS_OF_TIME: tuple[TimeUnit, ...] = tuple(_TIMES)
+_PARTS: tuple[TimeUnit, ...] = ("ms", "us", "ns")
 _WITHOUT_BRACKETS = ("s", "ms", "us", "ns")  # in t_min the rest may be the least of something
 _OVER = re.compile(r"\s*(?:t|time|zeit|temps)\s*/\s*(\w+)\s*", re.IGNORECASE)  # as ISO 80000 has it: t/min
 _JOINED = re.compile(r"(?:.*(?:time|stamp|clock|zeit|temps)|t)([mµμun]s|[mu]sec|millis|micros|nanos)")  # TimeUS, timeMs
@@ -205,6 +207,11 @@ def told_in_seconds(unit: TimeUnit) -> str:
     more, fewer = in_seconds(unit)
     rates = f": a rate in 1/s times {more:g} is one in 1/{unit}" if more > fewer else ""
     return f"time was recorded in {unit}: here it is in seconds{rates}"
+
+
+def since_1970(time: float) -> TimeUnit | None:
+    """Return the unit in which a time is one from 1973 to 2286, counted from 1970 on; None for seconds and all else."""
+    return next((unit for unit in _PARTS if SINCE[0] < time / in_seconds(unit)[1] < SINCE[1]), None)
 
 
 def check_time_unit(unit: str) -> None:

@@ -249,7 +249,10 @@ def check_finite(fine: BoolArray, names: tuple[str, ...], rows: IntArray, source
     """
     if not fine.all():
         row, column = np.argwhere(~fine)[0]
-        raise InputError(f"{names[column]!r} is not a finite number in data row {rows[row]}{within(source)}")
+        raise InputError(
+            f"{names[column]!r} is not a finite number in data row {rows[row]}{within(source)}: a value that was not"
+            " measured is an empty cell or NaN"
+        )
 
 
 def check_increasing(t: FloatArray, rows: IntArray, source: str) -> None:

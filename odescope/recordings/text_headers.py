@@ -67,7 +67,8 @@ def read_header(path: Path) -> TextFile:
     if filled[-1] <= at and len(start) < HEAD_BYTES:
         raise InputError(f"{path.name} holds column names but no rows of data")
     bare = re.sub(r'"[^"]*"', "", text)  # a separator within quotes belongs to a name
-    separator = max("\t;,", key=bare.count) if said is None else said[1]
+    below = next((_decoded(lines[k]).strip("\r\n") for k in filled if k > at), "")
+    separator = _separator(path, bare.strip("\r\n"), below) if said is None else said[1]
     names = _cells(text, separator)
     mark = QUOTED_COMMA if separator == "," else DECIMAL_COMMA
     commas = mark.search(b"\n".join(lines[at + 1 :])) is not None
@@ -95,6 +96,32 @@ def _header_line(lines: Sequence[bytes], filled: Sequence[int], separator: str |
     data = any(NUMBER.fullmatch(cell.strip().replace(",", ".")) or DATE.match(cell) for cell in cells)
     names = _cells(COMMENT.sub("", _decoded(lines[comments[-1]])), separator)
     return comments[-1] if data and _counts(names) & _counts(cells) else below
+
+
+def _separator(path: Path, header: str, below: str) -> str:
+    """Return what separates the cells of a header: a tab, semicolon or comma, else what the line below has as often.
+
+    Args:
+        path: of the file, for messages.
+        header: the line, without what stands in quotes.
+        below: the line below, empty where there is none.
+
+    Raises:
+        InputError: names and numbers are spread over columns of text.
+    """
+    if any(mark in header for mark in "\t;,"):
+        return max("\t;,", key=header.count)
+    for mark in "| ":
+        cells = header.split(mark)
+        if len(cells) > 1 and all(c.strip() for c in cells) and below.count(mark) == len(cells) - 1:
+            return mark
+    numbers = below.split()
+    if len(numbers) == len(header.split()) > 1 and all(NUMBER.fullmatch(word) for word in numbers):
+        raise InputError(
+            f"several spaces stand between the columns of {path.name}: expected a comma, a semicolon, a tab, or a"
+            " single space; save it with one of these"
+        )
+    return ","
 
 
 def _cells(line: str, separator: str) -> list[str]:

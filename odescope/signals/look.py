@@ -187,8 +187,9 @@ def _wraps(own: Sequence[FloatArray]) -> float | None:
 
 
 def repeats(*own: FloatArray) -> float:
-    """Return the share of the samples (N,) of records that equal the one before."""
-    return float(np.mean(np.concatenate([np.diff(part) == 0.0 for part in own])))
+    """Return the share of the samples (N,) of records that equal the one before, 0 where none has one before it."""
+    same = np.concatenate([np.diff(part) == 0.0 for part in own])
+    return float(np.mean(same)) if len(same) else 0.0
 
 
 def _held(own: Sequence[FloatArray]) -> bool:

@@ -12,14 +12,13 @@ import msgspec
 
 from odescope.arrays import Table
 from odescope.errors import InputError
-from odescope.recordings.checks import is_degrees
+from odescope.recordings.checks import units_differ
 from odescope.recordings.frames import table_names
 from odescope.recordings.headings import (
     UNITS_OF_TIME,
     Heading,
     doubtful_time_unit,
     find_label,
-    is_unit,
     time_unit,
     told_in_seconds,
 )
@@ -92,10 +91,7 @@ def converted(study: Study) -> list[str]:
 
 
 def doubted_headings(study: Study) -> tuple[str, ...]:
-    """Return a sentence for each unit of a study, as settled, that is not the one that its heading seems to say.
-
-    Single ones alone are compared: m/s and m s^-1 are spelled differently and the same.
-    """
+    """Return a sentence for each unit of a study, as settled, that is not the one that its heading seems to say."""
     own = study.data
     said = []
     if own.time is not None and (headed := time_unit(own.time)) not in (None, own.time_unit):
@@ -109,20 +105,12 @@ def doubted_headings(study: Study) -> tuple[str, ...]:
     driven = [(i.column or name, i.unit) for name, i in study.inputs.items() if not isinstance(i.column, tuple)]
     for label, unit in (*measured, *driven):
         there = Heading.of(label).unit
-        if there is not None and unit is not None and _single(there) and _single(unit) and not _alike(there, unit):
+        if units_differ(there, unit):
             said.append(
                 f"the heading {label!r} says {there}, and the study {unit}: values are as in the file, in {there} if"
                 " the heading is right"
             )
     return tuple(said)
-
-
-def _single(unit: str) -> bool:
-    return is_unit(unit) and unit.isalpha()
-
-
-def _alike(one: str, other: str) -> bool:
-    return one.casefold() == other.casefold() or (is_degrees(one) and is_degrees(other))
 
 
 def _label(name: str, column: str | None, labels: Sequence[str], source: str) -> tuple[str | None, str | None]:

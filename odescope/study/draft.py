@@ -11,33 +11,25 @@ from pathlib import Path
 
 import numpy as np
 
-from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.library.functions import FUNCTIONS
 from odescope.recordings.chunks import Chunk
 from odescope.recordings.columns import numbers, recording_codes, row_seconds
 from odescope.recordings.coordinate import Coordinate, check_name
-from odescope.recordings.dates import DAY
 from odescope.recordings.formats import Format, opened
-from odescope.recordings.headings import Heading, TimeUnit, doubtful_time_unit, time_unit
+from odescope.recordings.headings import Heading
 from odescope.recordings.layout import Layout
 from odescope.recordings.periods import at_one_period
 from odescope.recordings.readers import column_names, read_chunk
 from odescope.recordings.record import Records
 from odescope.recordings.text_headers import NUMBER
 from odescope.signals.look import HELD, Role, Seen, look, repeats
+from odescope.study.clock_column import ClockColumn, clock_of
 from odescope.study.looked_at import columns_of
 from odescope.study.toml import moved, parse_study
 
-TIMES = re.compile(
-    r"(t|time|timestamp|date|datetime|datum|zeit|uhrzeit|zeitstempel|temps|clock|stamp)(_.*)?", re.IGNORECASE
-)
-DAYS = re.compile(r"(date|datetime|datum)(_.*)?", re.IGNORECASE)
-SERIAL = 20_000.0, 80_000.0  # days since 1899, as spreadsheets count dates: 1954 to 2119
 LABELS = re.compile(r"(run|segment|recording|experiment|trial|lap|series|batch|episode|id)(_.*)?", re.IGNORECASE)
-STEADY = 4.0  # times the median: no step of a clock that nobody calls one is longer
 LEAST_ROWS = 32  # of a recording, on average
-BACK = 0.25  # of the steps go back of what is no clock, however it is called: T may be a temperature
 UNEVEN = 0.8  # of the points of a grid: where fewer hold a sample, they are at no even times
 WIDTH = 46  # columns of text before a comment
 
@@ -66,20 +58,6 @@ class Drafted:
     def left_out(self) -> dict[str, str]:
         """The columns that the study does without, and why."""
         return _left_out(self.seen, self.unused)
-
-
-@dataclass(frozen=True)
-class ClockColumn:
-    """The column of the time, its unit and what that rests on, and that of the day beside a clock; None for none.
-
-    `counts` is the column that counts the rows where none holds the time.
-    """
-
-    label: str | None
-    unit: TimeUnit
-    why: str
-    date: str | None = None
-    counts: str | None = None
 
 
 def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Drafted:
@@ -143,59 +121,6 @@ def _told(refusals: Mapping[str, str]) -> list[str]:
     reasons = list(refusals.values())
     one_by_one = [f"{label}: {why}" for label, why in refusals.items()]
     return reasons[:1] if len(reasons) > 1 and len(set(reasons)) == 1 else one_by_one
-
-
-def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColumn:
-    """Return the column of the time: by its name, else one of dates, else one that grows in even steps.
-
-    A column that is called so and is in a unit of something else, or often goes back, is none.
-
-    Args:
-        columns: the numbers in each (N,).
-        dated: those that hold dates.
-    """
-    moving = [label for label, values in columns.items() if np.any(np.diff(values) > 0.0)]
-    for label in moving:
-        heading = Heading.of(label)
-        if (heading.unit is not None and time_unit(label) is None) or _goes_back(columns[label]):
-            continue
-        if label not in dated and (TIMES.fullmatch(heading.name) or (time_unit(label) and heading.unit is None)):
-            return _clock(label, values=columns[label])
-    days = [label for label in dated if not np.any(np.mod(columns[label], DAY))]
-    for label in sorted((m for m in moving if m in dated), key=days.__contains__):  # a column of days alone comes last
-        clock = len(days) == 1 and label not in days and columns[label].max() < DAY
-        return ClockColumn(label, "s", "dates or a clock, in seconds", days[0] if clock else None)
-    for label, values in columns.items():
-        steps = np.diff(values)
-        if len(steps) and np.all(steps > 0.0) and steps.max() < STEADY * np.median(steps) and values[0] == 0.0:
-            if np.all(steps == 1.0):
-                return ClockColumn(None, "s", "", counts=label)
-            return _clock(label, "in seconds? It grows in even steps: say in time_unit what in")
-    return ClockColumn(None, "s", "")
-
-
-def _clock(label: str, why: str = "", values: FloatArray | None = None) -> ClockColumn:
-    """Return the column of the time.
-
-    Args:
-        label: its own.
-        why: what makes it that, where its heading does not say its unit.
-        values: the numbers in it, where it is called a time.
-    """
-    if values is not None and DAYS.fullmatch(Heading.of(label).name) and time_unit(label) is None:
-        if SERIAL[0] < np.nanmin(values) and np.nanmax(values) < SERIAL[1]:
-            return ClockColumn(label, "d", "days since 1899, it seems, as spreadsheets count them")
-        why = "in seconds? Its heading says a date: say which unit in time_unit"
-    unit, doubt = time_unit(label), doubtful_time_unit(label) or next(iter({"d", "day"} & {label.casefold()}), None)
-    if doubt:
-        why = f"in seconds? Its heading says {doubt}: say which in time_unit"
-    return ClockColumn(label, unit or "s", why if unit in (None, "s") else f"its heading says {unit}")
-
-
-def _goes_back(values: FloatArray) -> bool:
-    """Tell whether numbers (N,) go back too often for a clock, which does so where a recording begins."""
-    back, on = np.count_nonzero(np.diff(values) < 0.0), np.count_nonzero(np.diff(values) > 0.0)
-    return bool(back > BACK * (back + on))
 
 
 def _recording(

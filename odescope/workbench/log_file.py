@@ -14,7 +14,7 @@ from odescope.errors import InputError
 from odescope.recordings.columns import numbers, row_seconds
 from odescope.recordings.formats import opened
 from odescope.recordings.layout import Layout
-from odescope.study.draft import clock_of
+from odescope.study.clock_column import clock_of
 from odescope.study.looked_at import read_column
 from odescope.workbench.overview import Overview
 

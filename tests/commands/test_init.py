@@ -142,3 +142,25 @@ def test_what_experiments_were_run_at_drives_and_what_is_sampled_unevenly_is_tol
     assert study.inputs["T"].hold == "zero"
     assert {c.order for c in study.coordinates.values()} == {1}  # S and X are amounts, as s and x are positions
     assert re.search(r"75 samples in 3 recordings, one every [\d.]+ s on average", text)
+
+
+def test_a_study_never_takes_the_place_of_its_log(odescope):
+    write("run.csv", {"t": T, "x": motion(1)})
+    before = Path("run.csv").read_bytes()
+    for out in ("run.csv", "other.csv", "study"):
+        ended = odescope("init", "run.csv", "--out", out, "--force")
+        assert (ended.code, "ends in .toml" in ended.err) == (2, True)
+    assert Path("run.csv").read_bytes() == before
+    assert sorted(p.name for p in Path().iterdir()) == ["run.csv"]
+
+
+def test_milliseconds_since_1970_are_seen_to_be_such(odescope):
+    write("run.csv", {"t": np.round(1.7e12 + 1000.0 * T), "x": motion(1)})
+    assert odescope("init", "run.csv").code == 0
+    assert parse_study(Path("run.toml").read_text()).data.time_unit == "ms"
+
+
+def test_a_log_of_one_row_is_refused_in_one_line(odescope):
+    Path("run.csv").write_text("t,x\n0.0,1.0\n")
+    ended = odescope("init", "run.csv")
+    assert (ended.code, ended.err.count("\n")) == (2, 1)

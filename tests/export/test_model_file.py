@@ -314,3 +314,9 @@ def test_a_missing_key_of_a_mechanism_is_named(key):
     file = json.loads(MECHANICAL)
     del file["mechanisms"][3][key]
     assert f"`{key}`" in refused(file)
+
+
+def test_a_folder_of_results_stands_for_the_model_in_it(tmp_path):
+    model = MODELS[next(iter(MODELS))]
+    (tmp_path / "model.json").write_text(to_json(model))
+    assert to_json(read_model(tmp_path)) == to_json(model)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from built_models import build
 
+from odescope.errors import InputError
 from odescope.model.recorded import clocks, records_for
 from odescope.recordings.coordinate import Coordinate, Input
 
@@ -39,3 +40,14 @@ def test_an_angle_is_read_as_its_model_was_identified_from_it_and_another_column
     t = np.arange(20) / 10
     read = records_for(model, {"t": t, label: 0.5 * np.cos(t)}).runs[0].column("phi")
     np.testing.assert_allclose(read, 0.5 * np.cos(t) * (np.pi / 180.0 if reads == "deg" else 1.0))
+
+
+def test_a_column_in_another_unit_than_the_model_is_refused_but_where_the_model_was_identified_from_it():
+    model = build([Coordinate("x", unit="m")], [], [("x_dot", "1", 1.0), (None, "x", 2.0)])
+    t = np.arange(20) / 10
+    log = {"t": t, "x (mm)": np.exp(-2.0 * t)}
+    with pytest.raises(InputError, match=r"x of the model is in m, and the heading 'x \(mm\)' says mm: convert"):
+        records_for(model, log)
+    read = replace(model, provenance={"columns": {"x": "x (mm)"}})  # the study said m, whatever the heading says
+    np.testing.assert_array_equal(records_for(read, log).runs[0].column("x"), log["x (mm)"])
+    assert records_for(model, {"t": t, "x (m)": np.exp(-2.0 * t)}).runs[0].column("x")[0] == 1.0

@@ -242,3 +242,26 @@ def test_what_sticks_where_a_sample_is_lost_stays_as_well_known_as_it_was():
     assert run.column_std("phi_dot")[run.settling :].max() < 0.2
     assert np.all(run.column_std("phi_dot")[at] < 2.0 * run.column_std("phi_dot")[at - 1] + 0.01)
     assert found.consistency.squared < 1.3
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"noise": 0.1}, r"noise must be a number for each coordinate, such as \{'phi': 0.01\}; a float came"),
+        ({"process": "foo"}, "process must be 'fit', standard deviations by target, or None; a str came"),
+        ({"process": {"phi_ddot": -1.0}}, "noise of phi_ddot must be a number of at least 0, got -1.0"),
+    ],
+)
+def test_noise_that_is_none_is_refused(given, told):
+    rng = np.random.default_rng(0)
+    t, states = swing(rng, 50)
+    with pytest.raises(InputError, match=told):
+        estimate_states(PENDULUM, log(rng, t, states, 0.1), **({"noise": {"phi": 0.1}} | given))
+
+
+def test_a_state_that_is_none_is_told():
+    rng = np.random.default_rng(0)
+    t, states = swing(rng, 50)
+    run = estimate_states(PENDULUM, log(rng, t, states, 0.1), {"phi": 0.1}, {}).runs[0]
+    with pytest.raises(InputError, match="no state 'phi_dt'; did you mean 'phi_dot'"):
+        run.column("phi_dt")

@@ -1,6 +1,7 @@
 """A result in one's hands: its table, its methods, what it shows, and the same on the model read back."""
 
 import os
+import pickle
 
 import numpy as np
 import pandas as pd
@@ -126,3 +127,16 @@ def test_validation_says_what_it_takes(result, data):
     message = "no such file" if missing else "data must be records, dataframes, dicts of columns, or paths of files"
     with pytest.raises(InputError, match=message):
         result.validate(data)
+
+
+def test_a_result_goes_to_another_process_and_back_without_whom_it_told(result):
+    heard = odescope.identify(STUDY, pd.DataFrame(HEADED), watch=lambda event: None)
+    again = pickle.loads(pickle.dumps(heard))  # noqa: S301
+    assert again.notes == heard.notes == result.notes
+    assert odescope.to_text(again.model) == odescope.to_text(result.model)
+
+
+@pytest.mark.parametrize("write", ["to_c", "to_latex", "to_mathml", "to_python", "to_text", "to_matlab", "to_julia"])
+def test_what_writes_a_model_says_where_a_result_has_it(result, write):
+    with pytest.raises(InputError, match=r"must be odescope.Model; an Identification came: pass its .model"):
+        getattr(odescope, write)(result)

@@ -13,9 +13,7 @@ def logistic(seed):
 
 @pytest.mark.parametrize("terms", [None, 2])
 def test_have_a_path_of_models_to_choose_from(terms):
-    study = Study(
-        data=Data(time="t"), coordinates={"y": Measured()}, likelihood=LikelihoodSearch(terms=terms)
-    )
+    study = Study(data=Data(time="t"), coordinates={"y": Measured()}, likelihood=LikelihoodSearch(terms=terms))
     found = identify(study, [logistic(1), logistic(2)]).model
     assert found.scores is not None
     assert [step.terms for step in found.scores.path] == [3, 2]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from odescope.errors import InputError
-from odescope.recordings.checks import check_channels, degrees_hints
+from odescope.recordings.checks import check_channels, check_seconds, degrees_hints, units_differ
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.headings import Heading
 from odescope.recordings.record import Record, Records
@@ -73,3 +73,40 @@ def test_what_swings_by_many_turns_may_be_in_degrees(columns, hinted):
     records = Records(tuple(Record(T[: len(y)], y[:, None], ("x",), (None,)) for y in columns))
     assert bool(degrees_hints(records, [Coordinate("x", 2, angle=True)])) == hinted
     assert not degrees_hints(records, [Coordinate("x", 2, angle=True, unit="rad")])
+
+
+def recording(seed, begin=0.0):
+    x = np.random.default_rng(seed).standard_normal(50)
+    return Record(begin + max(1.0, begin / 1e9) * T[:50], x[:, None], ("x",), (None,), source=f"run{seed}.csv")
+
+
+def test_a_recording_that_comes_twice_is_refused():
+    coordinates = [Coordinate("x")]
+    check_channels(Records((recording(1), recording(2), recording(1, begin=5.0))), coordinates, [])
+    with pytest.raises(InputError, match=r"recording 3 in run1.csv holds the same samples as recording 1 in run1.csv"):
+        check_channels(Records((recording(1), recording(2), recording(1))), coordinates, [])
+
+
+@pytest.mark.parametrize(("begin", "unit"), [(1.7e12, "ms"), (1.7e15, "us"), (1.7e18, "ns"), (1.7e9, None), (0, None)])
+def test_times_since_1970_in_parts_of_a_second_are_no_seconds(begin, unit):
+    records = Records((recording(1, begin=begin),))
+    if unit is None:
+        check_seconds(records)
+        return
+    with pytest.raises(InputError, match=f'looks like {unit} since 1970.*time_unit = "{unit}"'):
+        check_seconds(records)
+
+
+@pytest.mark.parametrize(
+    ("headed", "unit", "differ"),
+    [
+        ("mm", "m", True),
+        ("mm", "mm", False),
+        ("deg", "°", False),
+        ("m/s", "m s^-1", False),
+        (None, "m", False),
+        ("m", None, False),
+    ],
+)
+def test_units_that_are_spelled_alike_or_not_at_all_do_not_differ(headed, unit, differ):
+    assert units_differ(headed, unit) is differ

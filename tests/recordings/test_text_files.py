@@ -281,6 +281,14 @@ def test_no_text_gets_past_an_input_error(tmp_path, text):
         assert all(np.isfinite(run.values).all() for run in read_records([write(tmp_path, body)], LAYOUT))
 
 
+def test_columns_that_several_spaces_separate_are_told(tmp_path):
+    for before, between in (("", "   "), (" ", " ")):
+        rows = [
+            before + between.join(cells) for cells in (("t", "x", "force"), ("0.0", "1.5", "2"), ("0.5", "2.5", "3"))
+        ]
+        refused(tmp_path, rows, "several spaces stand between the columns of run1.csv: expected a comma, a semicolon")
+
+
 LAID_OUT = {
     "tabs": "t\tx\n0,00\t1,5\n0,25\t-2,250\n",
     "quoted, and commas between": 't,x\n"0,00","1,5"\n"0,25","-2,250"\n',
@@ -292,6 +300,8 @@ LAID_OUT = {
     "semicolons at the ends of some": "t;x;\n0,00;1,5\n0,25;-2,25;\n",
     "said to be bars, and some end lines": "sep=|\nt|x\n0.00|1.5|\n0.25|-2.25\n",
     "comments, and names in the last": "# by me\n# t;x\n0,00;1,5\n0,25;-2,25\n",
+    "bars": "t|x\n0.00|1.5\n0.25|-2.25\n",
+    "single spaces": "t x\n0.00 1.5\n0.25 -2.25\n",
     "tabs, and dates": "t\tx\n00:00:00,00\t1,5\n00:00:00,25\t-2,250\n",
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from odescope.errors import check_kind
 from odescope.library.latex import LATEX, latex_joined
 from odescope.library.printer import print_product
 from odescope.model.display import equation_latex, parameters_latex
@@ -19,6 +20,7 @@ def to_latex(model: Model) -> str:
     Without mechanisms the relations follow, those with standard errors, with as many digits as these allow.
     What stands above the arrow of a reaction needs amsmath.
     """
+    check_kind(model, Model, "what is written")
     lines = [*mechanisms_latex(model.shown_mechanisms, model.names), *map(equation_latex, model.equations)]
     if not model.mechanisms:
         lines += [_with_errors(r) for r in model.shown_relations if any(t.std_error is not None for t in r.terms)]

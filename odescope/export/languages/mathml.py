@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from odescope.errors import check_kind
 from odescope.library.mathml import math
 from odescope.model.display import equation_mathml, parameters_mathml
 from odescope.model.mechanism_display import mechanisms_mathml
@@ -13,6 +14,7 @@ def to_mathml(model: Model) -> str:
 
     Coefficients of equations have six significant digits, those of mechanisms as many as their standard errors allow.
     """
+    check_kind(model, Model, "what is written")
     formulas = [
         *mechanisms_mathml(model.shown_mechanisms, model.names),
         *map(equation_mathml, model.equations),

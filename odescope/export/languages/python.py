@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from odescope.errors import check_kind
 from odescope.export.about import about
 from odescope.library.expression import Power, signed_sum
 from odescope.library.printer import Language, print_combination
@@ -50,6 +51,7 @@ def {acting}({t}, {given}):
 
 def to_python(model: Model) -> str:
     """Return the source of a module with STATES, INPUTS, DELAYS, HOLDS and derivative(t, state, inputs)."""
+    check_kind(model, Model, "what is written")
     inputs = tuple(i.name for i in model.inputs)
     mark = "_"  # begins the module's own names; no name of the model does
     while any(name.startswith(mark) for name in (*model.variables, *model.targets)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from odescope.errors import check_kind
+from odescope.errors import InputError, check_kind
 from odescope.library.expression import Combination, Term
 from odescope.library.readable import readable
 from odescope.model.coefficients import coefficient_lines, rows_with_errors
@@ -22,8 +22,13 @@ def to_text(model: Model, digits: int | None = None) -> str:
 
     Floats round-trip, or are rounded to `digits` significant digits. Where the model is made of mechanisms, these come
     first, in lines that begin with #; else such lines with the standard errors of coefficients follow.
+
+    Raises:
+        InputError: it is no model, or there are less than one digit.
     """
     check_kind(model, Model, "what is written")
+    if digits is not None and digits < 1:
+        raise InputError(f"digits must be a whole number from 1, or None for all of them, got {digits!r}")
     lines = [f"# {line}" for line in mechanisms_text(model.shown_mechanisms)]
     errors = [f"# {line}" for line in coefficient_lines(rows_with_errors(model.coefficients))]
     return "\n".join([*lines, *equation_lines(model, digits), *errors])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from odescope.errors import InputError
 from odescope.export.about import about
 from odescope.export.acausal import caret_language
-from odescope.export.program_files import NAME, ProgramFiles, check_program_name
+from odescope.export.program_files import NAME, ProgramFiles, check_program
 from odescope.export.spelling import Names, renamed
 from odescope.library.printer import print_combination
 from odescope.model.model import Model
@@ -29,7 +29,7 @@ def to_antimony(model: Model, name: str = NAME) -> ProgramFiles:
     Raises:
         InputError: no model can be called so, a coordinate is not of order 1, or more than five rates are coupled.
     """
-    check_program_name(name, _NAMES, "Antimony")
+    check_program(model, name, _NAMES, "Antimony")
     moving = next((c for c in model.coordinates if c.order > 1), None)
     if moving is not None:
         raise InputError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from odescope.export.c_code.equations import C_NAMES
 from odescope.export.c_code.fields import c_fields, filled
-from odescope.export.program_files import NAME, ProgramFiles, check_program_name
+from odescope.export.program_files import NAME, ProgramFiles, check_program
 from odescope.export.spelling import renamed
 from odescope.model.model import Model
 
@@ -25,7 +25,7 @@ def to_c(model: Model, name: str = NAME) -> ProgramFiles:
     Raises:
         InputError: the name is no plain identifier.
     """
-    check_program_name(name, C_NAMES, "C")
+    check_program(model, name, C_NAMES, "C")
     fields = c_fields(model, name)
     files = {file.format(name): filled(template, fields) for file, template in _FILES.items()}
     return ProgramFiles(files, renamed(C_NAMES.spelled(model.variables)))

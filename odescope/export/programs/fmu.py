@@ -8,7 +8,7 @@ import zipfile
 
 from odescope.export.c_code.equations import C_NAMES
 from odescope.export.c_code.fields import c_fields, filled
-from odescope.export.program_files import NAME, ProgramFiles, check_no_early_input, check_program_name
+from odescope.export.program_files import NAME, ProgramFiles, check_no_early_input, check_program
 from odescope.export.spelling import Names, renamed
 from odescope.model.model import Model
 from odescope.model.state_sizes import small_sizes
@@ -37,7 +37,7 @@ def to_fmu(model: Model, name: str = NAME) -> ProgramFiles:
     Raises:
         InputError: no model can be called so, or an input acts before it was recorded.
     """
-    check_program_name(name, C_NAMES, "an FMU")
+    check_program(model, name, C_NAMES, "an FMU")
     check_no_early_input(model, "an FMU")
     fields = c_fields(model, name)
     sources = {f"{name}.h": filled("model.h.jinja", fields), f"{name}.c": filled("model.c.jinja", fields)}

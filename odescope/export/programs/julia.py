@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from odescope.export.about import about
 from odescope.export.acausal import caret_language, equations
-from odescope.export.program_files import NAME, ProgramFiles, check_program_name
+from odescope.export.program_files import NAME, ProgramFiles, check_program
 from odescope.export.smooth import smooth_relations
 from odescope.export.spelling import Names, renamed
 from odescope.model.model import Model
@@ -63,7 +63,7 @@ def to_julia(model: Model, name: str = NAME) -> ProgramFiles:
     Raises:
         InputError: no module can be called so.
     """
-    check_program_name(name, _NAMES, "Julia")
+    check_program(model, name, _NAMES, "Julia")
     spelling, relations = _NAMES.spelled([*model.variables, *model.targets]), smooth_relations(model)
     notes, language = (*renamed(spelling), *_band_limited(model)), caret_language(spelling, {})
     lines = [f"D({spelling[s]}) ~ {spelling[d]}" for s, d in state_chain(model.coordinates).items()]

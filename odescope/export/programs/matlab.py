@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from odescope.export.about import about
-from odescope.export.program_files import NAME, ProgramFiles, check_program_name
+from odescope.export.program_files import NAME, ProgramFiles, check_program
 from odescope.export.smooth import smooth_relations
 from odescope.export.spelling import Names, renamed
 from odescope.library.expression import Power, signed_sum
@@ -55,7 +55,7 @@ def to_matlab(model: Model, name: str = NAME) -> ProgramFiles:
     Raises:
         InputError: no function can be called so.
     """
-    check_program_name(name, _NAMES, "MATLAB")
+    check_program(model, name, _NAMES, "MATLAB")
     spelling, relations = _NAMES.spelled(model.variables), smooth_relations(model)
     language, notes = matlab_language(spelling), renamed(spelling)
     unpack = [f"{spelling[s]} = ode_x({k});" for k, s in enumerate(model.states, 1)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from odescope.export.about import about
 from odescope.export.acausal import caret_language, equations
-from odescope.export.program_files import NAME, ProgramFiles, check_no_early_input, check_program_name
+from odescope.export.program_files import NAME, ProgramFiles, check_no_early_input, check_program
 from odescope.export.smooth import smooth_relations
 from odescope.export.spelling import Names, renamed
 from odescope.model.model import Model
@@ -28,7 +28,7 @@ def to_modelica(model: Model, name: str = NAME) -> ProgramFiles:
     Raises:
         InputError: no class can be called so, or an input acts before it was recorded, which Modelica cannot say.
     """
-    check_program_name(name, _NAMES, "Modelica")
+    check_program(model, name, _NAMES, "Modelica")
     check_no_early_input(model, "Modelica")
     late = {i.name: f"ode_late_{i.name}" for i in model.inputs if i.delay}
     spelling = _NAMES.spelled([*model.variables, *model.targets, *late.values()])

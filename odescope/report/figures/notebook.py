@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from odescope.errors import InputError, nearest
+from odescope.errors import InputError, check_kind, nearest
 from odescope.pipeline.identification import Identification
 from odescope.report.at_work import targets_chart
 from odescope.report.data import Searched
@@ -22,11 +22,13 @@ if TYPE_CHECKING:
 
 def plot_signals(result: Identification) -> Figure:
     """Return the channels as recorded and as filtered, and the inputs (the paper's Fig. 2)."""
+    check_kind(result, Identification, "what is drawn")
     return draw_chart(signals_chart(result))
 
 
 def plot_spectra(result: Identification) -> Figure:
     """Return the periodograms with noise floor, noise ceiling, the chosen cutoff and the paper's (Fig. 1)."""
+    check_kind(result, Identification, "what is drawn")
     return draw_spectra(spectra(result))
 
 
@@ -37,26 +39,31 @@ def plot_derivatives(result: Identification, truth: Truth | None = None) -> Figu
         result: of a record of one run, where the truth is given.
         truth: true derivatives by name, one value a sample of the record.
     """
+    check_kind(result, Identification, "what is drawn")
     return draw_chart(derivatives_chart(result, truth))
 
 
 def plot_correlation(result: Identification, target: str | None = None) -> Figure:
     """Return the correlations between the candidate terms of a target, by default the first (Fig. 4)."""
+    check_kind(result, Identification, "what is drawn")
     return draw_correlation(_of(result, target))
 
 
 def plot_candidates(result: Identification, target: str | None = None) -> Figure:
     """Return the candidate relations of a target, by default the first, as a grid of signs (Fig. 5)."""
+    check_kind(result, Identification, "what is drawn")
     return draw_candidates(_of(result, target))
 
 
 def plot_accuracy(result: Identification) -> Figure:
     """Return the held-out error of every candidate over its number of terms, the chosen ones marked."""
+    check_kind(result, Identification, "what is drawn")
     return draw_accuracy(searched(result))
 
 
 def plot_path(result: Identification) -> Figure:
     """Return the held-out free-run error of every model on the path over its number of terms, the chosen one marked."""
+    check_kind(result, Identification, "what is drawn")
     scores = result.model.scores
     if scores is None or not scores.path:
         raise InputError("the result has no path of models: the likelihood stage makes one of a model that it follows")
@@ -65,11 +72,13 @@ def plot_path(result: Identification) -> Figure:
 
 def plot_targets(result: Identification, truth: Truth | None = None) -> Figure:
     """Return the predicted beside the estimated targets over all the data (Fig. 6)."""
+    check_kind(result, Identification, "what is drawn")
     return draw_chart(targets_chart(result, truth)[0])
 
 
 def plot_free_run(result: Identification) -> Figure:
     """Return the free runs of the model from the start of every recording, beside what was measured (Fig. 7)."""
+    check_kind(result, Identification, "what is drawn")
     return draw_thumbnails(thumbnails(result, runs_over(result)))
 
 
