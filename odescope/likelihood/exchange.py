@@ -58,6 +58,7 @@ def refitted(expansion: Expansion, theta: FloatArray, kept: IntArray) -> FloatAr
     return found if np.all(np.abs(found) < RUNAWAY * np.abs(theta).max(initial=1.0)) else None
 
 
+@np.errstate(over="ignore", invalid="ignore")  # runs that grow beyond all bounds foresee nothing
 def foreseen(
     expansion: Expansion, theta: FloatArray, present: BoolArray, able: BoolArray, prices: FloatArray, scale: float
 ) -> BoolArray:
@@ -81,13 +82,12 @@ def foreseen(
         cross = information[np.ix_(~kept, kept)]
         left = 1.0 - np.einsum("ai,ij,aj->a", cross, covariance, cross)
         worth = np.empty(len(theta))
-        with np.errstate(over="ignore", invalid="ignore"):
-            estimate = covariance @ pull[kept]
-            missed = pull[~kept] - cross @ estimate
-            earned = np.where(left > TOLD_APART, missed**2 / np.maximum(left, SINGULAR), 0.0)
-            worth[kept] = prices[kept] - estimate**2 / np.diag(covariance) / scale
-            worth[~kept] = earned / scale - prices[~kept]
-        if not np.isfinite(worth).all():  # runs that grow beyond all bounds foresee nothing
+        estimate = covariance @ pull[kept]
+        missed = pull[~kept] - cross @ estimate
+        earned = np.where(left > TOLD_APART, missed**2 / np.maximum(left, SINGULAR), 0.0)
+        worth[kept] = prices[kept] - estimate**2 / np.diag(covariance) / scale
+        worth[~kept] = earned / scale - prices[~kept]
+        if not np.isfinite(worth).all():
             return present.copy()
         best = int(np.argmax(np.where(able, worth, -np.inf)))
         if not (able[best] and worth[best] > 0.0):

@@ -47,15 +47,20 @@ def _line(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSpline:
     return BSpline(np.array([t[0], t[0], t[0] + span, t[0] + span]), ends, 1)
 
 
-def _apart(knots: FloatArray, distance: float) -> FloatArray:
-    """Return knots at least so far apart: between two of a burst of samples the noise would set the slope."""
-    if not len(knots) or np.diff(knots).min(initial=np.inf) >= distance:
+def _apart(knots: FloatArray, ends: tuple[float, float], distance: float) -> FloatArray:
+    """Return knots at least so far from each other and from the ends.
+
+    Between two of a burst of samples the noise would set the slope, and beyond a burst at an end the curve would go
+    anywhere: a solver begins with steps that are ten times as long as the ones before.
+    """
+    between = np.concatenate([[ends[0]], knots, [ends[1]]])
+    if np.diff(between).min() >= distance:
         return knots
-    kept = [float(knots[0])]
+    kept = [ends[0]]
     for knot in knots.tolist():
-        if knot - kept[-1] >= distance:
+        if knot - kept[-1] >= distance and ends[1] - knot >= distance:
             kept.append(knot)
-    return np.array(kept)
+    return np.array(kept[1:])
 
 
 def _fitted(t: FloatArray, values: FloatArray, weights: FloatArray, spacing: int) -> tuple[BSpline, float]:
@@ -63,17 +68,20 @@ def _fitted(t: FloatArray, values: FloatArray, weights: FloatArray, spacing: int
     from scipy.interpolate import BSpline
     from scipy.linalg import solveh_banded
 
-    inner = _apart(t[spacing : len(t) - spacing + 1 : spacing], APART * spacing * (t[-1] - t[0]) / (len(t) - 1))
-    knots = np.concatenate([np.repeat(t[0], DEGREE + 1), inner, np.repeat(t[-1], DEGREE + 1)])
+    first, last = float(t[0]), float(t[-1])
+    inner = _apart(
+        t[spacing : len(t) - spacing + 1 : spacing], (first, last), APART * spacing * (last - first) / (len(t) - 1)
+    )
+    knots = np.concatenate([np.repeat(first, DEGREE + 1), inner, np.repeat(last, DEGREE + 1)])
     count = len(knots) - DEGREE - 1
     basis = BSpline.design_matrix(t, knots, DEGREE)
     rows = basis.data.reshape(len(t), DEGREE + 1)
-    first = basis.indices.reshape(len(t), DEGREE + 1)[:, 0]
+    place = basis.indices.reshape(len(t), DEGREE + 1)[:, 0]
     gram, right = np.zeros((DEGREE + 1, count)), np.zeros(count)
     for i in range(DEGREE + 1):
-        right += np.bincount(first + i, weights * rows[:, i] * values, count)
+        right += np.bincount(place + i, weights * rows[:, i] * values, count)
         for k in range(DEGREE + 1 - i):
-            gram[k] += np.bincount(first + i, weights * rows[:, i] * rows[:, i + k], count)
+            gram[k] += np.bincount(place + i, weights * rows[:, i] * rows[:, i + k], count)
     gram[0] *= 1.0 + RIDGE
     spline = BSpline(knots, solveh_banded(gram, right, lower=True), DEGREE)
     rest = float(np.sum(weights * (values - spline(t)) ** 2))

@@ -124,12 +124,12 @@ def _assigned(t: FloatArray, values: FloatArray, weights: FloatArray, grid: Floa
     scale = (len(grid) - 1) / (grid[-1] - grid[0])
     at, where = (t - grid[0]) * scale, (grid - grid[0]) * scale
     smooth = fit_smooth(at, values, weights)
-    curve = smooth(np.clip(where, at[0] - 1.0, at[-1] + 1.0))
+    # Between samples that are far apart beside others that are close, and beyond such ones, a cubic may go anywhere.
+    least, most = values.min() - np.ptp(values), values.max() + np.ptp(values)
+    curve = np.clip(smooth(np.clip(where, at[0] - 1.0, at[-1] + 1.0)), least, most)
     moved = values - smooth(at) + curve[points] if not np.array_equal(t, grid[points]) else values
     total = np.bincount(points, weights * moved, len(grid))
-    # Between samples that are far apart beside others that are close a cubic may go anywhere.
-    between = np.clip(curve, values.min() - np.ptp(values), values.max() + np.ptp(values))
-    return np.where(there > 0.0, total / np.maximum(there, 1.0), between)
+    return np.where(there > 0.0, total / np.maximum(there, 1.0), curve)
 
 
 def _coarse(t: FloatArray, grid: FloatArray) -> bool:

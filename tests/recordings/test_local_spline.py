@@ -34,6 +34,17 @@ def test_bursts_of_samples_do_not_set_slopes():
     assert np.abs(fit_smooth(t, y, np.ones(1000))(np.linspace(0.0, 499.0, 5000))).max() < 0.05
 
 
+@pytest.mark.parametrize("at_the_end", [False, True])
+def test_beyond_steps_that_grow_tenfold_as_a_solver_begins_the_curve_goes_on(at_the_end):
+    t = np.concatenate([[0.0, 1e-4, 1e-3, 1e-2, 0.1], np.arange(1.0, 60.0)])
+    y = np.cos(t / 4.0) + 1e-4 * np.random.default_rng(4).standard_normal(len(t))
+    if at_the_end:
+        t, y = (t[-1] - t)[::-1], y[::-1]
+    there = np.array([-0.5, 0.0, 0.5]) if not at_the_end else t[-1] + np.array([-0.5, 0.0, 0.5])
+    since = there if not at_the_end else t[-1] - there
+    assert fit_smooth(t, y, np.ones(len(t)))(there) == pytest.approx(np.cos(since / 4.0), abs=0.02)
+
+
 @pytest.mark.parametrize("count", [1, 2, 7])
 def test_few_samples_have_a_line(count):
     t = uneven(count)
