@@ -24,6 +24,7 @@ REACH = 50  # samples to each side of a step that say when it came
 NEEDED = 3  # samples on each side, at least
 NEWTON = 3  # steps of the states at the begin of a window
 ANYWHERE = 12.0  # what is known of a time that is anywhere between two samples, 1 / variance
+WORTH = 0.4  # of what a model leaves beyond noise, at least, that times between samples explain
 TRIED = (0.0, 0.5, 1.0)  # samples before the one that shows the step
 
 Cut = Callable[[Sequence[Hold], int], Segments]
@@ -127,7 +128,8 @@ class StepTimes:
         least = np.where(bend > 0.0, np.clip(-0.5 * slope / np.where(bend > 0.0, bend, 1.0), 0.0, 1.0), last < first)
         early = (ANYWHERE * 0.5 + known * least) / (ANYWHERE + known)
         left = first + early * (slope + early * bend)
-        scale = max(float(left[fine].sum()) / max(int(windows.counted.sum()) - found.x0.shape[1] * len(at), 1), 1.0)
+        freedom = max(int(windows.counted.sum()) - found.x0.shape[1] * len(at), 1)
+        scale = max(float(left[fine].sum()) / freedom, 1.0)
         dear = np.log1p(known / (2.0 * np.pi * scale))
 
         def beyond_chance(before: FloatArray) -> float:
@@ -139,6 +141,8 @@ class StepTimes:
         if placed and beyond_chance(first) < DEAREST:  # a model that lacked something had asked for them
             return replace(self, early=np.zeros(len(self.early)))
         without = linear if linear[fine].sum() < now[fine].sum() else now
+        if not placed and float((without - left)[fine].sum()) < WORTH * (float(left[fine].sum()) - freedom):
+            return None  # a model that leaves far more than they explain lacks something else, such as a delay
         if (float((now - left)[fine].sum()) / scale if placed else beyond_chance(without)) < DEAREST:
             return None
         times = self.early.copy()

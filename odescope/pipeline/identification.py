@@ -52,6 +52,7 @@ from odescope.signals.estimate import Signals, filter_notes
 from odescope.signals.first_order import order_advice
 from odescope.signals.gated import Reasons
 from odescope.signals.shafts import shaft_note
+from odescope.signals.solved import solver_hints
 from odescope.study.clock import with_time
 from odescope.study.columns import converted, doubted_headings, settled_columns
 from odescope.study.options import LeftOut, Study
@@ -171,8 +172,7 @@ class Identification:
         """What the user should know: candidates left out as dependent, what was found out about the log, `warnings`."""
         dependent = [(str(m), [str(o) for o in others]) for m, others in self.left_out]
         if not self.model.mechanisms:
-            searches = self.searches
-            dependent += [(t.text, [o.text for o in others]) for s in searches for t, others in s.problem.dependent]
+            dependent += [(t.text, [o.text for o in rest]) for s in self.searches for t, rest in s.problem.dependent]
         told = notes_of(self.model.scores, dependent, self._doubts)
         filtered = filter_notes(self.signals, self.records.runs[0].sample_period)
         read = (*converted(self.study), *map(shaft_note, self.shafts), *filtered, *self._few_candidates)
@@ -190,6 +190,7 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         """Those of the notes that say what may be wrong with the model, the log or the study."""
         said = [*warnings_of(self.model.scores, self._doubts), *doubted_headings(self.study)]
+        said += solver_hints(self.records, self.study.measured())
         if self.refinement is not None and not self.refinement.follows:  # laws hold of radians alone
             said += degrees_hints(self.records, self.study.measured())
         if any(run.valid_time < 0.5 * run.duration for run in _scores(self).free_runs):
@@ -269,9 +270,7 @@ def identify(
     """
     monitor = Monitor(each_note_once(watch or unheard), stop or never)
     if not isinstance(study, Study):
-        raise InputError(
-            f"what is identified must be odescope.Study; {said(study)} came: odescope.read_study reads a study file"
-        )
+        raise InputError(f"what is identified must be odescope.Study; {said(study)} came: read_study reads study files")
     study.measured()
     deadline = None if (seconds := study.likelihood.seconds) is None else time.time() + seconds
 

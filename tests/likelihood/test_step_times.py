@@ -120,6 +120,42 @@ def test_steps_at_samples_stay_there():
     assert "d" not in result.model.scores.holds or result.model.scores.holds["d"].steps == 0
 
 
+def two_tanks(seed, late):
+    """Return a log of two tanks whose inflow steps at samples and acts so many samples later."""
+    rng, period, count = np.random.default_rng(seed), 0.4, 751
+    begins = np.r_[0, np.cumsum(rng.integers(20, 45, 24))]
+    begins = begins[begins < count]
+    levels = rng.uniform(0.6, 3.5, len(begins))
+    edges = period * np.r_[0.0, begins[1:] + late, count]
+    t, x, parts = period * np.arange(count), np.array([1.0, 2.0]), []
+    for begin, end, q in zip(edges[:-1], edges[1:], levels, strict=True):
+        inside = t[(t >= begin - 1e-9) & (t < end - 1e-9)]
+
+        def slope(_, x, q=q):
+            return [0.3 * q - 0.5 * np.sqrt(x[0]), 0.5 * np.sqrt(x[0]) - 0.4 * np.sqrt(x[1])]
+
+        run = solve_ivp(slope, (begin, end), x, t_eval=np.r_[np.maximum(inside, begin), end], rtol=1e-9, atol=1e-11).y
+        parts.append(run[:, :-1])
+        x = run[:, -1]
+    levels = levels[np.searchsorted(begins, np.arange(count), side="right") - 1]
+    h1, h2 = np.concatenate(parts, axis=1) + 0.01 * rng.standard_normal((2, count))
+    return {"t": t, "h1": h1, "h2": h2, "q": levels}
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 6))])
+def test_a_delay_between_samples_moves_no_single_steps(seed):
+    late = (2.5, 1.5, 2.25, 0.5, 2.75, 1.25)[seed]
+    study = Study(data=Data(time="t"), coordinates={"h1": Measured(), "h2": Measured()}, inputs={"q": Driven()})
+    model = identify(study, two_tanks(seed, late)).model
+    laws = [{t.text: t for t in r.terms[1:]} for r in model.relations]
+    assert [set(law) for law in laws] == [{"q", "sqrt(h1)"}, {"sqrt(h1)", "sqrt(h2)"}]
+    for law, truth in zip(laws, ({"q": -0.3, "sqrt(h1)": 0.5}, {"sqrt(h1)": -0.5, "sqrt(h2)": 0.4}), strict=True):
+        for name, value in truth.items():
+            assert abs(law[name].coefficient - value) < 4.0 * law[name].std_error < 0.04 * abs(value)
+    assert "q" not in model.scores.holds or model.scores.holds["q"].steps == 0
+    assert model.inputs[0].delay == pytest.approx(0.4 * late, abs=0.03)
+
+
 @pytest.mark.parametrize("seeds", [3, pytest.param(10, marks=pytest.mark.slow)])
 def test_times_that_a_model_without_its_drag_asked_for_go_with_the_drag(seeds):
     """A vehicle under water whose thrust steps at samples: without its quadratic drag, steps seem to come early."""
