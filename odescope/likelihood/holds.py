@@ -191,6 +191,7 @@ def _best_joined(
     With it what it gains over linear in log-likelihood, where the usual one is linear, and another is better.
 
     What hardly changes from sample to sample, as the force of a swell on a ship, says little within a short segment.
+    What a log shows to be held has to be worse by far: lines through its samples, half a sample later, are hardly so.
 
     Args:
         trials: holds in segments of their own.
@@ -205,7 +206,7 @@ def _best_joined(
     others = {h: _joined(trials[h], width) if joined is None else refitted(joined, trials[h][0], width) for h in near}
     falls = {h: fall(other, known) for h, other in others.items() if other is not None}
     best = max(falls, key=falls.__getitem__, default=usual)
-    least = TOLD if _scale(*known) < FOLLOWED else DEAREST
+    least = TOLD if usual != "zero" and _scale(*known) < FOLLOWED else DEAREST
     if best == usual or not falls[best] > least:
         return usual, None
     return best, 0.5 * falls[best] if usual == "linear" else None
