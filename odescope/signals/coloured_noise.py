@@ -108,7 +108,7 @@ def _around(bands: _Bands, first: int) -> Coloured:
         else:
             break
     seen = more[first - 1] < 0.0 if first > 0 else last >= 2 * THIRDS
-    if not seen:
+    if not seen or corner < bands.sine[last - 1]:
         return WHITE
     white = min(2.0 ** (-first / THIRDS), 2.0 / np.pi * float(np.arcsin(min(1.0, np.sqrt(corner)))))
     return Coloured(float(np.exp(0.5 * (s0 - np.log1p(0.25 * bands.sine[last - 1] / corner)))), white)

@@ -72,6 +72,16 @@ def test_the_foot_of_a_signal_that_reaches_half_the_sampling_rate_is_no_noise():
     assert coloured_noise([Spectrum.of(pulses + 1e-3 * rng.standard_normal(2000))]) == (0.0, 1.0)
 
 
+def test_nor_is_that_of_what_follows_a_stepped_input_slowly():
+    """No plateau is seen in it: it falls from the lowest frequencies on, to white noise."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        u, rate = np.repeat(rng.uniform(0.0, 1.0, 30), 50), rng.uniform(0.005, 0.03)
+        x = lfilter([0.0, rate], [1.0, rate - 1.0], u)
+        noisy = x + rng.choice([0.003, 0.01]) * x.std() * rng.standard_normal(len(x))
+        assert coloured_noise([Spectrum.of(noisy)]).deviation == 0.0
+
+
 def test_a_recording_that_is_noisier_stays_noisier_under_a_filter():
     rng = np.random.default_rng(2)
     records = [swings(rng) + scale * filtered(rng.standard_normal(SAMPLES + BEFORE))[BEFORE:] for scale in (0.01, 0.03)]
