@@ -213,5 +213,5 @@ def _stopped(progress: Sequence[Progress], out: Path) -> str:
     said = "stopped before any result was written"
     last = next((p for p in reversed(progress) if p.stage == "recordings"), None)
     if last is None or not (out / FACTORS).is_dir():
-        return said
+        return f"{said}; with --seconds 60 a run ends by itself with the best model that it has by then"
     return f"{said}; {last.done} of {last.total} {last.part}s are kept: the same command goes on from there"

@@ -396,4 +396,4 @@ def _nothing_found(work: Work, filtered: Filtered, regressed: Regressed, failure
     result = Identification(
         work.study, records, signals, searches, chosen, model, None, work.seconds, work.memory, gated=filtered.gated
     )
-    return NothingFound(failure, result, advice(records, signals, regressed.problems))
+    return NothingFound(failure, result, advice(records, signals, regressed.problems, work.study.data.time_unit))

@@ -18,18 +18,21 @@ ALIKE = 0.1  # how far a column may be from the rate of another that it is taken
 VALUES_A_TERM = 5.0  # independent values that a record should hold for every candidate
 
 
-def advice(records: Records, signals: Signals, problems: Sequence[Problem]) -> tuple[str, ...]:
+def advice(
+    records: Records, signals: Signals, problems: Sequence[Problem], time_unit: str | None = None
+) -> tuple[str, ...]:
     """Return sentences on what may have kept a law from being found, each of which names what to try.
 
     Args:
         records: as they were recorded.
         signals: what was found in them.
         problems: one a target; there may be none.
+        time_unit: that the study or a heading says; None where nothing does.
     """
     said = [
         *degrees_hints(records, signals.coordinates),
         *order_advice(signals),
-        *_whole_numbers(records),
+        *(_whole_numbers(records) if time_unit is None else ()),
         *_too_short(signals, problems),
     ]
     return tuple(dict.fromkeys([*said, *_rates_given(signals), *_closed_loops(signals)]))

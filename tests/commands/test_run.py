@@ -93,7 +93,7 @@ def test_the_report_is_of_the_columns_that_the_model_is_of(folder):
 def test_a_run_that_is_stopped_leaves_nothing(folder, at):
     events, before = list[Event](), snapshot(folder)
     stop = lambda: any(e == StageBegan(at) if isinstance(at, str) else isinstance(e, at) for e in events)  # noqa: E731
-    with pytest.raises(Stopped, match=r"^stopped before any result was written$") as stopped:
+    with pytest.raises(Stopped, match=r"^stopped before any result was written; with --seconds 60") as stopped:
         run_study(STUDY, folder, folder / "out", monitor=Monitor(events.append, stop))
     assert stopped.value.exit_code == 130
     assert snapshot(folder) == before

@@ -24,7 +24,7 @@ def smooth(seed):
     return np.sin(angle) @ size, np.cos(angle) @ (size * frequency)
 
 
-def said(columns, coordinates, inputs=(), t=T, cutoff=5.0):
+def said(columns, coordinates, inputs=(), t=T, cutoff=5.0, time_unit=None):
     names = [n for c in coordinates for n in (*c.states, c.target)] + [i.name for i in inputs]
     measured = [c.name for c in coordinates] + [i.name for i in inputs]
     values = np.array([columns[n] for n in names])
@@ -33,7 +33,7 @@ def said(columns, coordinates, inputs=(), t=T, cutoff=5.0):
     record = Record(t, np.array([columns[n] for n in measured]).T, tuple(measured))
     library = Library.of(("1", *(c.name for c in coordinates), coordinates[0].target), Scope.of(tuple(names)))
     problem = pose(signals, coordinates[0].target, coordinates[0].order, library, PlainRows())
-    return advice(Records.of(record), signals, (problem,))
+    return advice(Records.of(record), signals, (problem,), time_unit)
 
 
 def first_order():
@@ -51,6 +51,7 @@ def test_a_sound_record_is_given_no_advice():
 def test_time_in_whole_numbers_may_be_milliseconds():
     (sentence,) = said(first_order(), [Coordinate("x")], t=10.0 * np.arange(COUNT))
     assert sentence.startswith("time counts in whole numbers, a sample every 10")
+    assert said(first_order(), [Coordinate("x")], t=540.0 * np.arange(COUNT), time_unit="h") == ()
 
 
 @pytest.mark.parametrize(("noise", "given"), [(0.0, True), (0.05, True), (0.5, False)])
