@@ -199,7 +199,7 @@ def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequ
         jitter=max(r.jitter for r in repairs),
         samples=sum(int(d.sum()) for d in due),
         missing={name: told for name, told in missing.items() if told[0]},
-        bridged={i.name: gap for i in inputs if (gap := bridged(records, i.name))[0]},
+        bridged={i.name: gap for i in inputs if i.hold != "zero" and (gap := bridged(records, i.name))[0]},
         scatter=max(r.scatter for r in repairs),
         cut=sum(r.cut for r in repairs),
     )
