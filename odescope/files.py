@@ -11,6 +11,8 @@ from pathlib import Path
 
 from odescope.errors import InputError
 
+MODEL = "model.json"  # what the model is called in a folder of results
+
 
 def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
     """Write files to a folder, or to folders in it: all are complete beside it before the first takes its place.
@@ -81,6 +83,11 @@ def write_file(path: Path, text: str) -> None:
             partial.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def model_in(path: Path) -> Path:
+    """Return the model of a folder of results; any other path as it is."""
+    return path / MODEL if path.is_dir() else path
 
 
 def shortest_ends(paths: Sequence[Path]) -> tuple[str, ...]:

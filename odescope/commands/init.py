@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from odescope.commands.arguments import source_stem
-from odescope.commands.files import refuse_overwriting
 from odescope.errors import InputError
 from odescope.files import check_file, write_file
 from odescope.recordings.readers import find_files
@@ -28,11 +27,9 @@ def init_study(sources: Sequence[Path], out: Path | None, force: bool) -> tuple[
     target = sources[0].parent / f"{source_stem(sources)}.toml" if out is None else out
     if target.suffix.lower() != ".toml":
         raise InputError(f"a study is a file that ends in .toml, which {target} does not: name one with --out")
-    files = find_files(sources)
-    refuse_overwriting([target], files)
     if target.exists() and not force:
         raise InputError(f"{target} exists: name another with --out, or let it be replaced with --force")
     check_file(target)
-    study = draft(files, sources, target.parent)
+    study = draft(find_files(sources), sources, target.parent)
     write_file(target, study.text)
     return target, study

@@ -7,13 +7,7 @@ from typing import Annotated
 
 import typer
 
-from odescope.report.result_names import MODEL
-
-
-def model_in(path: Path) -> Path:
-    """Return the model of a folder of results; any other path as it is."""
-    return path / MODEL if path.is_dir() else path
-
+from odescope.files import model_in
 
 ModelFile = Annotated[
     Path,

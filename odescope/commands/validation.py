@@ -9,10 +9,9 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from odescope.commands.model_data import given_noise
-from odescope.commands.options import model_in
 from odescope.errors import InputError
 from odescope.export.model_file import read_model
-from odescope.files import shortest_ends
+from odescope.files import model_in, shortest_ends
 from odescope.model.model import Model
 from odescope.model.recorded import TimeColumns
 from odescope.report.result_names import MODEL

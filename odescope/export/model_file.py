@@ -10,7 +10,7 @@ from typing import Any, Literal
 import msgspec
 
 from odescope.errors import InputError, as_path, check_kind
-from odescope.files import write_file
+from odescope.files import model_in, write_file
 from odescope.json_text import encoded
 from odescope.library.mechanism import Kind
 from odescope.library.parse import Scope, parse_term
@@ -132,7 +132,7 @@ def read_model(path: Path | str) -> Model:
         InputError: the file is missing, no JSON, has missing or extra keys, or terms that cannot be read.
     """
     path = as_path(path, "a model file")
-    path = path / "model.json" if path.is_dir() else path
+    path = model_in(path)
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -293,7 +293,7 @@ def _judged(
         path = path or _path(space, best)
         if terms is not None:
             if path is None:
-                raise InputError(f"[likelihood] terms = {terms}: no shorter model could be fitted; leave `terms` out")
+                raise InputError(f"[likelihood] terms = {terms}: too little is left to fit when a part is held out")
             path, best, scale = _shortened(space, best, path.chosen_at(terms))
         found, last, evidence = best.fit, space, _evidence(space, best, scale)
         undecided = undecided_holds(space, found, between.open, best.width, scale)
@@ -368,7 +368,7 @@ def _path(space: SearchSpace, outcome: Outcome) -> ModelPath | None:
         return None
     defect_std = space.segments.spread * outcome.width
     # From where the model stands: it may run away from a smoothed state that is on the wrong side of nothing.
-    x0 = seen.segments.initial.copy()
+    x0 = seen.segments.initial
     _, there, known = np.intersect1d(seen.segments.start, space.segments.start, return_indices=True)
     x0[there] = outcome.fit.x0[known]
     found = seen.again(outcome.fit, x0, defect_std)

@@ -53,8 +53,7 @@ def searches(
         Stopped: the run is to end.
     """
     share = JOINED_SHARE / max(len(begun), 2)
-    # A monitor speaks to whoever started the run, not to a worker elsewhere.
-    budget = replace(space.budget.part(share), monitor=Monitor()) if workers.remote else space.budget.part(share)
+    budget = space.budget.part(share)
     outcomes, failed, left = list[Outcome](), False, list(begun)
     monitor.tell(Progress("likelihood", "search", 0, len(begun)))
     while left:

@@ -112,6 +112,40 @@ def _in_step(jumps: IntArray) -> bool:
     return every > 1 and int(np.bincount(jumps % every).max()) > ALONE * len(jumps)
 
 
+def regular_steps(points: IntArray, values: FloatArray) -> tuple[int, int] | None:
+    """Return at every how many points of a grid a command changes, and at which of these; None where it does not.
+
+    Args:
+        points: (n,) of its samples, not falling; some lack.
+        values: (n,) samples.
+    """
+    jumps = points[1:][(np.diff(points) == 1) & (np.diff(values) != 0.0)]
+    if not _in_step(jumps):
+        return None
+    every = int(np.bincount(np.diff(jumps)).argmax())
+    return every, int(np.bincount(jumps % every).argmax())
+
+
+def unseen_steps(points: IntArray, values: FloatArray) -> IntArray:
+    """Return at which point a command stepped between samples (n - 1,) that are not next to each other; 0 if unknown.
+
+    It is known where the command changes at every so many points, and one of these alone lies in the gap.
+
+    Args:
+        points: (n,) of its samples, not falling.
+        values: (n,) samples.
+    """
+    found = np.zeros(max(len(points) - 1, 0), dtype=np.int64)
+    if (regular := regular_steps(points, values)) is None:
+        return found
+    every, phase = regular
+    before, after = points[:-1], points[1:]
+    first = before + 1 + (phase - before - 1) % every
+    once = (after - before > 1) & (np.diff(values) != 0.0) & (first <= after) & (first + every > after)
+    found[once] = first[once]
+    return found
+
+
 def steps_of(samples: FloatArray) -> IntArray:
     """Return the samples (S,) after which an input (N,) steps: large changes, rare and alone, of what hardly moves.
 

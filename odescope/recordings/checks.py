@@ -17,7 +17,10 @@ LARGEST_VALUE = 1e30  # products of a few such values would overflow
 LENGTHS = frozenset(
     {"m", "dm", "cm", "mm", "um", "µm", "μm", "nm", "km", "in", "ft", "meter", "meters", "metre", "metres"}
 )
-RADIANS = frozenset({"", "1", "-", "rad", "rads", "radian", "radians"})
+UNITLESS = frozenset({"", "1", "-"})
+RADIANS = UNITLESS | {"rad", "rads", "radian", "radians"}
+PREFIXES = frozenset("pnumcdhkMGT")
+MICRO = {ord(mu): "u" for mu in "µμ"}
 DEGREES = frozenset({"deg", "degs", "degree", "degrees", "°"})
 TEMPERATURES = re.compile(r"t(_?\w{1,2}|_\w+)?|temp\w*", re.IGNORECASE)  # T, T1, Tc, T_in, temp, temperature
 KELVINS = (200.0, 3000.0)  # what is called so and stays between these is in kelvins
@@ -169,13 +172,27 @@ def is_degrees(unit: str | None) -> bool:
 
 
 def units_differ(headed: str | None, unit: str | None) -> bool:
-    """Say whether a heading says another unit than a study or a model.
+    """Say whether a heading says another unit than a study.
 
     Single ones alone are compared: m/s and m s^-1 are spelled differently and the same.
     """
     single = [word for word in (headed, unit) if word is not None and is_unit(word) and word.isalpha()]
-    alike = len({"deg" if is_degrees(word) else word.casefold() for word in single}) < 2
-    return not alike
+    return len({"deg" if is_degrees(word) else word.casefold() for word in single}) > 1
+
+
+def differently_scaled(headed: str | None, unit: str | None) -> bool:
+    """Say whether two units are of one kind and of other sizes for sure: by a prefix, as mm and m, or deg and rad."""
+    if headed is None or unit is None:
+        return False
+    one, other = (word.strip().translate(MICRO) for word in (headed, unit))
+    if is_degrees(one) or is_degrees(other):
+        return {one.casefold(), other.casefold()} & (RADIANS - UNITLESS) != set()
+    return one != other and not _bases(one).isdisjoint(_bases(other))
+
+
+def _bases(unit: str) -> set[str]:
+    """Return a unit, and without its first letter where that may be a prefix."""
+    return {unit, unit[1:]} if unit[:1] in PREFIXES and len(unit) > 1 else {unit}
 
 
 def check_seconds(records: Records) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray, true_ranges
 from odescope.errors import InputError
-from odescope.recordings.between_samples import looks_held
+from odescope.recordings.between_samples import looks_held, unseen_steps
 from odescope.recordings.bridges import off_lines
 from odescope.recordings.record import UNREPAIRED, Record, Repairs, check_finite, within
 
@@ -21,7 +21,7 @@ GAP_PERIODS = 1.5  # a longer step lacks at least one sample
 LONGEST_GAP = 32  # steps of a column: over a longer gap its samples hardly say what happened, and the run is cut there
 FEW = 4  # samples: over as many an input that is not known for so long hardly moves a state
 UNKNOWN = 0.25  # of an input's standard deviation: further off, a line is no knowledge of what it did
-WORTH = 0.5  # of the samples, at least, lie in pieces that are long enough to keep: else single lost samples do not cut
+APART = 75  # samples between cuts, on average, at least: so many more a piece has than states at its begin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +77,8 @@ def borne(repairs: Repairs, cuts: Sequence[IntArray]) -> tuple[Repairs, ...]:
 def check_cells(run: RawRun) -> None:
     """Refuse times and values that are infinite; a missing one is NaN."""
     check_finite(~np.isinf(run.t)[:, None], ("time",), run.rows, run.source)
-    check_finite(~np.isinf(run.values), run.labels, run.rows, run.source)
+    advice = ": a value that was not measured is an empty cell or NaN"
+    check_finite(~np.isinf(run.values), run.labels, run.rows, run.source, advice)
 
 
 def pieces(run: RawRun, gaps: Gaps, partial: bool = False) -> tuple[IntArray, ...]:
@@ -129,8 +130,7 @@ def _nothing_left(run: RawRun, lengths: Sequence[int], least: int) -> str:
     if len(lengths) == 1:
         return (
             f"{lengths[0]} of {len(run.t)} samples{within(run.source)} lie where all of"
-            f" {', '.join(map(repr, run.labels))} have values: expected at least {least}; leave that recording out, or"
-            " the column that lacks"
+            f" {', '.join(map(repr, run.labels))} have values: expected at least {least}; leave that recording out"
         )
     return (
         f"nothing is left{within(run.source)} after splitting at its gaps: the longest of {len(lengths)} pieces "
@@ -156,8 +156,7 @@ def known(run: RawRun, points: IntArray, inputs: Collection[str]) -> tuple[IntAr
     """Return the samples (n,) of each piece of a run in which what its inputs did is known, as indices into it.
 
     A run is cut where an input stepped in lost rows, or was not seen for so long that no line tells what it did.
-    Pieces shorter than 16 samples are dropped; where more than half of the run would be, gaps of up to 4 samples do not
-    cut it.
+    Pieces shorter than 16 samples are dropped, unless no longer one is left.
 
     Args:
         run: a piece of a run (`pieces`) whose gaps are bridged.
@@ -167,13 +166,9 @@ def known(run: RawRun, points: IntArray, inputs: Collection[str]) -> tuple[IntAr
     measured: BoolArray = np.isfinite(run.values) & np.isfinite(run.t)[:, None]
     driven = [k for k, name in enumerate(run.names) if name in inputs]
     columns = [np.flatnonzero(measured[:, k]) for k in driven]
-    lost = [_lost(np.diff(points[there])) for there in columns]
-    cut = [_unknown(n, run.values[there, k]) for k, there, n in zip(driven, columns, lost, strict=True)]
-    for gaps in (cut, [unknown & (n > FEW) for unknown, n in zip(cut, lost, strict=True)]):
-        kept = tuple(s for s in _between(run, columns, gaps) if _common_rows(measured[s]) >= SHORTEST_RUN)
-        if sum(map(len, kept)) >= WORTH * len(run.t):
-            return kept
-    return kept or (np.arange(len(run.t)),)
+    cut = [_unknown(points[there], run.values[there, k]) for k, there in zip(driven, columns, strict=True)]
+    found = _between(run, columns, cut)
+    return tuple(s for s in found if _common_rows(measured[s]) >= SHORTEST_RUN) or (np.arange(len(run.t)),)
 
 
 def _between(run: RawRun, columns: Sequence[IntArray], cut: Sequence[BoolArray]) -> list[IntArray]:
@@ -193,30 +188,28 @@ def _between(run: RawRun, columns: Sequence[IntArray], cut: Sequence[BoolArray])
     return np.split(samples, np.flatnonzero(np.diff(piece[samples])) + 1)
 
 
-def _lost(steps: IntArray) -> IntArray:
-    """Return how many samples of a column each of the steps (n,) between its samples lacks, in points of a grid."""
-    return np.rint(steps / max(float(np.median(steps)), 1.0)).astype(int) - 1 if len(steps) else steps
-
-
-def _unknown(lost: IntArray, values: FloatArray) -> BoolArray:
+def _unknown(points: IntArray, values: FloatArray) -> BoolArray:
     """Return in which gaps (n - 1,) an input did what nobody knows: it stepped, or no line over as many samples tells.
 
-    A coordinate is bridged by the law, as long as what drives it is known.
+    A coordinate is bridged by the law, as long as what drives it is known. A command that changes at every so many
+    samples did so in a gap, too.
 
     Args:
-        lost: (n - 1,) samples, from one to the next.
+        points: (n,) of a grid, at which the samples lie.
         values: (n,) of these.
     """
+    steps = np.diff(points)
+    lost = np.rint(steps / max(float(np.median(steps)), 1.0)).astype(int) - 1 if len(steps) else steps
     unknown: BoolArray = lost > 0
     if not unknown.any():
         return unknown
     if looks_held(values):
-        unknown &= np.diff(values) != 0.0
+        unknown &= (np.diff(values) != 0.0) & (unseen_steps(points, values) == 0)
     else:
         whole, most = np.split(values, np.flatnonzero(unknown) + 1), UNKNOWN * float(values.std())
         far = [n for n in np.unique(lost[lost > FEW]).tolist() if off_lines(whole, n) > most]
         unknown = np.isin(lost, far)
-    return unknown
+    return unknown if APART * np.count_nonzero(unknown) <= len(values) else unknown & (lost > FEW)
 
 
 def _common_rows(cells: BoolArray) -> int:

@@ -15,6 +15,7 @@ SPACINGS = (2, 3, 4, 6, 8, 12, 16, 24, 32)  # samples between knots that are tri
 TRIED = 20_000  # samples on which the spacing is chosen: what suits them suits the rest
 DEGREE = 3
 APART = 0.5  # of their mean distance: knots that are nearer are left out
+ROUNDING = 1e-9  # of that distance: whether even ones are as far apart is no matter of the unit of time
 RIDGE = 1e-12  # of the diagonal: samples that almost coincide must not stop the factorisation
 FEW = 2 * (DEGREE + 1)  # samples of which no spline can be fitted: a line goes through them
 
@@ -53,7 +54,7 @@ def _apart(knots: FloatArray, ends: tuple[float, float], distance: float) -> Flo
     Between two of a burst of samples the noise would set the slope, and beyond a burst at an end the curve would go
     anywhere: a solver begins with steps that are ten times as long as the ones before.
     """
-    between = np.concatenate([[ends[0]], knots, [ends[1]]])
+    between, distance = np.concatenate([[ends[0]], knots, [ends[1]]]), distance * (1.0 - ROUNDING)
     if np.diff(between).min() >= distance:
         return knots
     kept = [ends[0]]

@@ -238,7 +238,7 @@ def _float_array(data: object, what: str, dimensions: int, source: str) -> Float
     return floats
 
 
-def check_finite(fine: BoolArray, names: tuple[str, ...], rows: IntArray, source: str) -> None:
+def check_finite(fine: BoolArray, names: tuple[str, ...], rows: IntArray, source: str, advice: str = "") -> None:
     """Refuse a table that is not finite everywhere.
 
     Args:
@@ -246,13 +246,11 @@ def check_finite(fine: BoolArray, names: tuple[str, ...], rows: IntArray, source
         names: of the columns.
         rows: (N,) the numbers that the message calls rows by.
         source: where the table came from, for the message.
+        advice: what to write instead, for the end of the message.
     """
     if not fine.all():
         row, column = np.argwhere(~fine)[0]
-        raise InputError(
-            f"{names[column]!r} is not a finite number in data row {rows[row]}{within(source)}: a value that was not"
-            " measured is an empty cell or NaN"
-        )
+        raise InputError(f"{names[column]!r} is not a finite number in data row {rows[row]}{within(source)}{advice}")
 
 
 def check_increasing(t: FloatArray, rows: IntArray, source: str) -> None:

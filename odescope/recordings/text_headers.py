@@ -66,9 +66,9 @@ def read_header(path: Path) -> TextFile:
         text = f"{text} {_decoded(lines[at])}"
     if filled[-1] <= at and len(start) < HEAD_BYTES:
         raise InputError(f"{path.name} holds column names but no rows of data")
-    bare = re.sub(r'"[^"]*"', "", text)  # a separator within quotes belongs to a name
-    below = next((_decoded(lines[k]).strip("\r\n") for k in filled if k > at), "")
-    separator = _separator(path, bare.strip("\r\n"), below) if said is None else said[1]
+    bare = re.sub(r'"[^"]*"', "x", text)  # a separator within quotes belongs to a name
+    below = next((_decoded(lines[k]).rstrip() for k in filled if k > at), "")
+    separator = _separator(path, bare.rstrip(), below) if said is None else said[1]
     names = _cells(text, separator)
     mark = QUOTED_COMMA if separator == "," else DECIMAL_COMMA
     commas = mark.search(b"\n".join(lines[at + 1 :])) is not None
@@ -91,7 +91,8 @@ def _header_line(lines: Sequence[bytes], filled: Sequence[int], separator: str |
         return filled[len(comments) - 1 if comments else 0]
     below = filled[len(comments)]
     row = _decoded(lines[below])
-    separator = separator or next((mark for mark in "\t;" if mark in row), ",")  # more commas may be decimal marks
+    # More commas may be decimal marks, and dates hold spaces.
+    separator = separator or next((mark for mark in "\t;,| " if mark in row), ",")
     cells = _cells(row, separator)
     data = any(NUMBER.fullmatch(cell.strip().replace(",", ".")) or DATE.match(cell) for cell in cells)
     names = _cells(COMMENT.sub("", _decoded(lines[comments[-1]])), separator)
@@ -112,8 +113,8 @@ def _separator(path: Path, header: str, below: str) -> str:
     if any(mark in header for mark in "\t;,"):
         return max("\t;,", key=header.count)
     for mark in "| ":
-        cells = header.split(mark)
-        if len(cells) > 1 and all(c.strip() for c in cells) and below.count(mark) == len(cells) - 1:
+        names, cells = header.rstrip(mark).split(mark), below.rstrip(mark).split(mark)
+        if len(names) == len(cells) > 1 and all(name.strip() for name in names):
             return mark
     numbers = below.split()
     if len(numbers) == len(header.split()) > 1 and all(NUMBER.fullmatch(word) for word in numbers):

@@ -8,7 +8,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
-from odescope.recordings.between_samples import looks_held, on_polygon
+from odescope.recordings.between_samples import looks_held, on_polygon, unseen_steps
 from odescope.recordings.clock import EXACT_PERIODS, read_clock, ticks_coarsely, whole_steps
 from odescope.recordings.gaps import GAP_PERIODS, RawRun
 from odescope.recordings.local_spline import fit_smooth
@@ -99,6 +99,9 @@ def on_grid(
         counts[:, k] = np.bincount(points[there], own[2], len(grid))
         if name in held or (name in inputs and looks_held(own[1])):
             values[:, k] = _held(*own[:2], grid)
+            steps = unseen_steps(points[there], own[1])
+            for step, after, value in zip(steps, points[there][1:], own[1][1:], strict=True):
+                values[step or after : after, k] = value
         else:
             values[:, k] = _assigned(*own, grid, points[there])
             if name in inputs:

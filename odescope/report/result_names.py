@@ -1,6 +1,8 @@
 """What the files of a folder of results are called."""
 
-MODEL, REPORT_PAGE, REPORT = "model.json", "report.html", "report.json"
+from odescope.files import MODEL as MODEL
+
+REPORT_PAGE, REPORT = "report.html", "report.json"
 RESULT_FILES = (MODEL, "candidates.csv", "study.toml", REPORT_PAGE, REPORT)
 NO_MODEL = "no_model.html"  # what a run leaves that ends without a model, beside the results of earlier ones
 FIGURES = "figures"  # the folder beside them

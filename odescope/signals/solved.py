@@ -16,9 +16,8 @@ CLEAR = 1e3  # times that: differences that do not
 PIECES = 3  # polynomials, at least
 SHARE = 0.1  # of the differences that vanish, at least
 LOOSE = 1e-6  # standard deviations a step: with a tolerance of 1e-9 a solver errs by far less
-ERROR = (
-    1.0 / 16.0
-)  # of a step over the jump of its second derivative times its time squared: 24 systems, within six times
+COARSE = 0.1  # the same: what jumps further is a counter, or a motion in strokes
+ERROR = 1.0 / 16.0  # of a step, over the jump of its second derivative times its time squared: within six times
 
 
 def solver_hints(records: Records, coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
@@ -57,4 +56,4 @@ def _pieces(columns: Sequence[FloatArray]) -> tuple[float, float] | None:
         return None
     samples = len(whole) / pieces
     error = float(np.sqrt(np.mean(fifth**2))) * samples**2 * ERROR / spread
-    return (samples, error) if error > LOOSE else None
+    return (samples, error) if LOOSE < error < COARSE else None

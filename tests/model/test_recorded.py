@@ -50,4 +50,5 @@ def test_a_column_in_another_unit_than_the_model_is_refused_but_where_the_model_
         records_for(model, log)
     read = replace(model, provenance={"columns": {"x": "x (mm)"}})  # the study said m, whatever the heading says
     np.testing.assert_array_equal(records_for(read, log).runs[0].column("x"), log["x (mm)"])
+    assert records_for(model, {"time (sec)": t, "x (meters)": np.exp(-2.0 * t)}).runs[0].column("x")[0] == 1.0
     assert records_for(model, {"t": t, "x (m)": np.exp(-2.0 * t)}).runs[0].column("x")[0] == 1.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from odescope.errors import InputError
-from odescope.recordings.checks import check_channels, check_seconds, degrees_hints, units_differ
+from odescope.recordings.checks import check_channels, check_seconds, degrees_hints, differently_scaled, units_differ
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.headings import Heading
 from odescope.recordings.record import Record, Records
@@ -95,6 +95,22 @@ def test_times_since_1970_in_parts_of_a_second_are_no_seconds(begin, unit):
         return
     with pytest.raises(InputError, match=f'looks like {unit} since 1970.*time_unit = "{unit}"'):
         check_seconds(records)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "differ"),
+    [
+        *((one, other, True) for one, other in (("mm", "m"), ("kPa", "hPa"), ("mmol/l", "mol/l"), ("N m", "kN m"))),
+        *((one, other, True) for one, other in (("mW", "MW"), ("deg", "rad"), ("ms", "s"))),
+        *(
+            (one, other, False)
+            for one, other in (("um", "µm"), ("meters", "m"), ("degC", "C"), ("hr", "h"), ("V", "A"))
+        ),
+        *((one, other, False) for one, other in (("sec", "s"), ("Ohm", "Ω"), ("deg", "degrees"), (None, "m"))),
+    ],
+)
+def test_units_of_one_kind_are_of_other_sizes_by_their_prefix(one, other, differ):
+    assert differently_scaled(one, other) is differently_scaled(other, one) is differ
 
 
 @pytest.mark.parametrize(

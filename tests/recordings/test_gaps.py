@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from odescope.errors import InputError
 from odescope.recordings.gaps import RawRun, check_cells, known, pieces
 from odescope.recordings.record import Repairs
+from odescope.recordings.uniform import uniform
 
 TIME = np.arange(40) * 0.01
 
@@ -144,13 +145,33 @@ def test_a_run_is_cut_where_an_input_stepped_unseen():
     assert lengths(driven(STEPPING, [249, 250, 330]), inputs=()) == [997]
 
 
-def test_a_run_is_cut_at_single_samples_as_long_as_most_of_it_is_kept():
+def test_a_run_is_not_cut_to_pieces_at_single_samples():
     every = np.arange(50, 1000, 50)
-    assert lengths(driven(STEPPING, every)) == [50, *19 * [49]]
-    quick = np.repeat(np.arange(200.0) * 7.0 % 5.0, 5)  # five samples a value: between cuts nothing would be left
-    every = np.arange(5, 1000, 5)
-    assert lengths(driven(quick, every)) == [801]
-    assert lengths(driven(quick, np.r_[every, np.arange(301, 311)])) == [241, 552]  # ten in a row are another matter
+    assert lengths(driven(STEPPING, every)) == [981]
+    long = np.r_[every, np.arange(301, 306)]  # six in a row are another matter
+    assert lengths(driven(STEPPING, long)) == [295, 681]
+
+
+REGULAR = np.repeat(np.random.default_rng(7).uniform(-1.0, 1.0, 100), 10)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_command_that_changes_at_every_so_many_samples_did_so_in_a_gap_too(seed):
+    """Whatever is lost, a gap of more than one step excepted: that is left to the cut."""
+    lost = np.random.default_rng(seed).choice(np.arange(1, 999), 100, replace=False)
+    run = driven(REGULAR, np.r_[lost, 405:408])
+    record, points = uniform(run, inputs=frozenset("u"))
+    np.testing.assert_array_equal(record.column("u"), REGULAR)
+    assert len(known(run, points, ("u",))) == 1
+    run = driven(REGULAR, np.arange(405, 425))  # two of its steps: nobody knows the value between
+    assert lengths(run) == [405, 575]
+
+
+def test_a_command_that_changes_anywhere_is_not_known_in_a_gap():
+    steps = np.cumsum(np.random.default_rng(8).integers(7, 14, 100))
+    u = np.repeat(np.random.default_rng(9).uniform(-1.0, 1.0, 100), np.diff(np.r_[0, steps]))
+    run = driven(u, [int(steps[40]) - 1, int(steps[40])])
+    assert len(lengths(run)) == 2
 
 
 @pytest.mark.parametrize(("period", "gap", "cuts"), [(40.0, 20, 1), (40.0, 3, 0), (400.0, 20, 0)])

@@ -45,6 +45,14 @@ def test_beyond_steps_that_grow_tenfold_as_a_solver_begins_the_curve_goes_on(at_
     assert fit_smooth(t, y, np.ones(len(t)))(there) == pytest.approx(np.cos(since / 4.0), abs=0.02)
 
 
+@pytest.mark.parametrize("count", range(16, 200, 2))
+def test_knots_do_not_depend_on_the_unit_of_time(count):
+    t, y = np.arange(count, dtype=float), np.random.default_rng(5).standard_normal(count)
+    whole, *parts = (fit_smooth(unit * t, y, np.ones(count)).t / unit for unit in (1.0, 0.1, 0.01, 1.0 / 3.0))
+    for knots in parts:
+        assert knots == pytest.approx(whole)
+
+
 @pytest.mark.parametrize("count", [1, 2, 7])
 def test_few_samples_have_a_line(count):
     t = uneven(count)

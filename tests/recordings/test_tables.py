@@ -54,7 +54,7 @@ def test_gaps_are_refused_where_the_study_says_so():
 def test_what_is_cut_where_a_command_stepped_unseen_keeps_the_clock_of_the_whole(seed):
     rng = np.random.default_rng(seed)
     t = STEADY + 0.001 * rng.standard_normal(4000)  # that is when the samples were taken
-    u = np.repeat(rng.standard_normal(800), 5)
+    u = np.repeat(rng.standard_normal(1100), rng.integers(4, 7, 1100))[:4000]
     kept = np.sort(rng.permutation(4000)[:3950])
     layout = Layout(time="t", columns=(("x", "x"), ("u", "u")), inputs=frozenset({"u"}))
     table = {"t": t, "x": np.sin(2.0 * t) + 1e-5 * rng.standard_normal(4000), "u": u}

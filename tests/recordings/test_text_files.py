@@ -301,7 +301,11 @@ LAID_OUT = {
     "said to be bars, and some end lines": "sep=|\nt|x\n0.00|1.5|\n0.25|-2.25\n",
     "comments, and names in the last": "# by me\n# t;x\n0,00;1,5\n0,25;-2,25\n",
     "bars": "t|x\n0.00|1.5\n0.25|-2.25\n",
+    "bars that end all lines": "t|x|\n0.00|1.5|\n0.25|-2.25|\n",
+    "bars that end some, and names in quotes": '"t"|"x"\n0.00|1.5|\n0.25|-2.25|\n',
     "single spaces": "t x\n0.00 1.5\n0.25 -2.25\n",
+    "single spaces, also at the ends": "t x \n0.00 1.5 \n0.25 -2.25 \n",
+    "single spaces, and names in a comment": "# t x\n0.00 1.5\n0.25 -2.25\n",
     "tabs, and dates": "t\tx\n00:00:00,00\t1,5\n00:00:00,25\t-2,250\n",
 }
 

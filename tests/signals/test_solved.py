@@ -58,3 +58,9 @@ def test_what_is_exact_or_rounded_or_noisy_is_not(system):
 def test_nor_are_curves_parabolas_and_lines_in_pieces(curve):
     t = np.linspace(0.0, 6.0, 3000)
     assert said_of([curve(t)], t) == ()
+
+
+def test_nor_is_a_counter_however_it_walks():
+    for seed in range(200):
+        walk = np.cumsum(np.random.default_rng(seed).integers(-1, 2, 60)).astype(float)
+        assert said_of([walk], np.arange(60.0)) == ()

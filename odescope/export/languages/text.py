@@ -27,7 +27,7 @@ def to_text(model: Model, digits: int | None = None) -> str:
         InputError: it is no model, or there are less than one digit.
     """
     check_kind(model, Model, "what is written")
-    if digits is not None and digits < 1:
+    if digits is not None and not (type(digits) is int and digits > 0):
         raise InputError(f"digits must be a whole number from 1, or None for all of them, got {digits!r}")
     lines = [f"# {line}" for line in mechanisms_text(model.shown_mechanisms)]
     errors = [f"# {line}" for line in coefficient_lines(rows_with_errors(model.coefficients))]
