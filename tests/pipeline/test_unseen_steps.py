@@ -5,13 +5,16 @@ import pytest
 
 from odescope import Data, Driven, Measured, Study, identify
 
-LOST = [300, 630, 631, 900]  # the command steps every 30 rows
+LOST = [300, 630, 631, 900]  # where the command steps
 
 
-def valve(seed):
-    """Return a log of x' = u - x/2 at half a per cent of noise, four rows lost."""
+def valve(seed, regular):
+    """Return a log of x' = u - x/2 at half a per cent of noise, four rows lost; u steps about every 30 rows."""
     rng = np.random.default_rng(seed)
-    u, x = np.repeat(rng.uniform(-1.0, 1.0, 40), 30), np.zeros(1200)
+    steps = 30 * np.arange(41)
+    if not regular:
+        steps[1:-1] += np.where(np.isin(steps[1:-1], LOST), 0, rng.integers(-6, 7, 39))
+    u, x = np.repeat(rng.uniform(-1.0, 1.0, 40), np.diff(steps)), np.zeros(1200)
     for k in range(len(x) - 1):
         x[k + 1] = 2.0 * u[k] + (x[k] - 2.0 * u[k]) * np.exp(-0.05)
     kept = np.setdiff1d(np.arange(len(x)), LOST)
@@ -19,13 +22,17 @@ def valve(seed):
 
 
 @pytest.mark.parametrize("seed", [3, *(pytest.param(s, marks=pytest.mark.slow) for s in range(3))])
-def test_steps_that_nobody_saw_are_not_taken_for_late(seed):
-    """Held until the next row a command is late at these steps: noise of the process, or four terms more."""
+@pytest.mark.parametrize("regular", [False, True])
+def test_steps_that_nobody_saw_are_not_taken_for_late(seed, regular):
+    """Held until the next row a command is late at these steps: noise of the process, or four terms more.
+
+    One that steps at every 30 rows is known to do so in a gap, too; at another the record is cut.
+    """
     study = Study(data=Data(time="t"), coordinates={"x": Measured()}, inputs={"u": Driven()})
-    result = identify(study, valve(seed))
+    result = identify(study, valve(seed, regular))
     terms = {t.text: t for t in result.model.relations[0].terms}
     assert set(terms) == {"x_dot", "x", "u"}
     for name, truth in {"x": 0.5, "u": -1.0}.items():
         assert abs(terms[name].coefficient - truth) < 4.0 * terms[name].std_error < 0.002
-    assert any(note.startswith("recordings were cut at 3 gaps") for note in result.notes)
+    assert any(note.startswith("recordings were cut at 3 gaps") for note in result.notes) is not regular
     assert result.refinement.exact
