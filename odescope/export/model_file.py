@@ -131,8 +131,7 @@ def read_model(path: Path | str) -> Model:
     Raises:
         InputError: the file is missing, no JSON, has missing or extra keys, or terms that cannot be read.
     """
-    path = as_path(path, "a model file")
-    path = model_in(path)
+    path = model_in(as_path(path, "a model file"))
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -36,14 +36,20 @@ def held_out(segments: Segments) -> list[tuple[int, int]]:
 
 def without_held_out(segments: Segments) -> Segments:
     """Return the segments that have nothing in common with what is held out, shorter ones where all have."""
-    for own in (segments, segments.cut_anew(SHORT)):
-        begin, end = own.start, own.start + own.count
-        keep = np.ones(len(begin), dtype=np.bool_)
-        for low, high in held_out(own):
-            keep &= (end <= low) | (begin >= high)
-        if keep.any():
-            break
-    return _kept(own, keep)
+    keep = _seen(segments)
+    if not keep.any():
+        segments = segments.cut_anew(SHORT)
+        keep = _seen(segments)
+    return _kept(segments, keep)
+
+
+def _seen(segments: Segments) -> BoolArray:
+    """Return which segments (J,) have nothing in common with what is held out."""
+    begin, end = segments.start, segments.start + segments.count
+    keep = np.ones(len(begin), dtype=np.bool_)
+    for low, high in held_out(segments):
+        keep &= (end <= low) | (begin >= high)
+    return keep
 
 
 def thinned(segments: Segments) -> Segments:

@@ -101,29 +101,18 @@ def looks_held(samples: FloatArray) -> bool:
     alone = still[:-2] & jumps[1:-1] & still[2:]
     large = float(np.median(np.abs(changes[jumps]))) > JUMP * float(samples.std())
     apart = int(np.count_nonzero(alone)) > ALONE * int(np.count_nonzero(jumps))
-    return (large and apart) or _in_step(np.flatnonzero(jumps))
+    return (large and apart) or _in_step(np.flatnonzero(jumps)) is not None
 
 
-def _in_step(jumps: IntArray) -> bool:
-    """Say whether an input jumps (J,) at every so many samples, two or more, and hardly ever between."""
+def _in_step(jumps: IntArray) -> tuple[int, int] | None:
+    """Return at every how many samples, two or more, and from which on an input jumps (J,); None if often between."""
     if len(jumps) < IN_STEP:
-        return False
-    every = int(np.bincount(np.diff(jumps)).argmax())
-    return every > 1 and int(np.bincount(jumps % every).max()) > ALONE * len(jumps)
-
-
-def regular_steps(points: IntArray, values: FloatArray) -> tuple[int, int] | None:
-    """Return at every how many points of a grid a command changes, and at which of these; None where it does not.
-
-    Args:
-        points: (n,) of its samples, not falling; some lack.
-        values: (n,) samples.
-    """
-    jumps = points[1:][(np.diff(points) == 1) & (np.diff(values) != 0.0)]
-    if not _in_step(jumps):
         return None
     every = int(np.bincount(np.diff(jumps)).argmax())
-    return every, int(np.bincount(jumps % every).argmax())
+    if every < 2:
+        return None
+    there = np.bincount(jumps % every)
+    return (every, int(there.argmax())) if there.max() > ALONE * len(jumps) else None
 
 
 def unseen_steps(points: IntArray, values: FloatArray) -> IntArray:
@@ -135,13 +124,13 @@ def unseen_steps(points: IntArray, values: FloatArray) -> IntArray:
         points: (n,) of its samples, not falling.
         values: (n,) samples.
     """
-    found = np.zeros(max(len(points) - 1, 0), dtype=np.int64)
-    if (regular := regular_steps(points, values)) is None:
+    before, after, changed = points[:-1], points[1:], np.diff(values) != 0.0
+    unseen, found = changed & (after - before > 1), np.zeros_like(after)
+    if not unseen.any() or (seen := _in_step(after[changed & (after - before == 1)])) is None:
         return found
-    every, phase = regular
-    before, after = points[:-1], points[1:]
+    every, phase = seen
     first = before + 1 + (phase - before - 1) % every
-    once = (after - before > 1) & (np.diff(values) != 0.0) & (first <= after) & (first + every > after)
+    once = unseen & (first <= after) & (first + every > after)
     found[once] = first[once]
     return found
 

@@ -100,8 +100,8 @@ def on_grid(
         if name in held or (name in inputs and looks_held(own[1])):
             values[:, k] = _held(*own[:2], grid)
             steps = unseen_steps(points[there], own[1])
-            for step, after, value in zip(steps, points[there][1:], own[1][1:], strict=True):
-                values[step or after : after, k] = value
+            for gap in np.flatnonzero(steps).tolist():
+                values[steps[gap] : points[there[gap + 1]], k] = own[1][gap + 1]
         else:
             values[:, k] = _assigned(*own, grid, points[there])
             if name in inputs:

@@ -13,6 +13,7 @@ from odescope.recordings.record import Records
 DEGREE = 4  # of what RK45 writes between its steps (Dormand and Prince 1980; Shampine 1986)
 ROUNDING = 64.0 * np.finfo(np.float64).eps  # of the largest value: what is left of differences that vanish
 CLEAR = 1e3  # times that: differences that do not
+TOLD = 20_000  # samples of a recording: a solver writes all of it, or none
 PIECES = 3  # polynomials, at least
 SHARE = 0.1  # of the differences that vanish, at least
 LOOSE = 1e-6  # standard deviations a step: with a tolerance of 1e-9 a solver errs by far less
@@ -27,7 +28,8 @@ def solver_hints(records: Records, coordinates: Sequence[Coordinate]) -> tuple[s
         records: uniformly sampled.
         coordinates: in them.
     """
-    found = {c.name: of for c in coordinates if (of := _pieces([run.column(c.name) for run in records])) is not None}
+    looked_at = {c.name: [run.column(c.name)[:TOLD] for run in records] for c in coordinates}
+    found = {name: of for name, columns in looked_at.items() if (of := _pieces(columns)) is not None}
     if not found:
         return ()
     samples, error = (max(of[k] for of in found.values()) for k in range(2))
