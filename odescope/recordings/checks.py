@@ -201,7 +201,8 @@ def check_seconds(records: Records) -> None:
     if (unit := since_1970(start)) is not None:
         raise InputError(
             f"time begins at {start:.6g}{within(records.runs[0].source)}, which looks like {unit} since 1970, and"
-            f' nothing says its unit: give time_unit = "{unit}" in [data], or "s" if these are seconds'
+            f' nothing says its unit: head the column "t ({unit})", or give time_unit = "{unit}" in [data] of a study,'
+            ' or "s" there if these are seconds'
         )
 
 

@@ -76,11 +76,8 @@ def _clock(label: str, why: str = "", values: FloatArray | None = None) -> Clock
         if SERIAL[0] < np.nanmin(values) and np.nanmax(values) < SERIAL[1]:
             return ClockColumn(label, "d", "days since 1899, it seems, as spreadsheets count them")
         why = "in seconds? Its heading says a date: say which unit in time_unit"
-    if (
-        values is not None
-        and time_unit(label) is None
-        and (counted := since_1970(float(np.nanmin(values)))) is not None
-    ):
+    counted = None if values is None else since_1970(float(np.nanmin(values)))
+    if counted is not None and time_unit(label) is None:
         return ClockColumn(label, counted, f"{counted} since 1970, it seems")
     unit, doubt = time_unit(label), doubtful_time_unit(label) or next(iter({"d", "day"} & {label.casefold()}), None)
     if doubt:
