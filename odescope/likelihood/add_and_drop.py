@@ -16,6 +16,7 @@ from odescope.likelihood.exchange import foreseen, refitted, rise
 from odescope.likelihood.expansion import Expansion
 from odescope.likelihood.families import best_on_grid
 from odescope.likelihood.fit import Fit
+from odescope.likelihood.fit_without import fit_without
 from odescope.likelihood.linear_relations import by_least_squares
 from odescope.likelihood.search_space import Move, SearchSpace
 from odescope.likelihood.subsets import subsets
@@ -101,10 +102,10 @@ class Moves:
             k: its number.
             limit: the cost above which it is of no use, where that is not what makes it worth less.
         """
-        theta, left = here.theta.copy(), here.present[here.present != k]
+        theta = here.theta.copy()
         theta[k] = 0.0
-        limit = self.limit(here, left, theta) if limit is None else limit
-        return self.space.fit(theta, left, here.x0, self.defect_std, here.strength, limit=limit)
+        limit = self.limit(here, here.present[here.present != k], theta) if limit is None else limit
+        return fit_without(self.space, here, k, self.defect_std, limit=limit)
 
     def having(self, here: Fit, k: int, begin: Mapping[int, float]) -> Fit | None:
         """Return the fit with an absent mechanism; it ends early where it will be worth less than without.

@@ -76,6 +76,18 @@ class Fit:
         strength[self.held] = np.inf
         return strength
 
+    @np.errstate(over="ignore", invalid="ignore")  # of coefficients that ran away
+    def foreseen_without(self, k: int) -> FloatArray:
+        """Return the coefficients (mechanisms,) at the least cost without a parameter, as the information foresees it.
+
+        Args:
+            k: number of the mechanism.
+        """
+        theta, i = self.theta.copy(), int(np.searchsorted(self.free, k))
+        theta[self.free] -= self.covariance[:, i] * (theta[k] / self.covariance[i, i])
+        theta[k] = 0.0
+        return theta
+
 
 @dataclass(frozen=True, eq=False)
 class _Point:

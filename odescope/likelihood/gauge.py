@@ -15,7 +15,8 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.library.mechanism import Mechanism, scale_groups
 from odescope.likelihood.expansion import scaled
 
-WEAK = 100.0  # largest Wald statistic beside a held coefficient that is known to no more than a tenth of its value
+WEAK = 100.0  # median Wald statistic beside a held coefficient that is known to no more than a tenth of its value
+BETTER = 2.0  # times the median beside it: that of what is held in its place
 SINGULAR = 1e-13  # least eigenvalue of a scaled information matrix, over the largest, that is not rounding
 
 
@@ -57,8 +58,9 @@ def rechosen(
 ) -> IntArray:
     """Return what is to be held, where a fit held a coefficient that the record hardly knows.
 
-    That is the best known of the others; where none is known, because all are relative to one that may be nothing, the
-    one that makes most of the inertia.
+    That is the one beside which the others are known best, as their median has it: two that go together may be well
+    known beside each other, and neither beside the rest. Where none is known, because all are relative to one that may
+    be nothing, it is the one that makes most of the inertia.
 
     Args:
         mechanisms: all candidates.
@@ -68,16 +70,36 @@ def rechosen(
         information: (p, p) about those that were not held.
         size: (mechanisms,) what each makes of the inertia.
     """
-    free = np.setdiff1d(present, held)
-    wald = np.zeros(len(mechanisms))
-    with np.errstate(over="ignore"):  # of coefficients that ran away
-        wald[free] = theta[free] ** 2 / np.maximum(np.diag(inverse(information)), 1e-300)
-    again = held.copy()
+    free, again = ~np.isin(present, held), held.copy()
+    covariance = np.zeros((len(present), len(present)))
+    covariance[np.ix_(free, free)] = inverse(information)
     for group in scale_groups(mechanisms, present):
-        own = [k for k in group if k in held]
-        others = [k for k in group if k not in held]
-        if len(others) < 2 or mechanisms[own[0]].known is not None or max(wald[others]) >= WEAK:
+        places = np.searchsorted(present, group)
+        own = int(np.flatnonzero(~free[places])[0])
+        if len(group) < 3 or mechanisms[group[own]].known is not None:
             continue
-        best = max(others, key=lambda k: (wald if wald[others].max() > 1.0 else size)[k])
-        again[again == own[0]] = best
+        wald = _wald_beside(theta[present[places]], covariance[np.ix_(places, places)])
+        medians = np.nanmedian(wald, axis=1)
+        if medians[own] >= WEAK:
+            continue
+        if np.nanmax(wald[own]) <= 1.0:
+            best = int(np.argmax(np.where(free[places], size[present[places]], -np.inf)))
+        else:
+            best = int(np.argmax(medians)) if medians.max() > BETTER * medians[own] else own
+        again[again == group[own]] = group[best]
     return np.sort(again)
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of coefficients that ran away, or are nothing
+def _wald_beside(theta: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the Wald statistics (g, g) of a scale group beside each of its coefficients, NaN those beside themselves.
+
+    Args:
+        theta: (g,) coefficients of the group.
+        covariance: (g, g) of these while one is held, whose own are zero.
+    """
+    relative = covariance / theta / theta[:, None]
+    variances = np.diag(relative)
+    wald = np.nan_to_num(1.0 / np.maximum(variances + variances[:, None] - 2.0 * relative, 1e-300), nan=0.0)
+    np.fill_diagonal(wald, np.nan)
+    return wald

@@ -12,6 +12,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.fit import Fit
+from odescope.likelihood.fit_without import fit_without
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.search import THIN, Outcome, fitted_again
 from odescope.likelihood.search_space import SearchSpace
@@ -60,9 +61,7 @@ def one_less(space: SearchSpace, here: Fit, wald: FloatArray, defect_std: FloatA
     if not slight:
         return None
     statistic, k = min(slight)
-    theta = here.theta.copy()
-    theta[k] = 0.0
-    lean = space.fit(theta, here.present[here.present != k], here.x0, defect_std, here.strength)
+    lean = fit_without(space, here, k, defect_std)
     if lean is None or not lean.converged:
         return None
     unseen = UNSEEN * float(np.mean((space.segments.noise / space.segments.measured.std(axis=0)) ** 2))

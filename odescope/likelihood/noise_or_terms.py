@@ -1,7 +1,8 @@
-"""Whether a record that a model follows to within its noise is described better by fewer terms and process noise.
+"""Whether process noise, maybe with fewer terms, describes a record better that a model follows to within its noise.
 
 Noise that is hardly more than the measurement's, as of an input that was recorded with some, is followed by terms that
-mean nothing: each earns its price, and what they leave is white. docs/method.md, Process noise.
+mean nothing: each earns its price, and what they leave is white. Or by none, with errors that are far too small.
+docs/method.md, Process noise.
 """
 
 from __future__ import annotations
@@ -12,11 +13,12 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.likelihood.held_out import thinned
-from odescope.likelihood.noise_levels import estimate_noise, marginal_cost, with_noise
+from odescope.likelihood.noise_levels import LEAST_NOISE, LinearRecord, estimate_noise, marginal_cost, with_noise
 from odescope.likelihood.path import ModelPath
 from odescope.likelihood.process_noise import PIECES
-from odescope.likelihood.search import Outcome
+from odescope.likelihood.search import WIDTHS, Outcome
 from odescope.likelihood.search_space import SearchSpace
+from odescope.likelihood.searches import SHORT_RECORD
 from odescope.likelihood.segments import Segments
 
 
@@ -25,12 +27,17 @@ def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
 
     Infinite where it cannot be followed there.
     """
-    segments = space.segments
-    strict = with_noise(space, segments.noise * np.sqrt(outcome.scale), segments.spread * outcome.width)
-    found = strict.again(outcome.fit, segments.initial, strict.segments.spread)
+    strict = _strict(space, outcome)
+    found = strict.again(outcome.fit, space.segments.initial, strict.segments.spread)
     if found is None:
         return np.inf
     return marginal_cost(strict, found) + space.price(found)
+
+
+def _strict(space: SearchSpace, outcome: Outcome) -> SearchSpace:
+    """Return the space with the noise and the width of the defects that a model without process noise has."""
+    segments = space.segments
+    return with_noise(space, segments.noise * np.sqrt(outcome.scale), segments.spread * outcome.width)
 
 
 def cost_with_process_noise(space: SearchSpace, theta: FloatArray) -> float:
@@ -47,10 +54,13 @@ def cost_with_process_noise(space: SearchSpace, theta: FloatArray) -> float:
     return cost + there.price(found)
 
 
-def few_with_process_noise(
+def likelier_with_process_noise(
     cut: Callable[[int], Segments], space: SearchSpace, outcome: Outcome, path: ModelPath
 ) -> FloatArray | None:
-    """Return the coefficients of the short model on a path if process noise makes it likelier than all terms.
+    """Return the coefficients to search from if process noise makes a record likelier, None if it does not.
+
+    Those of the short model on a path if with such noise that is likelier than all terms; else those of all terms. Of
+    few samples nobody knows how noise spreads: that they join less closely than those of a law do has to say so, too.
 
     Args:
         cut: cuts the data into segments of so many averages.
@@ -58,9 +68,35 @@ def few_with_process_noise(
         outcome: the end of a search for a model that follows the record without process noise.
         path: from that to the shortest.
     """
-    knee = path.at_knee().choice.fit
-    if np.array_equal(knee.present, path.steps[0].fit.present):
-        return None
     pieces = space.on(thinned(cut(PIECES[0])))
-    all_terms = min(cost_without_process_noise(pieces, outcome), cost_with_process_noise(pieces, outcome.fit.theta))
-    return knee.theta if cost_with_process_noise(pieces, knee.theta) < all_terms else None
+    knee = path.at_knee().choice.fit
+    if not np.array_equal(knee.present, path.steps[0].fit.present):
+        all_terms = min(cost_without_process_noise(pieces, outcome), cost_with_process_noise(pieces, outcome.fit.theta))
+        if cost_with_process_noise(pieces, knee.theta) < all_terms:
+            return knee.theta
+    if space.segments.samples <= SHORT_RECORD and outcome.width == WIDTHS[-1]:
+        return None
+    price = len(pieces.segments.spread) * float(np.log(pieces.segments.samples))
+    return outcome.fit.theta if _gain_of_process_noise(pieces, outcome) > price else None
+
+
+def _gain_of_process_noise(space: SearchSpace, outcome: Outcome) -> float:
+    """Return the least fall of the marginal cost with process noise: that about the fit, which stays as it is.
+
+    Args:
+        space: data cut into short segments, and candidates.
+        outcome: the end of a search for a model that follows the record without process noise.
+    """
+    strict = _strict(space, outcome)
+    found = strict.again(outcome.fit, space.segments.initial, strict.segments.spread)
+    record = None if found is None else LinearRecord.of(strict, found)
+    if record is None:
+        return 0.0
+    measurement = (
+        np.log(record.cost / space.segments.counted) / 2.0
+    )  # of every channel by itself, as in what is compared
+    without = record.at(np.concatenate([measurement, np.log(strict.segments.spread)]))
+    begun = record.at(np.concatenate([measurement, np.log(space.segments.spread)]))
+    if without is None or begun is None:
+        return 0.0
+    return without.marginal - record.most_likely(begun, begun.logs + np.log(LEAST_NOISE)).marginal

@@ -16,6 +16,7 @@ from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.fit import CONVERGED, ITERATIONS, Fit
+from odescope.likelihood.fit_without import fit_without
 from odescope.likelihood.held_out import WINDOWS, free_run_errors, stretches
 from odescope.likelihood.lacking import has_dry_friction, lacking
 from odescope.likelihood.search_space import SearchSpace
@@ -89,12 +90,11 @@ class ModelPath:
             if len(wald) < 2:
                 break
             weak = int(np.flatnonzero(here.wald == min(wald))[0])
-            k, theta = int(here.free[weak]), here.theta.copy()
-            theta[k] = 0.0
-            rest = here.present[here.present != k]
-            shorter = seen.fit(theta, rest, here.x0, defect_std, here.strength, QUICK)
+            k = int(here.free[weak])
+            shorter = fit_without(seen, here, k, defect_std, QUICK)
             if shorter is not None and shorter.cost - here.cost > FORETOLD * float(here.wald[weak]):
                 how = (FAR, NEAR * (shorter.cost - steps[0].fit.cost)) if rough else (ITERATIONS, CONVERGED)
+                rest = here.present[here.present != k]
                 shorter = seen.fit(shorter.theta, rest, shorter.x0, defect_std, shorter.strength, *how)
             if shorter is None:
                 break

@@ -25,13 +25,13 @@ from odescope.likelihood.held_out import free_run_errors, stretches, thinned, wi
 from odescope.likelihood.holds import holds_of
 from odescope.likelihood.input_searches import Between
 from odescope.likelihood.negligible import without_negligible
-from odescope.likelihood.noise_or_terms import cost_without_process_noise, few_with_process_noise
+from odescope.likelihood.noise_or_terms import cost_without_process_noise, likelier_with_process_noise
 from odescope.likelihood.path import LOST, VERY, ModelPath, telling
 from odescope.likelihood.process_noise import PATH_SHARE, Noisy, in_pieces, search_with_process_noise, white
 from odescope.likelihood.program import Frame
 from odescope.likelihood.search import CHANCE, WHITE, LikelihoodSearch, Outcome, fitted_again, full, in_whole
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.searches import FOLLOWED, JOINED_SHARE, SHORT_RECORD, joined, searches
+from odescope.likelihood.searches import FOLLOWED, JOINED_SHARE, joined, searches
 from odescope.likelihood.segments import SEGMENT, Segments
 from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
 from odescope.likelihood.settled_noise import with_noise_settled
@@ -277,13 +277,13 @@ def _judged(
         best = without_negligible(space, best)  # what wider friction asked for may be next to nothing now
     cut, apart = partial(between.cut, holds_of(space)), dict[str, Hold]()
     process, adopted, scale = None, False, best.scale
-    only_noise, fewer = _leaves_noise(space, best), None
+    only_noise, begin = _leaves_noise(space, best), None
     path = _path(space, best) if only_noise else None
-    if path is not None and space.segments.samples > SHORT_RECORD:
-        fewer = few_with_process_noise(cut, space, best, path)
-    if not only_noise or fewer is not None:
+    if path is not None:
+        begin = likelier_with_process_noise(cut, space, best, path)
+    if not only_noise or begin is not None:
         space.budget.monitor.tell(Progress("likelihood", "search with process noise", 0, 1))
-        near = near if fewer is None else [fewer, *near]
+        near = near if begin is None else [begin, *near]
         process, adopted = _with_process_noise(cut, space, best, begun, near, terms)
     evidence: Evidence | None
     if process is not None and adopted:

@@ -18,6 +18,7 @@ from small_systems import (
 from odescope.library.mechanism import candidate
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import fit
+from odescope.likelihood.fit_without import fit_without
 from odescope.likelihood.search import WhiteResiduals
 from odescope.likelihood.search_space import SearchSpace
 
@@ -252,3 +253,38 @@ def test_no_free_coefficient_leaves_the_initial_states_alone_to_fit(states):
     assert np.array_equal(found.theta, SPRING.theta)
     assert found.data_cost == pytest.approx(600 - 2, abs=4 * np.sqrt(2 * 600))
     np.testing.assert_allclose(found.x0, it.segments.initial, atol=5 * NOISE)
+
+
+def test_where_two_hold_each_other_up_one_can_be_left_out_all_the_same(states):
+    """Without it the other alone pulls with all that it held against: nothing can be integrated from there."""
+    it, theta = with_terms(space(states, 0), "x**3*cos(0.001*x)")
+    cube, alike = 3, 10
+    alone = fitted(it, theta)
+    theta[[cube, alike]] += np.array([-1e5, 1e5])
+    found = it.fit(theta, np.array([*SPRING_PRESENT, alike]), it.segments.initial, TIGHT, iterations=3)
+    for k, other in ((cube, alike), (alike, cube)):
+        zeroed = found.theta.copy()
+        zeroed[k] = 0.0
+        left = found.present[found.present != k]
+        assert it.fit(zeroed, left, found.x0, TIGHT, found.strength) is None
+        foreseen = found.foreseen_without(k)
+        assert foreseen[k] == 0.0
+        assert abs(foreseen[other]) < 1e-3 * abs(found.theta[other])
+        without = fit_without(it, found, k, TIGHT)
+        assert without.cost == pytest.approx(alone.cost, abs=1.0)
+        assert without.present.tolist() == left.tolist()
+
+
+def test_what_is_foreseen_without_a_weak_term_is_where_the_fit_without_it_ends(states):
+    it, theta = with_terms(space(states, 4), "sin(x)")
+    sine = 10
+    found = fitted(it, theta, np.array([*SPRING_PRESENT, sine]))
+    foreseen = found.foreseen_without(sine)
+    without = fitted(it, foreseen, SPRING_PRESENT)
+    moved, told = (
+        t[SPRING_TERMS] / t[found.held] - without.theta[SPRING_TERMS] / without.theta[found.held]
+        for t in (found.theta, foreseen)
+    )
+    errors = np.sqrt(without.variances[np.isin(without.free, SPRING_TERMS)])
+    assert np.abs(moved / errors).max() > 3.0
+    assert np.abs(told / errors).max() < 0.1

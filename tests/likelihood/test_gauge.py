@@ -142,20 +142,47 @@ def test_a_weak_coefficient_is_given_up_for_one_that_a_fit_then_knows_well(case)
     assert np.array_equal(again, others)
 
 
-def test_of_the_others_the_best_known_is_held_where_one_is_known_at_all(case):
-    it, theta, present = case
+def sampled_medians(theta, covariance, group):
+    """Return the median Wald statistic of the others of a group beside each, from ratios of coefficients as drawn."""
+    shrunk = 1e-6  # so that ratios go linearly
+    drawn = np.random.default_rng(0).multivariate_normal(theta, shrunk * covariance, 20_000, method="eigh")[:, group]
+    medians = []
+    for k in range(len(group)):
+        ratios = np.delete(drawn / drawn[:, [k]], k, axis=1)
+        medians.append(float(np.median(ratios.mean(axis=0) ** 2 / ratios.var(axis=0))) * shrunk)
+    return np.array(medians)
+
+
+@pytest.mark.parametrize("beside", [False, True], ids=["alone", "with a look-alike"])
+def test_where_one_is_held_that_is_hardly_known_it_is_one_beside_which_the_others_are_known_best(case, beside):
+    """Two that look alike may be well known beside each other, and neither beside the rest."""
+    it, theta, _ = case
     defect_std = it.segments.spread
     found = it.begin(theta, defect_std)
-    here = information(it, found, found.held, defect_std)
-    wald = np.zeros(len(theta))
-    wald[found.free] = found.theta[found.free] ** 2 / np.diag(inverse(here))
-    for group in scale_groups(it.mechanisms, present):
-        others, own = np.setdiff1d(group, found.held), np.intersect1d(group, found.held)
-        # The same relations, known so much less well that the best is just below or just above what is weak.
-        for share, expected in ((0.99, others[np.argmax(wald[others])]), (1.01, own[0])):
-            less = here * share * WEAK / wald[others].max()
-            chosen = rechosen(it.mechanisms, present, found.held, found.theta, less, it._size(found.theta))
-            assert expected in chosen
+    groups = [g for g in scale_groups(it.mechanisms, found.present) if len(g) > 4]  # of four it is two against two
+    assert groups
+    for group in groups:
+        for own in group:
+            held = np.sort(np.append(np.setdiff1d(found.held, group), own))
+            free = np.setdiff1d(found.present, held)
+            apart = np.isin(free, group) & (free != next(k for k in group if k != own) if beside else True)
+            together = 0.3 * np.where(apart, found.theta[free], 0.0)  # what is held is known to three tenths
+            covariance = inverse(information(it, found, held, defect_std)) + np.outer(together, together)
+            size = it._size(found.theta)
+            chosen = rechosen(it.mechanisms, found.present, held, found.theta, np.linalg.inv(covariance), size)
+            (now,) = np.intersect1d(chosen, group)
+            whole = np.zeros((len(theta), len(theta)))
+            whole[np.ix_(free, free)] = covariance
+            medians = dict(zip(group, sampled_medians(found.theta, whole, list(group)), strict=True))
+            assert now != own
+            assert medians[own] < WEAK
+            assert medians[now] > 0.9 * max(medians.values())
+            if beside:  # and that one was well known beside it
+                partner = next(k for k in group if k != own)
+                assert found.theta[partner] ** 2 / whole[partner, partner] > WEAK
+            # What is well known, or as well as with any other, stays.
+            stays = np.linalg.inv(covariance / 1e4)
+            assert np.array_equal(rechosen(it.mechanisms, found.present, held, found.theta, stays, size), held)
 
 
 @pytest.mark.parametrize("strength", [1.0, 3.0])
