@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from odescope.likelihood.fit import CONVERGED, ITERATIONS, Fit
 from odescope.likelihood.fit_without import fit_without
 from odescope.likelihood.held_out import WINDOWS, free_run_errors, stretches
 from odescope.likelihood.lacking import has_dry_friction, lacking
+from odescope.likelihood.negligible import contributions
 from odescope.likelihood.search_space import SearchSpace
 
 VERY = 0.005  # standard deviations of what was measured: a free run as near to the record, but for the spread of
@@ -31,6 +33,7 @@ FORETOLD = 1.1  # if they raise the cost by no more than so many times its Wald 
 FAR = 10  # steps of other fits where they are rough, and
 NEAR = 0.01  # of what the cost is above that of the longest: how near they come
 SURE = 2.5  # times its price: where the misfit is white, a mechanism that earns more stays unless runs are near anyway
+SLIGHT = 0.01  # of the largest term of its relation: a sure one that makes more stays, however near runs are
 HALVES = 1.0  # times the samples: without what has such a Wald statistic, what is unexplained has twice the variance
 LOST = 0.5  # standard deviations of what was measured: further away a free run follows nothing,
 KEPT = 0.25  # and where a longer model was nearer than this, no shorter one than a lost one is worth its fit
@@ -110,12 +113,19 @@ class ModelPath:
     def keeping_sure(self) -> ModelPath:
         """The path with no model chosen that lacks what earned more than SURE times its price in a longer one.
 
-        Unless its runs are near enough: a misfit of thousandths may look white, and holds ever more that is sure.
+        Unless that was slight, and runs are near enough: a misfit of thousandths may look white, and holds ever more
+        that is sure.
         """
-        price = surely(self.space)
-        sure = self._last_with(lambda dropped: float(price[self.space.mechanisms.index(dropped)]))
-        near = max((k for k in range(len(self.steps)) if near_enough(self.steps, k, VERY)), default=0)
-        return replace(self, chosen=min(self.chosen, max(sure, near)))
+        price, allowed, lacks = surely(self.space), 0, False
+        for k, (longer, step) in enumerate(pairwise(self.steps[: self.chosen + 1]), start=1):
+            dropped = self.space.mechanisms.index(step.dropped)
+            if step.statistic > price[dropped]:
+                lacks = True
+                if contributions(self.space, longer.fit.theta)[dropped] > SLIGHT:
+                    break
+            if not lacks or near_enough(self.steps, k, VERY):
+                allowed = k
+        return replace(self, chosen=allowed)
 
     def at_knee(self, faithful: float = FAITHFUL) -> ModelPath:
         """Return the path with the shortest model chosen that runs freely no worse than the best, or near enough.

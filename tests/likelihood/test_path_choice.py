@@ -9,6 +9,7 @@ from process_cases import LINEAR, Q, fitted, kicked, spring
 from small_systems import SPRING, drive
 
 from odescope.likelihood.held_out import free_run_errors, held_out, stretches
+from odescope.likelihood.negligible import contributions
 from odescope.likelihood.path import FAITHFUL, SURE, VERY, ModelPath, PathStep, knee
 
 COMMON = np.array([0.02, 0.08, 0.04, 0.06])  # what is hard in each stretch, whatever the model
@@ -111,6 +112,15 @@ def test_pieces_are_runs_by_hand_one_after_the_other():
     np.testing.assert_allclose(free_run_errors(it, wrong, [(480, 600)], 2), errors, rtol=1e-4)
 
 
+def with_share(it, share, *terms):
+    """Return a fit of the linear terms in which these make a share of the largest."""
+    theta = LINEAR.copy()
+    for k in terms:
+        theta[k] = 1e-6
+        theta[k] = 1e-6 * share / contributions(it, theta)[k]
+    return replace(fitted(it), theta=theta)
+
+
 @pytest.mark.parametrize(
     ("statistics", "left"),
     [((0.7, 0.95, 1.2, 0.3), 2), ((1.1, 0.3, 0.3, 0.3), 0), ((0.3, 0.3, 0.3, 0.3), 3), ((0.3, 0.3, 0.3, 2.0), 3)],
@@ -120,7 +130,9 @@ def test_beside_white_noise_what_earned_several_times_its_price_stays(statistics
     dropped = [it.mechanisms[k] for k in (3, 5, 6, 2)]
     prices = [it.penalty[it.mechanisms.index(m)] for m in dropped]
     earned = zip(dropped, statistics, prices, strict=True)
-    models = [PathStep(None, COMMON, None, 0.0, 8), *(PathStep(None, COMMON, m, SURE * s * p, 7) for m, s, p in earned)]
+    whole = with_share(it, 0.001, 3)
+    models = [PathStep(whole, COMMON, None, 0.0, 8)]
+    models += [PathStep(whole, COMMON, m, SURE * s * p, 7) for m, s, p in earned]
     assert ModelPath(it, tuple(models), 3).keeping_sure.chosen == left
 
 
@@ -135,7 +147,8 @@ def test_the_zero_of_an_input_stays_for_its_price(earned, left):
     assert it.penalty[zero] == pytest.approx(np.log(it.segments.samples) + 2.0 * np.log(2.0))
     for k, stays in ((zero, left), (5, 1)):
         price = (earned if k == zero else 2.0) * it.penalty[k]
-        models = PathStep(None, COMMON, None, 0.0, 8), PathStep(None, COMMON, it.mechanisms[k], price, 7)
+        whole = with_share(it, 0.001, k)
+        models = PathStep(whole, COMMON, None, 0.0, 8), PathStep(whole, COMMON, it.mechanisms[k], price, 7)
         assert ModelPath(it, models, 1).keeping_sure.chosen == stays
 
 
@@ -146,13 +159,16 @@ def test_a_constant_where_nothing_drives_is_a_term_like_any_other():
     np.testing.assert_array_equal(undriven.penalty, replace(undriven, zeros_are_off=False).penalty)
 
 
-@pytest.mark.parametrize(("error", "left"), [(0.004, 3), (0.008, 1), (0.04, 1)])
-def test_what_looks_white_keeps_nothing_sure_beside_runs_that_are_near_without(error, left):
+@pytest.mark.parametrize(
+    ("error", "share", "left"), [(0.004, 0.005, 3), (0.004, 0.02, 1), (0.008, 0.005, 1), (0.04, 0.005, 1)]
+)
+def test_what_looks_white_keeps_nothing_sure_and_slight_beside_runs_that_are_near_without(error, share, left):
     it = spring(1)
     sure = [(m, 100.0 * p) for m, p in zip(it.mechanisms[4:6], it.penalty[4:6], strict=True)]
-    longest = PathStep(None, np.full(3, 0.5 * error), None, 0.0, 8)
-    thin = PathStep(None, np.full(3, 0.5 * error), it.mechanisms[3], 0.0, 7)
-    models = longest, thin, *(PathStep(None, np.full(3, error), m, s, 6) for m, s in sure)
+    whole = with_share(it, share, 4, 5)
+    longest = PathStep(whole, np.full(3, 0.5 * error), None, 0.0, 8)
+    thin = PathStep(whole, np.full(3, 0.5 * error), it.mechanisms[3], 0.0, 7)
+    models = longest, thin, *(PathStep(whole, np.full(3, error), m, s, 6) for m, s in sure)
     assert ModelPath(it, models, 3).keeping_sure.chosen == left
 
 
