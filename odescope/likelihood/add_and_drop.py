@@ -26,6 +26,7 @@ DETOUR = 6  # additions and drops until a search without a mechanism has to be b
 SHOWN = 2  # steps of a fit begun anew after which it is better
 GAIN = 0.5  # fall of the penalised cost that makes it better: fits are no more accurate than this
 FAR_FROM_DONE = 100.0  # times as much a delay or an offset has to earn as a term, where a model lacks most
+SEEN = 3  # mechanisms, at most, that are tried at a time although their scores differ between blocks
 HOPELESS = 10.0  # times the cost before: a detour that stands there is given up
 
 
@@ -185,6 +186,28 @@ class Moves:
                 return trial
             if self.judge.binding:
                 self.barred.add(k)
+        return None
+
+    def add_seen(self, here: Fit, scores: FloatArray) -> Fit | None:
+        """Add a mechanism that is worth its penalty and that blocks hide, where it is sure beside all others.
+
+        What a term would explain differs from block to block, as its size does: that is in the spread of its score, and
+        no longer in that of its coefficient.
+
+        Args:
+            here: the fit with those that are present.
+            scores: (mechanisms,) statistics of the absent ones that are not checked against blocks.
+        """
+        earned = scores / self.scale - self.space.penalty
+        earned[[*self.barred, *self.space.needed.values()]] = -np.inf
+        for k in np.argsort(earned)[::-1][:SEEN].tolist():
+            if earned[k] < 0.0:
+                return None
+            trial = self.having(here, k, {})
+            if trial is not None and self.penalised(trial) < self.penalised(here) and not self._weak(trial):
+                self._note("add", k, float(scores[k]), trial)
+                return trial
+            self.barred.add(k)
         return None
 
     def leap(self, here: Fit, expansion: Expansion | None) -> Fit | None:

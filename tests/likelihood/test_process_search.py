@@ -38,7 +38,7 @@ from odescope.likelihood.process_noise import (
     search_with_process_noise,
 )
 from odescope.likelihood.refine import _evidence
-from odescope.likelihood.search import Outcome
+from odescope.likelihood.search import Outcome, WhiteResiduals
 from odescope.likelihood.steps import FINEST, halve_steps
 from odescope.recordings.coordinate import Coordinate
 
@@ -272,6 +272,22 @@ def test_no_start_spends_what_others_need_to_add_terms(monkeypatch, lacks, spend
     with pytest.raises(Stopped):  # after the searches
         search_with_process_noise(it, starts)
     assert seen == pytest.approx(limits, rel=1e-2)
+
+
+@pytest.mark.parametrize("lacks", [1, 2], ids=["x", "x_dot"])
+def test_a_term_that_a_transient_alone_shows_is_found(lacks):
+    """Of twenty blocks three hold all that it explains: its score differs between them as much as it is large."""
+    count, q = 600, np.array([0.0, 0.02])
+    theta, nodes = np.where(np.arange(len(LINEAR)) == lacks, 0.0, LINEAR), 0.02 * drive(count)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        states = kicked(SPRING, LINEAR, nodes, white_kicks(rng, q, (count,)), [5.0, 0.0])
+        measured = states[:, :1] + SIGMA * rng.standard_normal((count, 1))
+        it = space(SPRING, cut(states, measured, nodes, SIGMA, [0.005, 0.02], (count,)))
+        noisy, without, _ = estimate_noise(it, it.begin(theta, it.segments.spread))
+        assert robust_evidence(noisy, without).scores[lacks] < 0.5 * it.penalty[lacks]
+        assert WhiteResiduals(noisy, noisy.segments.spread).scores(without)[lacks] > 5.0 * it.penalty[lacks]
+        assert search_with_process_noise(it, [theta]).fit.present.tolist() == PRESENT.tolist()
 
 
 def test_a_term_takes_the_place_of_two_that_add_up_to_it():
