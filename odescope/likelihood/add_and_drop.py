@@ -26,7 +26,7 @@ DETOUR = 6  # additions and drops until a search without a mechanism has to be b
 SHOWN = 2  # steps of a fit begun anew after which it is better
 GAIN = 0.5  # fall of the penalised cost that makes it better: fits are no more accurate than this
 FAR_FROM_DONE = 100.0  # times as much a delay or an offset has to earn as a term, where a model lacks most
-SEEN = 3  # mechanisms, at most, that are tried at a time although their scores differ between blocks
+UNEVEN = 3  # mechanisms, at most, that are tried at a time although their scores differ between blocks
 HOPELESS = 10.0  # times the cost before: a detour that stands there is given up
 
 
@@ -188,11 +188,11 @@ class Moves:
                 self.barred.add(k)
         return None
 
-    def add_seen(self, here: Fit, scores: FloatArray) -> Fit | None:
-        """Add a mechanism that is worth its penalty and that blocks hide, where it is sure beside all others.
+    def add_uneven(self, here: Fit, scores: FloatArray) -> Fit | None:
+        """Add a mechanism that is worth its penalty but for the spread between blocks, if the refit is sure of it.
 
-        What a term would explain differs from block to block, as its size does: that is in the spread of its score, and
-        no longer in that of its coefficient.
+        What it would explain differs from block to block, as its size does: that is in the spread of its score, and no
+        longer in that of its coefficient.
 
         Args:
             here: the fit with those that are present.
@@ -200,7 +200,7 @@ class Moves:
         """
         earned = scores / self.scale - self.space.penalty
         earned[[*self.barred, *self.space.needed.values()]] = -np.inf
-        for k in np.argsort(earned)[::-1][:SEEN].tolist():
+        for k in np.argsort(earned)[::-1][:UNEVEN].tolist():
             if earned[k] < 0.0:
                 return None
             trial = self.having(here, k, {})

@@ -76,7 +76,7 @@ class Fit:
         strength[self.held] = np.inf
         return strength
 
-    @np.errstate(over="ignore", invalid="ignore")  # of coefficients that ran away
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of coefficients that ran away
     def foreseen_without(self, k: int) -> FloatArray:
         """Return the coefficients (mechanisms,) at the least cost without a parameter, as the information foresees it.
 

@@ -92,9 +92,8 @@ def _gain_of_process_noise(space: SearchSpace, outcome: Outcome) -> float:
     record = None if found is None else LinearRecord.of(strict, found)
     if record is None:
         return 0.0
-    measurement = (
-        np.log(record.cost / space.segments.counted) / 2.0
-    )  # of every channel by itself, as in what is compared
+    # Each channel has its own noise in both, or the gain would be that of telling them apart.
+    measurement = 0.5 * np.log(record.cost / space.segments.counted)
     without = record.at(np.concatenate([measurement, np.log(strict.segments.spread)]))
     begun = record.at(np.concatenate([measurement, np.log(space.segments.spread)]))
     if without is None or begun is None:

@@ -373,9 +373,11 @@ def _settle(space: SearchSpace, here: Fit, trail: list[Move]) -> Fit:
         late = space.budget.spent > ADDING * space.budget.limit
         moved = moves.drop(here) or moves.divide(here) or (None if late else moves.add(here))
         if moved is None and not late:
-            moved = moves.add_seen(here, plain.scores(here))
-        if moved is None and not late:
-            moved = moves.exchange(here, plain.expansion(here)) or moves.substitute(here, plain.expansion)
+            moved = (
+                moves.add_uneven(here, plain.scores(here))
+                or moves.exchange(here, plain.expansion(here))
+                or moves.substitute(here, plain.expansion)
+            )
         if moved is None:
             break
         here = moved

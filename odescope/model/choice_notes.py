@@ -126,6 +126,7 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
     lost = "none is better" if not found.gain else "none was kept in the end"
     if found.gain is not None and found.gain < 0.0:
         lost = f"the best is worse by {-found.gain:,.0f} in cost and price"
+        lost = lost if math.isfinite(found.gain) else "with none of them can the record be followed"
     tried = f"{many} functions{of_it} were tried" if many > 1 else f"{found.tried[0]} was tried"
     return f"{what}: {tried}, {lost}{left}"
 

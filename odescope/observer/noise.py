@@ -11,6 +11,7 @@ import numpy as np
 from odescope.errors import InputError, nearest, said
 from odescope.model.model import Model
 
+NUMBERS = int, float, np.integer, np.floating
 FIT: Literal["fit"] = "fit"
 ProcessNoise = Mapping[str, float] | Literal["fit"] | None  # by target; what makes a log most likely; the model's own
 
@@ -83,7 +84,7 @@ def _checked(given: object, known: list[str] | tuple[str, ...], what: str, least
     for name, value in given.items():
         if name not in known:
             raise InputError(f"noise of {name!r}, which is no {what} of the model; {nearest(name, known)}")
-        if not least < value < float("inf"):
+        if isinstance(value, bool) or not isinstance(value, NUMBERS) or not least < value < float("inf"):
             wanted = "a positive number" if least == 0.0 else "a number of at least 0"
             raise InputError(f"noise of {name} must be {wanted}, got {value!r}")
     return dict(given)

@@ -159,6 +159,16 @@ def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
             SuspicionScore(target="x_dot", variable="y", reason="fractions", terms=2, found=(), **tried),
             SuspicionScore(target="x_dot", variable="z", reason="powers", terms=2, found=(), **tried | {"gain": 6e5}),
             SuspicionScore(target="x_dot", variable="w", reason="powers", terms=2, found=(), **tried | several),
+            SuspicionScore(
+                target="x_dot",
+                variable="v",
+                reason="powers",
+                terms=2,
+                found=(),
+                **several | {"gain": float("-inf")},
+                low=0.1,
+                high=2.0,
+            ),
         ),
     )
     doubts = msgspec.structs.replace(NONE, thin=(("x*y", "y_dot", 2.345),))
@@ -169,6 +179,7 @@ def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
         "holds several powers of x": False,
         "powers of z: log(x) was tried, none was kept in the end": False,
         "powers of w: 2 functions of it were tried, the best is worse by 7 in cost and price": False,
+        "powers of v: 2 functions of it were tried, with none of them can the record be followed": False,
         "holds y in a denominator": True,
         "vanishes between": True,
         "2 recordings are shorter": True,

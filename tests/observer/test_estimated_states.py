@@ -214,6 +214,8 @@ def test_a_noise_that_is_not_known_is_asked_for():
         estimate_states(PENDULUM, record, {"psi": 0.1})
     with pytest.raises(InputError, match=r"positive number, got 0\.0"):
         estimate_states(PENDULUM, record, {"phi": 0.0})
+    with pytest.raises(InputError, match=r"noise of phi must be a positive number, got '0\.1'"):
+        estimate_states(PENDULUM, record, {"phi": "0.1"})
     with pytest.raises(InputError, match=r"which is no target"):
         estimate_states(PENDULUM, record, {"phi": 0.1}, {"phi_dot": 0.1})
 
