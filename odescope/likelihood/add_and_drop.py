@@ -62,6 +62,7 @@ class Moves:
         scale: residual variance, the unit of costs and statistics.
         trail: collects the moves that were made.
         barred: mechanisms that may not come (back).
+        unsure: mechanisms that were not sure beside all others: in the place of one they may be.
     """
 
     space: SearchSpace
@@ -70,6 +71,7 @@ class Moves:
     scale: float
     trail: list[Move]
     barred: set[int] = field(default_factory=set)
+    unsure: set[int] = field(default_factory=set)
 
     @property
     def defect_std(self) -> FloatArray:
@@ -199,7 +201,7 @@ class Moves:
             scores: (mechanisms,) statistics of the absent ones that are not checked against blocks.
         """
         earned = scores / self.scale - self.space.penalty
-        earned[[*self.barred, *self.space.needed.values()]] = -np.inf
+        earned[[*self.barred, *self.unsure, *self.space.needed.values()]] = -np.inf
         for k in np.argsort(earned)[::-1][:UNEVEN].tolist():
             if earned[k] < 0.0:
                 return None
@@ -207,7 +209,7 @@ class Moves:
             if trial is not None and self.penalised(trial) < self.penalised(here) and not self._weak(trial):
                 self._note("add", k, float(scores[k]), trial)
                 return trial
-            self.barred.add(k)
+            self.unsure.add(k)
         return None
 
     def leap(self, here: Fit, expansion: Expansion | None) -> Fit | None:

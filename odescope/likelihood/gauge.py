@@ -60,7 +60,7 @@ def rechosen(
 
     That is the one beside which the others are known best, as their median has it: two that go together may be well
     known beside each other, and neither beside the rest. Where none is known, because all are relative to one that may
-    be nothing, it is the one that makes most of the inertia.
+    be nothing, it is the one that makes most of the inertia; where one is, and half of them are beside none, it stays.
 
     Args:
         mechanisms: all candidates.
@@ -82,10 +82,11 @@ def rechosen(
         medians = np.nanmedian(wald, axis=1)
         if medians[own] >= WEAK:
             continue
-        if np.nanmax(wald[own]) <= 1.0:
+        largest, best = np.nanmax(wald[own]), int(np.argmax(medians))
+        if largest <= 1.0:
             best = int(np.argmax(np.where(free[places], size[present[places]], -np.inf)))
-        else:
-            best = int(np.argmax(medians)) if medians.max() > BETTER * medians[own] else own
+        elif medians[best] <= BETTER * medians[own] or medians[best] < WEAK <= largest:
+            continue
         again[again == group[own]] = group[best]
     return np.sort(again)
 

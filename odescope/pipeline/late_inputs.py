@@ -11,6 +11,7 @@ import msgspec
 
 from odescope.errors import NoModelError
 from odescope.events import Event, Monitor, Progress
+from odescope.likelihood.path import TELLING
 from odescope.pipeline.competition import Contender
 from odescope.pipeline.forcing import without
 from odescope.study.options import Study
@@ -24,7 +25,8 @@ def with_late_inputs(
     """Return the result or, where there is none, that with open delays estimated before regression, if it is exact.
 
     The likelihood finds a delay from where regression puts a model. Beyond a third of the shortest period what acts
-    has little to do with what was recorded at that time, and regression puts none.
+    has little to do with what was recorded at that time, and regression puts none; or one that a search leaves far from
+    the record, most of it noise of the process.
 
     Args:
         study: the options; delays that it states stay.
@@ -40,17 +42,33 @@ def with_late_inputs(
         return run(study, monitor)
     ended = list[Event]()
     told = replace(monitor, tell=without(monitor, in_vain, ended))
+    first, failure = None, None
     try:
-        return run(study, told)
-    except NoModelError as failure:
-        monitor.tell(Progress("delays", "search with delays estimated before regression", 0, 1))
-        looked_for = {name: msgspec.structs.replace(study.inputs[name], delay="estimate") for name in late}
-        estimated = msgspec.structs.replace(study, inputs={**study.inputs, **looked_for})
-        with suppress(NoModelError):
-            result, contender = run(estimated, replace(monitor, tell=without(monitor, in_vain, [])))
-            # An input that is shifted at will imitates a state that lacks: noise of the process would take the rest.
-            if contender.exact:
-                return result, contender
-        for event in ended:
-            monitor.tell(event)
+        first = run(study, told)
+    except NoModelError as error:
+        failure = error
+    if first is not None and not _late_and_far(first[1]):
+        return first
+    monitor.tell(Progress("delays", "search with delays estimated before regression", 0, 1))
+    looked_for = {name: msgspec.structs.replace(study.inputs[name], delay="estimate") for name in late}
+    estimated = msgspec.structs.replace(study, inputs={**study.inputs, **looked_for})
+    with suppress(NoModelError):
+        result, contender = run(estimated, replace(monitor, tell=without(monitor, in_vain, [])))
+        # An input that is shifted at will imitates a state that lacks: noise of the process would take the rest.
+        if contender.exact:
+            return result, contender
+    for event in ended:
+        monitor.tell(event)
+    if first is None:
+        assert failure is not None
         raise failure
+    return first
+
+
+def _late_and_far(contender: Contender) -> bool:
+    """Say whether inputs act later than a sample, and free runs of a model with noise of the process are far off."""
+    refinement = contender.refinement
+    if refinement is None or refinement.process is None or refinement.free_run_error < TELLING:
+        return False
+    segments = refinement.space.segments
+    return any(found.delay > segments.step / segments.block for found in refinement.settings.delays.values())

@@ -27,6 +27,7 @@ from small_systems import SPRING, System, drive, in_bare_gauge
 from odescope.errors import Stopped
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood import process_noise
+from odescope.likelihood.add_and_drop import Moves
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error
@@ -288,6 +289,19 @@ def test_a_term_that_a_transient_alone_shows_is_found(lacks):
         assert robust_evidence(noisy, without).scores[lacks] < 0.5 * it.penalty[lacks]
         assert WhiteResiduals(noisy, noisy.segments.spread).scores(without)[lacks] > 5.0 * it.penalty[lacks]
         assert search_with_process_noise(it, [theta]).fit.present.tolist() == PRESENT.tolist()
+
+
+def test_what_is_not_sure_beside_its_look_alike_is_tried_once_and_may_take_its_place(monkeypatch):
+    it = spring(0)
+    here = fitted(it, np.where(np.arange(len(LINEAR)) == 2, 0.0, LINEAR), np.array([0, 1, 4]))
+    moves = Moves(it, process_noise._BlockSpread(it), 1.0, 1.0, [])
+    scores = np.where(np.arange(len(LINEAR)) == 2, 1000.0, 0.0)
+    monkeypatch.setattr(Moves, "_weak", lambda *_: True)
+    assert moves.add_uneven(here, scores) is None
+    assert moves.unsure == {2}
+    assert not moves.barred
+    monkeypatch.setattr(Moves, "having", Mock(side_effect=AssertionError))
+    assert moves.add_uneven(here, scores) is None
 
 
 def test_a_term_takes_the_place_of_two_that_add_up_to_it():
