@@ -68,7 +68,9 @@ def with_late_inputs(
 def _late_and_far(contender: Contender) -> bool:
     """Say whether inputs act later than a sample, and free runs of a model with noise of the process are far off."""
     refinement = contender.refinement
-    if refinement is None or refinement.process is None or refinement.free_run_error < TELLING:
+    if refinement is None or refinement.process is None:
+        return False
+    if refinement.late or refinement.free_run_error < TELLING:  # no time is left for it, or all is well
         return False
     segments = refinement.space.segments
     return any(found.delay > segments.step / segments.block for found in refinement.settings.delays.values())
