@@ -28,8 +28,6 @@ from odescope.errors import Stopped
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood import process_noise
 from odescope.likelihood.add_and_drop import Moves
-from odescope.likelihood.evaluator import Evaluator
-from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.noise_levels import estimate_noise
 from odescope.likelihood.noise_or_terms import cost_without_process_noise
@@ -40,7 +38,6 @@ from odescope.likelihood.process_noise import (
 )
 from odescope.likelihood.refine import _evidence
 from odescope.likelihood.search import Outcome, WhiteResiduals
-from odescope.likelihood.steps import FINEST, halve_steps
 from odescope.recordings.coordinate import Coordinate
 
 
@@ -316,40 +313,6 @@ def test_a_term_takes_the_place_of_two_that_add_up_to_it():
         measured = states[:, :1] + 0.005 * rng.standard_normal((count, 1))
         it = space(system, cut(states, measured, drive(count), 0.005, [0.05, 2.0], (count,)), 1)
         assert search_with_process_noise(it, [theta]).fit.present.tolist() == [0, *PENDULUM_TERMS]
-
-
-def coarse(sigma):
-    """Return the space of a spring sampled so rarely that one step a sample is far too long."""
-    step, count = 0.5, 400
-    nodes = drive(count, step)
-    states = kicked(SPRING, LINEAR, nodes, np.zeros((count, 2)), [0.5, 0.0], step)
-    measured = states[:, :1] + sigma * np.random.default_rng(0).standard_normal((count, 1))
-    return space(SPRING, cut(states, measured, nodes, sigma, [0.01, 0.05], (count,), 25, step), 1)
-
-
-def test_steps_are_halved_until_that_moves_no_coefficient():
-    it = coarse(0.005)
-    gap = 0.01 * it.segments.spread
-    rough = fitted(it, gap=gap)
-    finer, found = halve_steps(it, rough, gap)
-    assert 1 < finer.evaluator.substeps <= FINEST
-    best = replace(it, evaluator=Evaluator(it.segments, 32)).fit(LINEAR, PRESENT, found.x0, gap)
-
-    end = in_bare_gauge(it, best)
-
-    def moved(fit: Fit):
-        return np.abs((in_bare_gauge(it, fit).theta - end.theta)[TERMS] / end.errors[TERMS]).max()
-
-    assert moved(rough) > 5.0
-    assert moved(found) < 0.1
-
-
-def test_steps_that_are_short_enough_stay_and_so_does_the_fit():
-    it = spring(0)
-    found = fitted(it)
-    same, kept = halve_steps(it, found, it.segments.spread)
-    assert same is it
-    assert kept is found
 
 
 def test_programs_of_present_slots_alone_and_of_all_slots_cost_the_same():
