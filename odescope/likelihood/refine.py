@@ -54,14 +54,14 @@ WELL = 0.1  # error of free runs, in standard deviations, of a model that leaves
 class Refinement:
     """The relations at the end of the likelihood stage, the mechanisms that they add up from, and how it went.
 
-    `outcome` is the search for a model that follows the record to within its noise. Where there is none, `process` is
-    the model with process noise, or `rejected`, where that is no better than what it would replace. `fit` and `space`
-    are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence` what the record says of
-    every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget ended a search, `late`
-    if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`, `undecided` the holds
-    that inputs may as well have, `steps` the number of steps that come between samples, by input. `scale` is the
-    residual variance over the noise variance: more than that of the search where fewer terms were asked for than it
-    found.
+    `outcome` is the search for a model that follows the record to within its noise. Where there is none, or process
+    noise is likelier, `process` is the model with it, or `rejected`, where that is no better than what it would
+    replace. `fit` and `space` are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence`
+    what the record says of every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget
+    ended a search, `late` if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`,
+    `undecided` the holds that inputs may as well have, `steps` the number of steps that come between samples, by input.
+    `scale` is the residual variance over the noise variance: more than that of the search where fewer terms were asked
+    for than it found.
     """
 
     relations: tuple[Relation, ...]
