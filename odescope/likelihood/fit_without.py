@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from odescope.arrays import FloatArray
-from odescope.likelihood.fit import CONVERGED, ITERATIONS, Fit
+from odescope.likelihood.fit import ITERATIONS, Fit
 from odescope.likelihood.search_space import SearchSpace
 
 
@@ -15,7 +15,6 @@ def fit_without(
     k: int,
     defect_std: FloatArray,
     iterations: int = ITERATIONS,
-    tolerance: float = CONVERGED,
     limit: float = np.inf,
 ) -> Fit | None:
     """Return the fit without a mechanism, None where none can be begun.
@@ -29,12 +28,11 @@ def fit_without(
         k: its number.
         defect_std: (n,) standard deviations of the defects between segments.
         iterations: steps at most.
-        tolerance: fall of the cost that ends it.
         limit: a cost above which the fit is of no use.
     """
     left, theta = here.present[here.present != k], here.theta.copy()
     theta[k] = 0.0
     begun = [theta] if k in here.held else [theta, here.foreseen_without(k)]
-    how = here.x0, defect_std, here.strength, iterations, tolerance, limit
-    fits = (space.fit(start, left, *how) for start in begun)
+    how = here.x0, defect_std, here.strength, iterations
+    fits = (space.fit(start, left, *how, limit=limit) for start in begun)
     return next((found for found in fits if found is not None), None)
