@@ -68,16 +68,18 @@ def likelier_with_process_noise(
         outcome: the end of a search for a model that follows the record without process noise.
         path: from that to the shortest.
     """
-    pieces = space.on(thinned(cut(PIECES[0])))
     knee = path.at_knee().choice.fit
-    if not np.array_equal(knee.present, path.steps[0].fit.present):
+    shorter = not np.array_equal(knee.present, path.steps[0].fit.present)
+    told = space.segments.samples > SHORT_RECORD or outcome.width > WIDTHS[-1]
+    if not (shorter or told):
+        return None
+    pieces = space.on(thinned(cut(PIECES[0])))
+    if shorter:
         all_terms = min(cost_without_process_noise(pieces, outcome), cost_with_process_noise(pieces, outcome.fit.theta))
         if cost_with_process_noise(pieces, knee.theta) < all_terms:
             return knee.theta
-    if space.segments.samples <= SHORT_RECORD and outcome.width == WIDTHS[-1]:
-        return None
     price = len(pieces.segments.spread) * float(np.log(pieces.segments.samples))
-    return outcome.fit.theta if _gain_of_process_noise(pieces, outcome) > price else None
+    return outcome.fit.theta if told and _gain_of_process_noise(pieces, outcome) > price else None
 
 
 def _gain_of_process_noise(space: SearchSpace, outcome: Outcome) -> float:
