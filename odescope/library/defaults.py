@@ -59,10 +59,11 @@ def default_library(
     """Return the default candidates for relations that are linear in `targets`.
 
     With angles: {1, velocities, products of two velocities, inputs, positions that are neither angle nor cyclic,
-    targets} x products of sines and cosines to degree 2. Without: monomials of states and inputs to degree 3 (less
-    where that would be too many) x {1, targets}. In both, dry and quadratic friction of the targets' coordinates of
-    order 2 and of the differences of their rates with like ones, and of positions that are components of one the drag
-    by their speed and forces from the origin by their distance (`spatial`), which nothing multiplies.
+    targets} x products of sines and cosines to degree 2; what is of order 1 and no angle may be a speed, too, and is
+    multiplied by another, a velocity or a target. Without: monomials of states and inputs to degree 3 (less where that
+    would be too many) x {1, targets}. In both, dry and quadratic friction of the targets' coordinates of order 2 and of
+    the differences of their rates with like ones, and of positions that are components of one the drag by their speed
+    and forces from the origin by their distance (`spatial`), which nothing multiplies.
 
     Args:
         coordinates: give states, velocities and angles; an angle or a cyclic coordinate does not itself enter.
@@ -96,8 +97,10 @@ def default_library(
         several = Library.of((h for d in range(2, (degree or 2) + 1) for (h,) in harmonics(angles, d)), scope)
         trigonometric = trigonometric.that(lambda t: len(t.names) < 2) + several.that(lambda t: len(t.names) > 1)
     moving = velocities + Library.of([*driven], scope) + positions + Library.of(targets, scope)
+    speeds = Library.of((c.name for c in coordinates if c.order == 1 and c.name in states), scope)
+    products = speeds * (speeds + velocities + Library.of(targets, scope))
     asked = [] if degree is None else [MaximumDegree((*states, *driven, *waves), degree)]
-    return (moving * trigonometric).thin(asked, scope) + alone
+    return (moving * trigonometric + products).thin(asked, scope) + alone
 
 
 def default_rules(

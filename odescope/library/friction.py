@@ -39,13 +39,15 @@ def default_friction(coordinates: Sequence[Coordinate], targets: Sequence[str]) 
     """Return dry and quadratic friction for the relations of some targets.
 
     Viscous friction is not among them: it is a rate. What is of order 1 may be a speed that was measured, and has the
-    friction of one.
+    friction of one; beside what is of order 2 it may be that of a wheel, which acts on what holds it.
 
     Args:
         coordinates: all.
         targets: their coordinates' rates, and differences with like ones, are meant.
     """
-    speeds = (c.name for c in coordinates if c.target in targets and c.order == 1 and not (c.angle or c.cyclic))
+    held = any(c.order == 2 for c in coordinates if c.target in targets)
+    measured = (c for c in coordinates if c.order == 1 and not (c.angle or c.cyclic))
+    speeds = (c.name for c in measured if held or c.target in targets)
     found = (*friction_rates(coordinates, [c for c in coordinates if c.target in targets]), *speeds)
     # To the first power, which keeps a difference from being multiplied out.
     return (*(f"sign({v})" for v in found), *(f"({v})**1*abs({v})" for v in found))

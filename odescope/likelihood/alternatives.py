@@ -180,11 +180,7 @@ class _Work(Sharing):
         kept = np.array([*range(self.own), *functions, *constants])
         space = self.space.among([mechanisms[k] for k in kept])
         outcome = search(replace(space, frame=replace(space.frame, constants=self._constants(named))), theta[kept])
-        if outcome is None:
-            return None
-        fit, whole = outcome.fit, np.zeros(len(mechanisms))
-        whole[kept] = fit.theta
-        return replace(outcome, fit=replace(fit, theta=whole, present=kept[fit.present], held=kept[fit.held]))
+        return None if outcome is None else outcome.padded(kept, len(mechanisms))
 
     def gain_under_noise(self, process: Noisy, fit: Fit) -> float | None:
         """Return by how much a model with functions is likelier than one without, both with noise of the process.

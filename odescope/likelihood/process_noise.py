@@ -130,6 +130,21 @@ def _expanded(
     return expansion.information, in_blocks(gradient)
 
 
+def only_noise_lacks(space: SearchSpace, theta: FloatArray) -> bool:
+    """Say whether a model lacks nothing but noise of the process: what it leaves is white with that.
+
+    Args:
+        space: data and candidates.
+        theta: (mechanisms,) coefficients of the model.
+    """
+    pieces = space.on(thinned(space.segments.cut_anew(PIECES[0])))
+    begun = pieces.begin(theta, pieces.segments.spread)
+    if begun is None:
+        return False
+    noisy, found, cost = estimate_noise(pieces, begun)
+    return bool(np.isfinite(cost)) and _lacks_nothing(noisy, found)
+
+
 def in_pieces(cut: Callable[[int], Segments], space: SearchSpace, starts: Sequence[FloatArray]) -> SearchSpace:
     """Return the space on segments so short that shorter ones would describe a first start hardly better.
 

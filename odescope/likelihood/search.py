@@ -12,7 +12,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import FloatArray, IntArray
 from odescope.library.constants import Constant
 from odescope.likelihood.add_and_drop import HOPELESS, Moves
 from odescope.likelihood.evidence import project
@@ -104,6 +104,17 @@ class Outcome:
     def sure(self) -> bool:
         """Whether it has no term whose case is thin."""
         return bool(np.all(self.fit.wald / max(self.scale, 1.0) > THIN * self.penalties))
+
+    def padded(self, kept: IntArray, number: int) -> Outcome:
+        """Return the same over all of so many mechanisms.
+
+        Args:
+            kept: numbers of those that it was searched among.
+            number: of all.
+        """
+        theta, fit = np.zeros(number), self.fit
+        theta[kept] = fit.theta
+        return replace(self, fit=replace(fit, theta=theta, present=kept[fit.present], held=kept[fit.held]))
 
     @property
     def rank(self) -> tuple[float, float]:

@@ -13,7 +13,8 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
 from odescope.likelihood.division import divided_in_part
-from odescope.likelihood.search import TIED, Outcome, full, search, torn, unbounded
+from odescope.likelihood.process_noise import only_noise_lacks
+from odescope.likelihood.search import TIED, WIDTHS, Outcome, full, search, torn, unbounded
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SHORT
 from odescope.likelihood.smoothed_targets import singular
@@ -37,7 +38,8 @@ def searches(
     """Return the ends of searches from these starts, until one is clear; from plain relations too if one fails.
 
     Of few samples every start is searched from, and where a denominator of the model passes zero; of a record whose
-    noise turns out to be less than it was taken for, every one that is shorter than the clear end. Where the best end
+    noise turns out to be less than it was taken for, every one that is shorter than the clear end. An end that lacks
+    nothing but noise of the process is the last, too: no other start can be followed more closely. Where the best end
     may be a law times something, one more search begins with the law.
 
     Every search has its own part of the budget, so that it ends alike wherever it runs.
@@ -93,9 +95,15 @@ def searches(
 def _settles(space: SearchSpace, found: Outcome) -> bool:
     """Say whether the end of a search speaks against searching on.
 
-    What a function with constants says, others can nearly say; and few samples are followed by many models.
+    What a function with constants says, others can nearly say; and few samples are followed by many models. Where a
+    model lacks nothing but noise of the process no other follows the record more closely.
     """
-    return found.clear and not space.needed and space.segments.samples > FEW and not singular(space, found.fit)
+    if space.needed or singular(space, found.fit):
+        return False
+    if found.clear:
+        return space.segments.samples > FEW
+    loose = joined(found) and found.width >= WIDTHS[1] and not full(space, found.fit)
+    return loose and space.segments.samples > SHORT_RECORD and only_noise_lacks(space, found.fit.theta)
 
 
 def worth_it(space: SearchSpace, found: Outcome, left: Sequence[FloatArray]) -> list[FloatArray]:
@@ -154,13 +162,21 @@ def from_nothing(space: SearchSpace) -> Outcome | None:
     """Return the end of a search that begins with bare targets, in short segments, None where it is lost.
 
     Where a signal is too fast for its samples regression has its derivative wrong, and what it proposes runs away. Free
-    runs through short segments need no derivative.
+    runs through short segments need no derivative. While a model lacks most of its law a denominator stands for much of
+    that: explicit terms come first, and fractions where these are lost.
     """
     bare = np.array([float(space.stays(k)) if m.known is None else m.known for k, m in enumerate(space.mechanisms)])
     if np.count_nonzero(bare) < space.relations:  # Lagrange's equations have no bare targets
         return None
-    found = _from_short(space, search(space.on(space.segments.cut_anew(SHORT)), bare, TIED))
-    return None if found is None else replace(found, spent=space.budget.spent)
+    short, every = space.on(space.segments.cut_anew(SHORT)), np.arange(len(space.mechanisms))
+    parts = [[p.product for p in m.parts] for m in space.mechanisms]
+    explicit = np.flatnonzero([all(p.factor is None or p.bare for p in own) for own in parts])
+    for kept in (explicit, every) if len(explicit) < len(every) else (every,):
+        near = search(short.among([space.mechanisms[k] for k in kept]), bare[kept], TIED)
+        found = None if near is None else _from_short(space, near.padded(kept, len(every)))
+        if found is not None:
+            return replace(found, spent=space.budget.spent)
+    return None
 
 
 def _shorter(space: SearchSpace, plain: FloatArray, outcomes: Sequence[Outcome]) -> FloatArray:

@@ -118,6 +118,11 @@ class Contender:
         """Whether what it leaves to noise of the process is white: what lacks in a law would show between blocks."""
         return self.refinement is not None and self.refinement.says_all
 
+    def likelier_than(self, other: Contender) -> bool:
+        """Say whether it is for sure likelier than another that follows the record, noise of the process counted."""
+        gained = None if self.refinement is None else self.refinement.gained_over(other.refinement)
+        return gained is not None and gained > 0.0
+
     def score(self, chosen: bool) -> FormScore:
         """Return how it did."""
         misfit = self.misfit if np.isfinite(self.misfit) else None
@@ -297,7 +302,8 @@ def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regres
 def best_of(contenders: Sequence[Contender]) -> Contender:
     """Return the one to keep: by likelihood among those that follow the record to its noise, else by free runs.
 
-    A kinetic energy that is not positive counts only where nothing else follows the record so.
+    A kinetic energy that is not positive counts only where nothing else follows the record so. Free runs that all leave
+    the record, as those of what is balanced by a controller do, say nothing: likelihood with process noise decides.
     """
     exact = [c for c in contenders if c.exact and c.inertial] or [c for c in contenders if c.exact]
     likely = {c: c.refinement.outcome.deviance for c in exact if c.refinement is not None}
@@ -305,6 +311,8 @@ def best_of(contenders: Sequence[Contender]) -> Contender:
     if len(blocks) == 1:  # else averages of other numbers of samples, whose densities do not compare
         return min(likely, key=likely.__getitem__)
     able = exact or [c for c in contenders if c.follows] or list(contenders)
+    if all(c.free_run >= LOST for c in able):
+        able = [c for c in able if all(c is o or c.likelier_than(o) for o in able)] or able
     least = min(c.free_run for c in able)
     return min((c for c in able if c.free_run <= SPREAD * least), key=lambda c: (c.coefficients, c.free_run))
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from process_cases import LINEAR, PRESENT, spring, white_kicks
 from small_systems import SPRING, SPRING_STEP, drive, shots, spring_run
 
@@ -53,3 +54,15 @@ def test_after_a_clear_end_only_shorter_starts_are_searched_from_and_only_where_
     short[np.flatnonzero(SPRING.theta)[:2]] = 1.0
     assert [s is short for s in worth_it(space, found, [long, short])] == [True]
     assert worth_it(space, replace(found, scale=0.9), [long, short]) == []
+
+
+@pytest.mark.parametrize(("kick", "searched"), [(0.0, 1), (0.003, 1), (0.02, 2)])
+def test_an_end_that_lacks_nothing_but_noise_of_the_process_is_the_last(kick, searched):
+    """The law comes first, then a start without its damping. Without kicks it is clear, under hard ones not joined."""
+    kicks = white_kicks(np.random.default_rng(3), np.array([1e-6, kick]), (2000,)) if kick else np.zeros((2000, 2))
+    it = spring(3, 2000, 0.002, kicks=kicks, believed=SPREAD)
+    undamped = np.where(np.arange(len(LINEAR)) == 2, 0.0, LINEAR)
+    ends = searches(it.on(it.segments.cut_anew(25)), [LINEAR, undamped], None, Monitor(), Threads())
+    assert len(ends) == searched
+    assert joined(ends[0]) == (searched == 1)
+    assert ends[0].clear == (kick == 0.0)

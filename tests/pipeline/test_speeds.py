@@ -110,6 +110,32 @@ def test_drag_goes_by_the_speed_of_velocities_that_were_measured():
         assert coefficient == pytest.approx(-g if text == "1" else -drag, abs=4.0 * error)
 
 
+def test_a_glider_turns_by_what_its_speed_divides():
+    lift, drag, g, step, rows, rng = 0.04, 0.004, 9.81, 0.02, 800, np.random.default_rng(0)
+    thrust = np.repeat(rng.uniform(0.0, 4.0, 16), 50)
+    path, state = [], np.array([14.0, 0.2])
+    for push in thrust:
+        path.append(state)
+        state = solve_ivp(
+            lambda _, s, push=push: [
+                push - drag * s[0] ** 2 - g * np.sin(s[1]), lift * s[0] - g * np.cos(s[1]) / s[0]
+            ],
+            (0.0, step), state, rtol=1e-9, atol=1e-11,
+        ).y[:, -1]  # fmt: skip
+    measured = np.array(path) + 0.01 * np.std(path, axis=0) * rng.standard_normal((rows, 2))
+    coordinates = {"V": Measured(), "gamma": Measured(angle=True)}
+    study = Study(data=Data(time="t"), coordinates=coordinates, inputs={"thrust": Driven()})
+    log = {"t": step * np.arange(rows), "V": measured[:, 0], "gamma": measured[:, 1], "thrust": thrust}
+    speed, turn = identify(study, log).model.relations
+    law = {"V_dot": 1.0, "V**2": drag, "sin(gamma)": g, "thrust": -1.0}, {"V**2": -lift, "cos(gamma)": g}
+    assert {t.text for t in speed.terms} == law[0].keys()
+    assert {t.text for t in turn.terms} == {"gamma_dot*V", *law[1]}
+    held = next(t.coefficient for t in turn.terms if t.text == "gamma_dot*V")
+    for term in turn.terms:
+        if term.text in law[1]:
+            assert term.coefficient / held == pytest.approx(law[1][term.text], rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("values", "noise", "one"),
     [

@@ -1,0 +1,43 @@
+"""Which of several forms is kept, where free runs say it and where they cannot."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from odescope.likelihood.path import LOST
+from odescope.pipeline.competition import Contender, best_of
+
+
+def contender(form, coefficients, free_run, cost):
+    """A form that follows its record with noise of the process, at this penalised cost; None: it does not compare."""
+
+    def gained_over(other):
+        return None if None in (cost, other.cost) else other.cost - cost
+
+    refinement = SimpleNamespace(exact=False, follows=True, cost=cost, gained_over=gained_over)
+    return Contender(form, None, refinement, None, coefficients, free_run)
+
+
+@pytest.mark.parametrize(
+    ("errors", "costs", "kept"),
+    [
+        ((0.3, 0.2), (0.0, 100.0), "relations"),  # free runs tell
+        ((0.92, 0.7), (0.0, 100.0), "lagrangian"),  # those of what a controller balances do not: likelihood does
+        ((0.92, 0.7), (100.0, 0.0), "relations"),
+        ((0.92, 0.7), (None, 0.0), "relations"),  # where that does not compare, they are all there is
+        ((LOST + 0.1, LOST - 0.1), (0.0, 100.0), "relations"),  # one of them stays with the record
+    ],
+)
+def test_likelihood_decides_where_every_free_run_leaves_the_record(errors, costs, kept):
+    sizes = {"lagrangian": 7, "relations": 3}
+    pairs = zip(sizes.items(), errors, costs, strict=True)
+    forms = [contender(form, size, error, cost) for (form, size), error, cost in pairs]
+    assert best_of(forms).form == kept
+    assert best_of(forms[::-1]).form == kept
+
+
+def test_of_forms_that_run_as_well_the_one_of_fewer_coefficients_is_kept():
+    forms = [contender("lagrangian", 7, 0.10, 0.0), contender("relations", 3, 0.105, 50.0)]
+    assert best_of(forms).form == "relations"
+    assert np.isfinite(best_of(forms).free_run)
