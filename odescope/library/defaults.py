@@ -7,7 +7,7 @@ from math import comb
 
 from odescope.errors import InputError
 from odescope.library.candidates import Library
-from odescope.library.friction import default_friction, friction_rule
+from odescope.library.friction import default_friction, friction_rule, speeds
 from odescope.library.harmonics import harmonics
 from odescope.library.parse import Scope
 from odescope.library.rules import Exclusive, Identity, MaximumDegree, Rule
@@ -97,8 +97,8 @@ def default_library(
         several = Library.of((h for d in range(2, (degree or 2) + 1) for (h,) in harmonics(angles, d)), scope)
         trigonometric = trigonometric.that(lambda t: len(t.names) < 2) + several.that(lambda t: len(t.names) > 1)
     moving = velocities + Library.of([*driven], scope) + positions + Library.of(targets, scope)
-    speeds = Library.of((c.name for c in coordinates if c.order == 1 and c.name in states), scope)
-    products = speeds * (speeds + velocities + Library.of(targets, scope))
+    measured = Library.of(speeds(coordinates), scope)
+    products = measured * (measured + velocities + Library.of(targets, scope))
     asked = [] if degree is None else [MaximumDegree((*states, *driven, *waves), degree)]
     return (moving * trigonometric + products).thin(asked, scope) + alone
 

@@ -35,6 +35,11 @@ def alike(a: Coordinate, b: Coordinate) -> bool:
     return a.angle == b.angle and (a.angle or len(units) <= 1)
 
 
+def speeds(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """Return the states that may be speeds that were measured: those of order 1 that are no angle and not cyclic."""
+    return tuple(c.name for c in coordinates if c.order == 1 and not (c.angle or c.cyclic))
+
+
 def default_friction(coordinates: Sequence[Coordinate], targets: Sequence[str]) -> tuple[str, ...]:
     """Return dry and quadratic friction for the relations of some targets.
 
@@ -45,10 +50,9 @@ def default_friction(coordinates: Sequence[Coordinate], targets: Sequence[str]) 
         coordinates: all.
         targets: their coordinates' rates, and differences with like ones, are meant.
     """
-    held = any(c.order == 2 for c in coordinates if c.target in targets)
-    measured = (c for c in coordinates if c.order == 1 and not (c.angle or c.cyclic))
-    speeds = (c.name for c in measured if held or c.target in targets)
-    found = (*friction_rates(coordinates, [c for c in coordinates if c.target in targets]), *speeds)
+    own = [c for c in coordinates if c.target in targets]
+    turning = speeds(coordinates if any(c.order == 2 for c in own) else own)
+    found = (*friction_rates(coordinates, own), *turning)
     # To the first power, which keeps a difference from being multiplied out.
     return (*(f"sign({v})" for v in found), *(f"({v})**1*abs({v})" for v in found))
 
