@@ -66,8 +66,9 @@ def searches(
             failed = failed or found is None
             if found is not None:
                 outcomes.append(found)
-            if found is not None and _settles(space, found):
-                left = worth_it(space, found, left[number:])
+            rest = left[number:]
+            if found is not None and rest and _settles(space, found):
+                left = worth_it(space, found, rest)
                 budget = replace(budget, limit=min(budget.limit, found.spent / max(len(left), 1)))
                 break
         else:
@@ -102,8 +103,8 @@ def _settles(space: SearchSpace, found: Outcome) -> bool:
         return False
     if found.clear:
         return space.segments.samples > FEW
-    loose = joined(found) and found.width >= WIDTHS[1] and not full(space, found.fit)
-    return loose and space.segments.samples > SHORT_RECORD and only_noise_lacks(space, found.fit.theta)
+    loosely = joined(found) and found.width >= WIDTHS[1] and not full(space, found.fit)
+    return loosely and space.segments.samples > SHORT_RECORD and only_noise_lacks(space, found.fit.theta)
 
 
 def worth_it(space: SearchSpace, found: Outcome, left: Sequence[FloatArray]) -> list[FloatArray]:
