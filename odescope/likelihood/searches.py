@@ -97,13 +97,14 @@ def _settles(space: SearchSpace, found: Outcome) -> bool:
     """Say whether the end of a search speaks against searching on.
 
     What a function with constants says, others can nearly say; and few samples are followed by many models. Where a
-    model lacks nothing but noise of the process no other follows the record more closely.
+    model lacks nothing but noise of the process no other follows the record more closely; but what imitates a law leaves
+    little to such noise as well, by terms whose case is thin.
     """
     if space.needed or singular(space, found.fit):
         return False
     if found.clear:
         return space.segments.samples > FEW
-    loosely = joined(found) and found.width >= WIDTHS[1] and not full(space, found.fit)
+    loosely = joined(found) and found.sure and found.width >= WIDTHS[1] and not full(space, found.fit)
     return loosely and space.segments.samples > SHORT_RECORD and only_noise_lacks(space, found.fit.theta)
 
 
