@@ -97,8 +97,8 @@ def _settles(space: SearchSpace, found: Outcome) -> bool:
     """Say whether the end of a search speaks against searching on.
 
     What a function with constants says, others can nearly say; and few samples are followed by many models. Where a
-    model lacks nothing but noise of the process no other follows the record more closely; but what imitates a law leaves
-    little to such noise as well, by terms whose case is thin.
+    model lacks nothing but noise of the process no other follows the record more closely. What imitates a law leaves
+    little to such noise, too, but by terms whose case is thin.
     """
     if space.needed or singular(space, found.fit):
         return False
