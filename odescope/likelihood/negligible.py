@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import norm
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.fit import Fit
@@ -87,7 +88,7 @@ def contributions(space: SearchSpace, theta: FloatArray) -> FloatArray:
         made[k, part.relation] = made.get((k, part.relation), 0.0) + theta[k] * part.share * whole
     sizes = np.zeros((len(space.mechanisms), len(frame.targets)))
     for place, values in made.items():
-        sizes[place] = float(np.sqrt(np.mean(values**2)))
+        sizes[place] = norm(values)  # of which no square overflows, whatever scale the coefficients ran away to
     shares: FloatArray = (sizes / np.maximum(sizes.max(axis=0), 1e-300)).max(axis=1)
     return shares
 

@@ -1,4 +1,4 @@
-"""Drag that goes with the speed of a mass, where friction of each coordinate by itself falls short.
+"""Drag that goes with the speed of a mass or grows with a coordinate, where friction of rates by itself falls short.
 
 docs/method.md, Suspicion.
 """
@@ -29,8 +29,9 @@ def with_drag(
 
     A liquid or the air slows a mass down by its own speed, not by the rates of the coordinates: a bob that swings on a
     spring along its path, the lower of two arms by what both do. The dissipation function then has a term as the
-    kinetic energy has. Those of the model are tried, beside all that it was chosen from, where it lacks little in short
-    pieces of the record and does not follow the whole, or follows it with terms in doubt, which may stand for drag.
+    kinetic energy has. Or damping grows as a coordinate does, as that of an escapement (Van der Pol). Such terms are
+    tried, beside all that the model was chosen from, where it lacks little in short pieces of the record and does not
+    follow the whole, or follows it with terms in doubt or noise of the process, which may stand for drag.
 
     Args:
         work: whose study leaves the dissipation function open.
@@ -38,8 +39,9 @@ def with_drag(
         posed: Lagrange's equations with the friction of every coordinate by itself.
         refinement: the model that the search in them ended with, if there is one.
     """
-    named = work.study.library.dissipation is not None
-    if named or refinement is None or refinement.clear or refinement.outcome.scale > HOPELESS:
+    if work.study.library.dissipation is not None or refinement is None or refinement.clear:
+        return posed, refinement
+    if refinement.process is None and refinement.outcome.scale > HOPELESS:
         return posed, refinement
     drags = _drags(work.study, posed, refinement)
     if not drags:
@@ -55,14 +57,15 @@ def with_drag(
 
 
 def _drags(study: Study, posed: Posed, refinement: Refinement) -> tuple[Mechanism, ...]:
-    """Return the terms of the dissipation function that are like those of a model's kinetic energy, the new ones."""
+    """Return the new terms of the dissipation function: those of a model's kinetic energy, and what grows."""
     known = {m.term for m in posed.mechanisms if m.kind == "dissipation"}
     present = (refinement.space.mechanisms[k] for k in refinement.fit.present)
     moved = [m for m in present if m.kind == "kinetic" and any(p.product.factor is not None for p in m.parts)]
-    texts = [m.term for m in moved if m.term not in known]
+    coordinates = study.measured()
+    grown = (f"{c.name}**2*{c.derivative(1)}**2" for c in coordinates if not c.cyclic)
+    texts = [text for text in (*(m.term for m in moved), *grown) if text not in known]
     if not texts:
         return ()
-    coordinates = study.measured()
     bare = [f"{c.derivative(1)}**2" for c in coordinates]
     found = lagrangian(coordinates, (), study.scope(), kinetic=bare, potential=(), dissipation=texts, forces={})
     return tuple(m for m in found if m.kind == "dissipation")

