@@ -19,8 +19,8 @@ def about(model: Model, renamed: Sequence[str] = ()) -> tuple[str, ...]:
     lines = ["Equations of motion, written by odescope.", "", f"States: {', '.join(map(called, model.states))}"]
     lines += [f"Inputs: {', '.join(called(i.name) for i in model.inputs) or 'none'}"]
     for i in model.inputs:
-        late = f", acts {float(i.delay)!r} s after it was recorded" if i.delay else ""
-        lines.append(f"  {i.name}: {i.hold} between samples{late}")
+        shifted = f", acts {abs(float(i.delay))!r} s {'after' if i.delay > 0.0 else 'before'} it was recorded"
+        lines.append(f"  {i.name}: {i.hold} between samples{shifted if i.delay else ''}")
     for c in model.coordinates:
         if c.offset:
             lines.append(f"  a sensor reads {float(c.offset)!r} more than {c.name}")

@@ -89,7 +89,9 @@ def parse_term(text: str, scope: Scope) -> Term:
     combination = _Walk(text, scope, {}).whole()
     if len(combination.parts) != 1 or combination.parts[0][0] != 1.0:
         raise _refused(
-            text, "a term is one product of known functions, without sums or numbers, such as phi_dot**2*sin(phi)"
+            text,
+            "a term is one product of known functions, without sums or numbers, such as phi_dot**2*sin(phi); a sum in"
+            " brackets to a power stands for one, as (abs(x + y) - abs(x))**1 does",
         )
     term = combination.parts[0][1]
     if term.text != text:

@@ -177,7 +177,8 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
     for name, found in scores.delays.items():
         if found.delay:
             error = "" if found.std_error is None else f" (standard error {found.std_error:.2g} s)"
-            yield f"{name} acts {found.delay:.4g} s after it was recorded{error}"
+            when = "after" if found.delay > 0.0 else "before"
+            yield f"{name} acts {abs(found.delay):.4g} s {when} it was recorded{error}"
     for name, between in scores.holds.items():
         if between.other is not None:
             yield (

@@ -44,22 +44,19 @@ def _free_runs(runs: Sequence[RunShown]) -> Iterator[str]:
 
 
 def _equations_text(report: Report, model: Model) -> str:
-    """Return a row an equation; of mechanisms without what is known only of relations that were searched for."""
+    """Return a row an equation, with what its relation was chosen from and explains, where one was judged by that."""
     from rich.table import Table
 
+    scores = {} if model.scores is None or model.mechanisms else model.scores.targets
+    explained = {target: score.r2_held_out for target, score in scores.items() if score.r2_held_out is not None}
+    among = {s.target: str(s.kept) for s in report.searches if s.target in explained}
     table = Table(title_justify="left", box=None, pad_edge=False)
-    headings = ("target", "terms") if model.mechanisms else ("target", "terms", "chosen among", "R² held out")
-    for heading in headings:
+    for heading in ("target", "terms", *(("chosen among", "R² held out") if among else ())):
         table.add_column(heading, justify="left" if heading == "target" else "right")
-    if model.mechanisms:
-        for target, relation in zip(model.targets, model.relations, strict=True):
-            table.add_row(target, str(len(relation.terms)))
-        return _shown(table)
-    for searched, coefficients in zip(report.searches, report.coefficients, strict=False):
-        score = None if model.scores is None else model.scores.targets.get(searched.target)
-        held_out = "–" if score is None or score.r2_held_out is None else share(score.r2_held_out)
-        table.add_row(searched.target, str(len(coefficients)), str(searched.kept), held_out)
-    return _shown(table) if table.rows else ""
+    for target, relation in zip(model.targets, model.relations, strict=True):
+        judged = (among[target], share(explained[target])) if target in among else ("–", "–")
+        table.add_row(target, str(len(relation.terms)), *(judged if among else ()))
+    return _shown(table)
 
 
 def _held_out(step: PathScore) -> str:

@@ -77,13 +77,13 @@ def test_what_happened_to_the_data_is_said_in_the_order_of_the_stages():
         targets={"x_dot": GOOD},
         left_out=2,
         outliers={"x": 4, "y": 0},
-        delays={"u": DelayScore(0.0234, 1e-4), "v": DelayScore(0.0), "w": DelayScore(0.5, None)},
+        delays={"u": DelayScore(0.0234, 1e-4), "v": DelayScore(0.0), "w": DelayScore(-0.5, None)},
         streamed=Streamed(120_000, 12, 4),
     )
     notes = said(scores)
     assert [note.split()[0] for note in notes] == ["2", "120,000", "u", "w", "4"]
     assert notes[2] == "u acts 0.0234 s after it was recorded (standard error 0.0001 s)"
-    assert notes[3] == "w acts 0.5 s after it was recorded"
+    assert notes[3] == "w acts 0.5 s before it was recorded"
 
 
 @pytest.mark.parametrize(
