@@ -32,6 +32,8 @@ POLE = 2.0  # times as far below zero as noise takes what has no sign the pole o
 EDGES = (0.05, 0.95)  # of a limit to both sides, over the smaller of what its variable reaches on either side
 SLOW = 0.5  # of the largest speed: above it friction at rest is not told from dry friction
 HEADS = (0.005, 3.0)  # of the range of its variable: how far outside of it a root may end
+GAPS = (0.02, 10.0)  # of the range of its variable: how far outside of it a pole may be
+CRITICAL = (0.1, 3.0)  # of its largest size: where what falls again with a speed may be largest
 OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
 ABOVE_ZERO = {"K": 0.0, "kelvin": 0.0, "°C": 273.15, "degC": 273.15, "celsius": 273.15}  # kelvins, at 0 of each unit
@@ -119,6 +121,9 @@ def families_of(
     near, far = (share * reach for share in HEADS)
     head, supply = constant("head", near - low, far - low), constant("supply", high + near, high + far)
     drawn += [(f"sqrt({head.name} + {variable})", (head,)), (f"sqrt({supply.name} - {variable})", (supply,))]
+    near, far = (share * reach for share in GAPS)
+    before, behind = constant("before", near - low, far - low), constant("behind", high + near, high + far)
+    drawn += [(f"1/({before.name} + {variable})**2", (before,)), (f"1/({behind.name} - {variable})**2", (behind,))]
     if is_angular(unit) and may_be_angle(values) if angle is None else angle:
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
         drawn += [(f"tan({variable})", ())] if size < STEERED else []
@@ -179,6 +184,8 @@ def _by_sign(
         )
     else:
         yield from ((f"abs({variable})", ()), (f"{variable}*abs({variable})", ()))
+        critical = constant("critical", *(share * largest for share in CRITICAL))
+        yield f"{variable}/({critical.name}**2 + {variable}**2)", (critical,)
         edge = constant("edge", EDGES[0] * -least, EDGES[1] * -least)
         yield f"(abs({edge.name} + {variable}) - abs({edge.name} - {variable}))**1", (edge,)
 

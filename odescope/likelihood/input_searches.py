@@ -164,7 +164,21 @@ class Between:
                 break
             space.budget.spent += sum(o.spent for o in outcomes)
             between, space, outcomes, gains = other, anew, ends, choice.gains
-        return between, space, outcomes, gains
+        best = min(outcomes, key=lambda o: o.rank, default=None)
+        if best is None or best.clear or not between.placed:
+            return between, space, outcomes, gains
+        # A beginning that lacks much may have asked for times that no law is found under.
+        other = between.on_samples()
+        anew, ends = other.anew(space, holds_of(space), begun, monitor, workers)
+        if not ends or min(o.rank for o in ends) >= best.rank:
+            return between, space, outcomes, gains
+        space.budget.spent += sum(o.spent for o in outcomes)
+        return other, anew, ends, gains
+
+    def on_samples(self) -> Between:
+        """Return this with every step at the sample that shows it."""
+        steps = self.steps
+        return self if steps is None else replace(self, steps=replace(steps, early=np.zeros_like(steps.early)))
 
     def anew(
         self,

@@ -158,9 +158,10 @@ def _imitation(
     powers = _powers([p for p in products if p.term.names.isdisjoint(constants)], name)
     if any(p.factor is not None and p.term.power_of(Name(name)) for p in products):
         # A fraction divides the whole relation, so the function may be in any of its terms: those that hold its
-        # numerator, or all where that is a number, as in M/(1 + I).
-        above = [rest for rest, found in powers.items() if found != {0}] or list(powers)
+        # numerator, or all where that is a number, as in M/(1 + I), or may be a pole, V**2/(c - x)**2.
         below = [p.term for p in products if p.factor is not None]
+        pole = len({t.power_of(Name(name)) for t in below} - {0}) >= SEVERAL
+        above = [rest for rest, found in powers.items() if pole or found != {0}] or list(powers)
         terms = sum(p.term.power_of(Name(name)) != 0 for p in products)
         if len(below) == 1:  # what is divided by it goes with powers, which may be a law: i**2/x**2 - g
             divided = ({power - below[0].power_of(Name(name)) for power in found} - {0} for found in powers.values())
