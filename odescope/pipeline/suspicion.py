@@ -146,21 +146,21 @@ def replaces(other: Refinement, refinement: Refinement) -> bool:
     """Say whether a model with functions replaces the one without: only one that follows the record does.
 
     Of two that do, the one that follows it in longer pieces stays, else the likelier. Where the other did not, what the
-    record lacks for a law may be put down to functions, so these must run freely no worse over what is held out; nor
-    may they where likelihoods do not compare. With noise of the process they are to be evidently likelier and take the
-    place of as many terms, or run far better.
+    record lacks for a law may be put down to functions, so these must run freely no worse over what is held out, or be
+    evidently likelier, take the place of as many terms and run about as well; nor may they run worse where likelihoods
+    do not compare. With noise of the process they are to be evidently likelier, with as few terms or running far better.
     """
     gain, error, before = other.gained_over(refinement), other.free_run_error, refinement.free_run_error
+    evident = gain is not None and gain > EVIDENT
+    fair = len(other.fit.free) <= len(refinement.fit.free) and (error <= NO_WORSE * before or error <= FAITHFUL)
     if other.process is not None:
-        leaner = len(other.fit.free) <= len(refinement.fit.free)
-        runs_as_well = error <= NO_WORSE * before or error <= FAITHFUL
-        return gain is not None and gain > EVIDENT and ((leaner and runs_as_well) or error < FAR_BETTER * before)
+        return evident and (fair or error < FAR_BETTER * before)
     if not other.exact:
         return False
     if refinement.exact and other.outcome.width != refinement.outcome.width:
         return other.outcome.width < refinement.outcome.width
     likelier = gain is None or gain > 0.0
-    return likelier and (error <= before or (refinement.exact and gain is not None))
+    return likelier and (error <= before or (refinement.exact and gain is not None) or (evident and fair))
 
 
 def _scored(

@@ -202,6 +202,13 @@ def noisy(cost, error, terms):
     return ending(False, 0.0, error, noisy=cost, terms=terms)
 
 
+def without_noise(cost, error):
+    """Return such an end of five terms that is compared with one that has noise of the process, at its cost there."""
+    made = ending(True, cost, error)
+    made.gained_over = lambda before: before.process.penalised - cost
+    return made
+
+
 @pytest.mark.parametrize(
     ("before", "after", "replaced"),
     [
@@ -221,6 +228,10 @@ def noisy(cost, error, terms):
         (noisy(100.0, 0.10, 5), noisy(80.0, 0.09, 6), False),  # one more function explains anything
         (noisy(100.0, 0.10, 5), noisy(80.0, 0.04, 6), True),
         (noisy(100.0, 0.004, 5), noisy(80.0, 0.006, 4), True),  # both are near enough
+        (noisy(100.0, 0.004, 5), without_noise(80.0, 0.006), True),  # noise of the process stood for a law
+        (noisy(100.0, 0.004, 5), without_noise(95.0, 0.006), False),
+        (noisy(100.0, 0.004, 4), without_noise(80.0, 0.006), False),
+        (noisy(100.0, 0.10, 5), without_noise(80.0, 0.12), False),
         (ending(True, 100.0, 0.01), noisy(-900.0, 0.001, 4), False),
     ],
 )
