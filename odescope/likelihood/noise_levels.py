@@ -217,13 +217,6 @@ def with_noise(
     return space.on(replace(space.segments, noise=measurement, spread=process, decorrelation=decorrelation))
 
 
-def marginal_cost(space: SearchSpace, found: Fit) -> float:
-    """Return -2 log of the likelihood of a fit, integrated over its initial states, less a constant."""
-    record = LinearRecord.of(space, found)
-    point = None if record is None else record.at(_logs(space))
-    return np.inf if point is None else point.marginal
-
-
 def estimate_noise(space: SearchSpace, found: Fit) -> tuple[SearchSpace, Fit, float]:
     """Estimate both noises around a structure, not below the floor of the segments; return space, fit, marginal cost.
 

@@ -8,12 +8,14 @@ docs/method.md, Process noise.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from odescope.arrays import FloatArray
+from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import thinned
-from odescope.likelihood.noise_levels import LEAST_NOISE, LinearRecord, estimate_noise, marginal_cost, with_noise
+from odescope.likelihood.noise_levels import LEAST_NOISE, LinearRecord, estimate_noise, with_noise
 from odescope.likelihood.path import ModelPath
 from odescope.likelihood.process_noise import PIECES
 from odescope.likelihood.search import WIDTHS, Outcome
@@ -25,19 +27,38 @@ from odescope.likelihood.segments import Segments
 def cost_without_process_noise(space: SearchSpace, outcome: Outcome) -> float:
     """Return the penalised marginal cost of a model that follows its record, on the cut that `space` has.
 
-    Infinite where it cannot be followed there.
+    Each channel has its own noise, or one with process noise would gain by telling them apart. Infinite where the
+    record cannot be followed there.
     """
-    strict = _strict(space, outcome)
-    found = strict.again(outcome.fit, space.segments.initial, strict.segments.spread)
-    if found is None:
-        return np.inf
-    return marginal_cost(strict, found) + space.price(found)
+    strict = _Strict.of(space, outcome)
+    without = None if strict is None else strict.record.at(strict.logs)
+    return np.inf if strict is None or without is None else without.marginal + space.price(strict.fit)
 
 
-def _strict(space: SearchSpace, outcome: Outcome) -> SearchSpace:
-    """Return the space with the noise and the width of the defects that a model without process noise has."""
-    segments = space.segments
-    return with_noise(space, segments.noise * np.sqrt(outcome.scale), segments.spread * outcome.width)
+@dataclass(frozen=True, eq=False)
+class _Strict:
+    """A model without process noise on a cut: its fit, the record around that, and its noise and defects as logs."""
+
+    fit: Fit
+    record: LinearRecord
+    logs: FloatArray
+
+    @staticmethod
+    def of(space: SearchSpace, outcome: Outcome) -> _Strict | None:
+        """Return it, None where the record cannot be followed.
+
+        Args:
+            space: data cut into segments, and candidates.
+            outcome: the end of a search for a model that follows the record without process noise.
+        """
+        segments = space.segments
+        strict = with_noise(space, segments.noise * np.sqrt(outcome.scale), segments.spread * outcome.width)
+        found = strict.again(outcome.fit, segments.initial, strict.segments.spread)
+        record = None if found is None else LinearRecord.of(strict, found)
+        if found is None or record is None:
+            return None
+        measurement = 0.5 * np.log(record.cost / segments.counted)
+        return _Strict(found, record, np.concatenate([measurement, np.log(strict.segments.spread)]))
 
 
 def cost_with_process_noise(space: SearchSpace, theta: FloatArray) -> float:
@@ -89,15 +110,12 @@ def _gain_of_process_noise(space: SearchSpace, outcome: Outcome) -> float:
         space: data cut into short segments, and candidates.
         outcome: the end of a search for a model that follows the record without process noise.
     """
-    strict = _strict(space, outcome)
-    found = strict.again(outcome.fit, space.segments.initial, strict.segments.spread)
-    record = None if found is None else LinearRecord.of(strict, found)
-    if record is None:
+    strict = _Strict.of(space, outcome)
+    if strict is None:
         return 0.0
-    # Each channel has its own noise in both, or the gain would be that of telling them apart.
-    measurement = 0.5 * np.log(record.cost / space.segments.counted)
-    without = record.at(np.concatenate([measurement, np.log(strict.segments.spread)]))
-    begun = record.at(np.concatenate([measurement, np.log(space.segments.spread)]))
+    record, channels = strict.record, len(space.segments.noise)
+    without = record.at(strict.logs)
+    begun = record.at(np.concatenate([strict.logs[:channels], np.log(space.segments.spread)]))
     if without is None or begun is None:
         return 0.0
     return without.marginal - record.most_likely(begun, begun.logs + np.log(LEAST_NOISE)).marginal

@@ -148,7 +148,7 @@ def replaces(other: Refinement, refinement: Refinement) -> bool:
     Of two that do, the one that follows it in longer pieces stays, else the likelier. Where the other did not, what the
     record lacks for a law may be put down to functions, so these must run freely no worse over what is held out, or be
     evidently likelier, take the place of as many terms and run about as well; nor may they run worse where likelihoods
-    do not compare. With noise of the process they are to be evidently likelier, with as few terms or running far better.
+    do not compare. With noise of the process they are to be evidently likelier, of as few terms or far better.
     """
     gain, error, before = other.gained_over(refinement), other.free_run_error, refinement.free_run_error
     evident = gain is not None and gain > EVIDENT

@@ -23,7 +23,9 @@ from odescope.likelihood.block_cholesky import state_covariances
 from odescope.likelihood.expansion import decorrelated, eliminate
 from odescope.likelihood.fit import fit
 from odescope.likelihood.kernel import Sums
-from odescope.likelihood.noise_levels import LinearRecord, estimate_noise, marginal_cost, with_noise
+from odescope.likelihood.noise_levels import LinearRecord, estimate_noise, with_noise
+from odescope.likelihood.noise_or_terms import cost_without_process_noise
+from odescope.likelihood.search import Outcome
 from odescope.recordings.coordinate import Coordinate
 
 # Two masses on springs, coupled, both positions measured; exact solutions come from a matrix exponential.
@@ -158,6 +160,11 @@ def dense_cost(maps, sigma, q):
     return total
 
 
+def marginal_cost(it, found):
+    """Return -2 log of the likelihood of a fit, integrated over its initial states, less a constant."""
+    return LinearRecord.of(it, found).at(np.log([*it.segments.noise, *it.segments.spread])).marginal
+
+
 def linear_record(it, system, theta, sigma, q, decorrelation=None):
     """Return the record around a model that is given, its states fitted, and the logarithms of the noise."""
     moved = with_noise(it, np.array(sigma, dtype=float), np.array(q, dtype=float), decorrelation)
@@ -231,6 +238,17 @@ def test_where_nothing_but_rounding_is_left_of_the_squares_there_is_no_marginal_
     record, logs = linear_record(it, MASSES, MASSES.theta, [0.02, 0.03], PARTS)
     assert record.at(logs) is not None
     assert replace(record, cost=np.zeros(2)).at(logs) is None
+
+
+def test_without_process_noise_each_channel_has_its_own_whatever_it_was_taken_for():
+    it, costs = masses(0, np.array([0.02, 0.03]), PARTS, (600,), np.zeros((600, 4))), []
+    for times in ([1.0, 1.0], [2.5, 1.0]):
+        told = with_noise(it, it.segments.noise * times, it.segments.spread)
+        joined = told.fit(MASSES.theta, np.arange(9), told.segments.initial, 1e-3 * told.segments.spread)
+        scale = joined.data_cost / told.segments.samples
+        outcome = Outcome(joined, 1e-3, scale, told.penalty[joined.free], told.price(joined), (), True, False, 0.0)
+        costs.append(cost_without_process_noise(told, outcome))
+    assert costs[1] == pytest.approx(costs[0], abs=3.0)  # with one scale for both it is hundreds more
 
 
 def test_what_one_force_does_to_two_masses_is_found_without_bias():
