@@ -1,4 +1,4 @@
-"""Searches once more with the noise that their model leaves of a short record, where smoothing had shown another.
+"""Searches once more with the noise that their model leaves of a record, where smoothing had shown another.
 
 docs/method.md, Structure by likelihood.
 """
@@ -21,6 +21,7 @@ from odescope.signals.noise import SOLVER
 from odescope.signals.relative_noise import SURE, noise_of_recordings, relative_noise
 
 ROUNDS = 4  # searches anew, at most
+APART = 1.25  # times as far off the noise of one channel as that of another: errors and terms are worth other weights
 SMOOTH = 0.5  # correlation of neighbours, above which what a model leaves is no noise
 
 
@@ -33,7 +34,7 @@ def with_noise_settled(
     with the same everywhere where it grows with the readings, others come in to follow it. Where no model follows the
     record under noise that grows, what the filter left may not have been noise: it is then the same everywhere. Where
     the filter let noise pass, the right law does not follow the record either: what a model then leaves is noise where
-    it is white with all segments joined.
+    it is white with all segments joined. Of a longer record it matters where channels are off by different factors.
 
     Args:
         space: with the noise that the filter left.
@@ -42,7 +43,7 @@ def with_noise_settled(
         workers: where it is searched.
     """
     if space.segments.samples > SHORT_RECORD:
-        return space, best
+        return _with_channels_apart(space, best, workers)
     if best is None or not joined(best):
         even = with_even_noise(space)
         other, again = (space, None) if even is None else _searched(space.on(even), begun, workers)
@@ -59,6 +60,28 @@ def with_noise_settled(
             break
         space, best = other, again
     return space, best
+
+
+def _with_channels_apart(
+    space: SearchSpace, best: Outcome | None, workers: Workers
+) -> tuple[SearchSpace, Outcome | None]:
+    """Return space and end of a search from a model on, with its channels' noises, where one stands out.
+
+    What is off in all of them alike is a scale of the errors, and the search has it.
+
+    Args:
+        space: with the noise that the filter left.
+        best: the best end of the searches, if one could be followed.
+        workers: where it is searched.
+    """
+    if best is None or not joined(best) or space.budget.over:
+        return space, best
+    segments = with_noise_left(space, best.fit)
+    ratio = np.ones(1) if segments is None else segments.noise / space.segments.noise
+    if segments is None or ratio.max() < APART * ratio.min():
+        return space, best
+    other, again = _searched(space.on(segments), [best.fit.theta], workers)
+    return (space, best) if again is None else (other, again)
 
 
 def _searched(space: SearchSpace, begun: Sequence[FloatArray], workers: Workers) -> tuple[SearchSpace, Outcome | None]:

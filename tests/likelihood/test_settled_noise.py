@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from small_systems import SPRING, SPRING_PRESENT, SPRING_STEP, drive, shots, spring_run
 
-from odescope import Candidates, Coordinate, Data, Measured, Study, identify
+from odescope import Candidates, Coordinate, Data, Driven, Measured, Study, identify
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.search import fitted_again, search
 from odescope.likelihood.search_space import SearchSpace
@@ -123,3 +124,23 @@ def test_the_law_of_an_epidemic_is_found_from_few_counts_that_are_off_by_a_share
     assert all(abs(t.coefficient) == pytest.approx(c, rel=0.05)
                for r, own in zip(model.relations, ({"x*y": 0.5}, {"x*y": 0.5, "y": 0.4}), strict=True)
                for t in r.terms if (c := own.get(t.product.text)))  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_every_channel_of_a_long_record_has_its_own_noise(seed):
+    """The filter takes kinks of one, which follows a stepped input, for noise, and noise of the other for signal."""
+    rng, step, count = np.random.default_rng(seed), 0.2, 2000
+    u, states = np.repeat(rng.uniform(-1.0, 1.0, count // 40), 40), np.zeros((count, 2))
+    held = expm(step * np.array([[-2.0, 0.0, 2.0], [1.0, -0.5, 0.0], [0.0, 0.0, 0.0]]))
+    for k in range(count - 1):
+        states[k + 1] = held[:2] @ [*states[k], u[k]]
+    noise = np.array([0.003, 0.02]) * states.std(axis=0)
+    x, y = (states + noise * rng.standard_normal((count, 2))).T
+    study = Study(data=Data(time="t"), coordinates={"x": Measured(), "y": Measured()}, inputs={"u": Driven()})
+    result = identify(study, {"t": step * np.arange(count), "x": x, "y": y, "u": u})
+    found = result.refinement
+    np.testing.assert_allclose(found.space.segments.noise * np.sqrt(found.scale), noise, rtol=0.05)
+    terms = [{t.text: t for t in relation.terms} for relation in result.model.relations]
+    assert [set(t) for t in terms] == [{"x_dot", "x", "u"}, {"y_dot", "x", "y"}]
+    for relation, truth in zip(terms, ({"x": 2.0, "u": -2.0}, {"x": -1.0, "y": 0.5}), strict=True):
+        assert all(abs(relation[n].coefficient - value) < 4.0 * relation[n].std_error for n, value in truth.items())
