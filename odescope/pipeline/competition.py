@@ -62,12 +62,17 @@ def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
     if not prepared.libraries:
         return Regressed(points[0])
     best = regress_at_all(work, points if filtered.sample.complete else points[:1], filtered)
-    best = with_springs_and_dampers(work, filtered, best)
-    if not best.proposals:
-        return replace(best, elsewhere=())
-    named = {product: written for product, (_, written) in best.substituted.named.items()}
-    best = replace(best, searches=tuple(replace(s, named=named) for s in best.searches))
-    return best if prepared.mechanisms else draw_anew(work, best)  # else there may be no relation in the model
+    if prepared.mechanisms:  # there may be no relation in the model
+        return _with_names(best)
+    return draw_anew(work, _with_names(with_springs_and_dampers(work, filtered, best)))
+
+
+def _with_names(regressed: Regressed) -> Regressed:
+    """Return what regression found, with functions written as they are named."""
+    if not regressed.proposals:
+        return replace(regressed, elsewhere=())
+    named = {product: written for product, (_, written) in regressed.substituted.named.items()}
+    return replace(regressed, searches=tuple(replace(s, named=named) for s in regressed.searches))
 
 
 class NoLaw(NoModelError):
@@ -132,11 +137,15 @@ class Contender:
 
 @dataclass(frozen=True, eq=False)
 class Winner:
-    """The model of the form that describes the record best, what led to it, and how each form that competed did."""
+    """The model of the form that describes the record best, what led to it, and how each form that competed did.
+
+    `regressed` is what regression found in the library of the relations that competed.
+    """
 
     best: Contender
     forms: tuple[FormScore, ...]
     suspicions: tuple[SuspicionScore, ...]
+    regressed: Regressed
 
     @property
     def model(self) -> Model:
@@ -182,20 +191,13 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
     for posed in forms:
         done = [c.refinement for c in contenders if c.refinement is not None]
         if posed.form == "relations" and done:
-            # Mechanisms that follow the record leave little to find: relations then compete as regression has them,
-            # unless these already run better, or, where it has none, mechanisms do not run well. Noise of the process
-            # carries free runs away from any law: where it is white, there is nothing left to find, too. A Lagrangian
-            # with negative inertia is none: forces that do no work, as of a magnet or a flywheel, are no mechanisms.
             asis = [] if regressed.model is None else [_contender(posed, regressed.model, None, done, filtered.signals)]
-            bar = min((a.free_run for a in asis), default=WELL)
-            least = bar if asis and bar < WELL else np.inf  # what runs well, and better, needs no such noise
-            if any(
-                c.inertial
-                and (c.clear or (c.says_all and c.free_run <= SPREAD * least) or (c.follows and c.free_run <= bar))
-                for c in contenders
-            ):
+            if _leave_little(contenders, asis):
                 contenders += asis
                 continue
+        if posed.form == "relations" and prepared.mechanisms and not work.late:
+            regressed = _with_names(with_springs_and_dampers(work, filtered, regressed))
+            posed = _relations(work, prepared, filtered, regressed)
         posed, refinement = _refined(work, filtered, posed, regressed)
         if posed.form == "relations" and work.study.suspects and not work.late:
             refinement, suspicions = _with_more(work, filtered, posed, regressed, refinement)
@@ -217,7 +219,27 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         raise NoLaw(why.stage, why.message, filtered.sample.records, lost[-1] if lost else None)
     best = best_of(contenders)
     scores = tuple(c.score(c is best) for c in contenders) if len(contenders) > 1 else ()
-    return Winner(best, scores, suspicions if best.form == "relations" else ())
+    return Winner(best, scores, suspicions if best.form == "relations" else (), regressed)
+
+
+def _leave_little(contenders: Sequence[Contender], asis: Sequence[Contender]) -> bool:
+    """Say whether mechanisms follow the record and leave relations little to find.
+
+    These then compete as regression has them, unless these already run better, or, where it has none, mechanisms do not
+    run well. Noise of the process carries free runs away from any law: where it is white, there is nothing left to
+    find, too. A Lagrangian with negative inertia is none: forces that do no work, as of a magnet or a flywheel, are no
+    mechanisms.
+
+    Args:
+        contenders: the mechanisms.
+        asis: the relations as regression has them, if it has some.
+    """
+    bar = min((a.free_run for a in asis), default=WELL)
+    least = bar if asis and bar < WELL else np.inf  # what runs well, and better, needs no such noise
+    return any(
+        c.inertial and (c.clear or (c.says_all and c.free_run <= SPREAD * least) or (c.follows and c.free_run <= bar))
+        for c in contenders
+    )
 
 
 def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed) -> tuple[Posed, Refinement | None]:
@@ -283,20 +305,23 @@ def _with_more(
 
 def _posed(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> tuple[Posed, ...]:
     """Return the forms that compete, mechanisms first, each with its candidates and where to begin."""
-    records, signals, substituted = filtered.records, filtered.signals, regressed.substituted
-    study, targets = work.study, filtered.signals.targets
+    study, records, signals = work.study, filtered.records, filtered.signals
+    forms = [
+        mechanisms_form(study, form, library, regressed.substituted.constants, records, signals)
+        for form, library in prepared.mechanisms.items()
+    ]
+    return (*forms, _relations(work, prepared, filtered, regressed)) if regressed.problems else tuple(forms)
+
+
+def _relations(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regressed) -> Posed:
+    """Return the relations, with their candidates and where to begin."""
+    substituted, targets = regressed.substituted, filtered.signals.targets
 
     def again(values: Mapping[str, float]) -> Regressed:
         there = substituted_at(prepared.libraries, substituted.constants, values, targets)
         return regress_at(work, there, filtered)
 
-    forms = [
-        mechanisms_form(study, form, library, substituted.constants, records, signals)
-        for form, library in prepared.mechanisms.items()
-    ]
-    if regressed.problems:
-        forms.append(relations_form(study, (regressed, *regressed.elsewhere), again))
-    return tuple(forms)
+    return relations_form(work.study, (regressed, *regressed.elsewhere), again)
 
 
 def best_of(contenders: Sequence[Contender]) -> Contender:

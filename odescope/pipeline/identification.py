@@ -371,7 +371,7 @@ def _identified(
         work.monitor.tell(DraftReady(result(filtered, regressed.model, None)))
     try:
         winner = compete(replace(work, study=prepared.study), prepared, filtered, regressed)
-        regressed = draw_anew(work, regressed, winner.best.form)
+        regressed = draw_anew(work, winner.regressed, winner.best.form)
         seen = settled(work, filtered, winner.model)
         with work.stage("model"):
             model = judged(work.study, seen, regressed, winner)

@@ -6,6 +6,7 @@ import sympy as sp
 from logs import smooth
 from scipy.integrate import solve_ivp
 
+from odescope.pipeline import competition
 from odescope.pipeline.identification import identify
 from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Driven, Measured, Study
@@ -201,6 +202,15 @@ def test_a_thrust_turns_with_what_it_pushes(seed):
     rates = {f"{name}_dot**2" for name in HOVERCRAFT[0]}
     forces = {("force", "u*cos(h)"), ("force", "u*sin(h)"), ("force", "w")}
     assert held(model) == {("kinetic", t) for t in rates} | {("dissipation", t) for t in rates} | forces
+
+
+@pytest.mark.parametrize(("form", "times"), [("auto", 0), pytest.param("relations", 1, marks=pytest.mark.slow)])
+def test_springs_and_dampers_of_relations_are_looked_for_only_where_these_are_searched(form, times):
+    looked = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(competition, "with_springs_and_dampers", lambda *found: looked.append(1) or found[-1])
+        found(recorded(*JOINT, 0), "qm", JOINT[0], JOINT[-1], form)
+    assert len(looked) == times
 
 
 def terms(of_energies_and_drag, of_the_potential):
