@@ -151,7 +151,7 @@ def _tried(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: H
     """
     (theta, present), other = structure, under(space, j, hold)
     loose = np.full_like(space.segments.spread, np.inf)
-    again = other.fit(_as_late(space, j, theta, present, hold), present, found.x0, loose, found.strength, TRIAL_STEPS)
+    again = other.fit(as_late(space, j, theta, present, hold), present, found.x0, loose, found.strength, TRIAL_STEPS)
     return None if again is None else (other, again)
 
 
@@ -238,7 +238,7 @@ def _says_as_much(held: Trial, running: Trial, width: float) -> bool:
     return simple is not None and other is not None and fall(simple, other) > 0.0
 
 
-def _as_late(space: SearchSpace, j: int, theta: FloatArray, present: IntArray, hold: Hold) -> FloatArray:
+def as_late(space: SearchSpace, j: int, theta: FloatArray, present: IntArray, hold: Hold) -> FloatArray:
     """Return coefficients with the delay of input j, if present, so long that under a hold it acts when it does now.
 
     Args:

@@ -153,8 +153,9 @@ def _lost(scores: ModelScores) -> Iterator[str]:
         yield f"the denominator of {target} vanishes between the states of the data: expect poles when simulating"
     for name, (longest, off) in {} if scores.time is None else scores.time.bridged.items():
         if off > BRIDGED:
+            lost = "single samples" if longest == 1 else f"up to {longest} samples in a row"
             yield (
-                f"{name} lacks up to {longest} samples in a row, over which a straight line is off by {share(off)} of"
+                f"{name} lacks {lost}, over which a straight line is off by {share(off)} of"
                 " its standard deviation elsewhere: what it did in such gaps biases coefficients, of which standard"
                 ' errors know nothing; [data] gaps = "split" does without them'
             )
@@ -180,15 +181,15 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
             when = "after" if found.delay > 0.0 else "before"
             yield f"{name} acts {abs(found.delay):.4g} s {when} it was recorded{error}"
     for name, between in scores.holds.items():
+        acts = _acting(between.hold)
         if between.other is not None:
             yield (
-                f"{name} is {between.hold} between samples, or {between.other}: the record does not decide, so"
+                f"{name} is {acts} between samples, or {_acting(between.other)}: the record does not decide, so"
                 f" standard errors allow for both (where you know, set hold in [inputs.{name}])"
             )
             continue
         if between.hold == "band-limited" and between.gain is not None and between.gain < TELLING:
             continue
-        acts = "held" if between.hold == "zero" else between.hold
         steps = f", {between.steps} of its steps come before the sample that shows them" if between.steps else ""
         yield f"{name} is {acts} between samples{_over_linear(between.gain)}{steps}"
     for name, count in scores.outliers.items():
@@ -196,6 +197,11 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
             yield gated_sentence(name, scores.gated[name])
         elif count:
             yield f"{count} samples of {name} are far from the filtered signal: they were clipped"
+
+
+def _acting(hold: str) -> str:
+    """Return in a word how an input runs between its samples."""
+    return "held" if hold == "zero" else hold
 
 
 def _over_linear(gain: float | None) -> str:

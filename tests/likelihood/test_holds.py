@@ -269,3 +269,13 @@ def test_a_hold_that_is_given_is_not_doubted():
         gains += [t for t in result.model.relations[0].terms if t.text == "u"]
     assert gains[1].std_error > 1.5 * gains[0].std_error
     assert abs(gains[0].coefficient + 100.0) < 3.0 * gains[0].std_error
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 3))])
+def test_a_slow_input_that_comes_late_may_as_well_be_held_and_come_half_a_sample_earlier(seed):
+    result = identify(study(), oscillator("slow", seed, late=0.0375))
+    assert result.model.inputs[0].hold == "linear"
+    assert any(note.startswith("u is linear between samples, or held: the record does not") for note in result.notes)
+    error = result.model.scores.delays["u"].std_error
+    assert result.model.inputs[0].delay == pytest.approx(0.0375, abs=error)
+    assert 0.2 * PERIOD < error < 0.5 * PERIOD
