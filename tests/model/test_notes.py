@@ -370,12 +370,15 @@ def test_rows_at_uneven_times_are_not_told_missing_and_cells_that_are_are():
     assert [n for n in told if "missing" in n] == ["3 samples of A, of 100, are missing (3.00 %)"]
 
 
-@pytest.mark.parametrize(("off", "warned"), [(0.04, True), (0.002, False)])
-def test_inputs_that_moved_in_their_gaps_are_warned_of(off, warned):
-    time = TimeScore(100, 0, 0, 0.0, 120, {"x": (20, 1)}, {"u": (20, off)})
-    told = [n for n in warnings_of(ModelScores(time=time), NONE) if "u lacks up to 20 samples in a row" in n]
-    assert bool(told) is warned
-    assert all('gaps = "split"' in n and "4.00 %" in n for n in told)
+@pytest.mark.parametrize(
+    ("longest", "off", "warned"),
+    [(20, 0.04, "u lacks up to 20 samples in a row"), (1, 0.04, "u lacks single samples"), (20, 0.002, "")],
+)
+def test_inputs_that_moved_in_their_gaps_are_warned_of(longest, off, warned):
+    time = TimeScore(100, 0, 0, 0.0, 120, {"x": (20, 1)}, {"u": (longest, off)})
+    told = [n for n in warnings_of(ModelScores(time=time), NONE) if n.startswith("u lacks")]
+    assert len(told) == bool(warned)
+    assert all(n.startswith(f"{warned}, over which") and 'gaps = "split"' in n and "4.00 %" in n for n in told)
 
 
 @pytest.mark.parametrize(
