@@ -43,6 +43,8 @@ STRIBECK = "stribeck"  # how the constant of Stribeck's curve is called, before 
 ACTIVATION = "activation"  # how the constant of Arrhenius' law is called, before the name of the temperature
 ENERGIES = (500.0, 50_000.0)  # of activation over the gas constant, in kelvins: 4 to 416 kJ/mol
 
+DIVIDING = ("before", "behind", "critical")  # how constants of poles are called, before the name of their variable
+
 Drawn = tuple[str, tuple[Constant, ...]]  # a function as text, and its constants
 
 
@@ -53,6 +55,11 @@ class Family:
     variable: str
     term: Term
     constants: tuple[Constant, ...]
+
+    @property
+    def divides(self) -> bool:
+        """Whether it is a pole, or has one at an imaginary value: what fractions imitate, and powers hardly do."""
+        return any(c.name.startswith(tuple(f"{role}_" for role in DIVIDING)) for c in self.constants)
 
 
 def laid_out(
@@ -122,7 +129,7 @@ def families_of(
     head, supply = constant("head", near - low, far - low), constant("supply", high + near, high + far)
     drawn += [(f"sqrt({head.name} + {variable})", (head,)), (f"sqrt({supply.name} - {variable})", (supply,))]
     near, far = (share * reach for share in GAPS)
-    before, behind = constant("before", near - low, far - low), constant("behind", high + near, high + far)
+    before, behind = constant(DIVIDING[0], near - low, far - low), constant(DIVIDING[1], high + near, high + far)
     drawn += [(f"1/({before.name} + {variable})**2", (before,)), (f"1/({behind.name} - {variable})**2", (behind,))]
     if is_angular(unit) and may_be_angle(values) if angle is None else angle:
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
@@ -184,7 +191,7 @@ def _by_sign(
         )
     else:
         yield from ((f"abs({variable})", ()), (f"{variable}*abs({variable})", ()))
-        critical = constant("critical", *(share * largest for share in CRITICAL))
+        critical = constant(DIVIDING[2], *(share * largest for share in CRITICAL))
         yield f"{variable}/({critical.name}**2 + {variable}**2)", (critical,)
         edge = constant("edge", EDGES[0] * -least, EDGES[1] * -least)
         yield f"(abs({edge.name} + {variable}) - abs({edge.name} - {variable}))**1", (edge,)

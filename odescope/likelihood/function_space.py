@@ -81,9 +81,11 @@ class FunctionSpace:
         joint = _joint(suspected, values, taken, units)
         angles = may_be_angles(values, units) if joint else None
         names = dict.fromkeys(s.variable for s in suspected if s.reason not in JOINT)
-        families = {
-            n: families_of(n, values[n], taken, None if angles is None else n in angles, units.get(n)) for n in names
-        }
+        divided = {s.variable for s in suspected if s.reason == "fractions"}
+        every = (
+            (n, families_of(n, values[n], taken, None if angles is None else n in angles, units.get(n))) for n in names
+        )
+        families = {n: tuple(f for f in found if n in divided or not f.divides) for n, found in every}
         fixed = dict(zip(space.frame.constants, space.whole.constants(refinement.fit.theta), strict=True))
         choices = tuple(
             joint.get(s.reason)
