@@ -57,7 +57,7 @@ def undecided_holds(space: SearchSpace, found: Fit, open_: Collection[str], widt
         for (rival, (_, fitted)), share in zip(able.items(), shares, strict=True):
             apart = fitted.theta[found.free] - found.theta[found.free]
             added += share * np.outer(apart, apart)
-            more = float(np.max(share * apart**2 / (scale * found.variances)))
+            more = float(np.max(share * apart**2 / np.maximum(scale * found.variances, 1e-300)))
             if more > max(doubt, TOLD**2 - 1.0):
                 doubt, others[name] = more, rival
     return Undecided(added, others)

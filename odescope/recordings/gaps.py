@@ -21,7 +21,7 @@ GAP_PERIODS = 1.5  # a longer step lacks at least one sample
 LONGEST_GAP = 32  # steps of a column: over a longer gap its samples hardly say what happened, and the run is cut there
 FEW = 4  # samples: over as many an input that is not known for so long hardly moves a state
 UNKNOWN = 0.25  # of an input's standard deviation: further off, a line is no knowledge of what it did
-UNKNOWN_FEW = 0.1  # of the same, where no more samples than those are lost
+UNKNOWN_FEW = 0.1  # of the same, where no more than those few samples are lost
 APART = 75  # samples between cuts, on average, at least: so many more a piece has than states at its begin
 
 
