@@ -43,7 +43,8 @@ STRIBECK = "stribeck"  # how the constant of Stribeck's curve is called, before 
 ACTIVATION = "activation"  # how the constant of Arrhenius' law is called, before the name of the temperature
 ENERGIES = (500.0, 50_000.0)  # of activation over the gas constant, in kelvins: 4 to 416 kJ/mol
 
-DIVIDING = ("before", "behind", "critical")  # how constants of poles are called, before the name of their variable
+POLES = ("before", "behind")  # how the constants of poles are called, before the name of their variable
+LARGEST_AT = "critical"  # how that of what falls again is called
 
 Drawn = tuple[str, tuple[Constant, ...]]  # a function as text, and its constants
 
@@ -56,10 +57,15 @@ class Family:
     term: Term
     constants: tuple[Constant, ...]
 
-    @property
-    def divides(self) -> bool:
-        """Whether it is a pole, or has one at an imaginary value: what fractions imitate, and powers hardly do."""
-        return any(c.name.startswith(tuple(f"{role}_" for role in DIVIDING)) for c in self.constants)
+    def suits(self, squared: bool, position: bool) -> bool:
+        """Say whether it may be in a relation: what has a square below it only where one divides what imitates it.
+
+        Args:
+            squared: whether a square of the variable divides the relation.
+            position: whether the variable is a position: forces have poles, and go with a gap.
+        """
+        pole, falls = (any(c.name.startswith(r) for c in self.constants) for r in (POLES, LARGEST_AT))
+        return (squared and position) if pole else (squared or not falls)
 
 
 def laid_out(
@@ -129,7 +135,7 @@ def families_of(
     head, supply = constant("head", near - low, far - low), constant("supply", high + near, high + far)
     drawn += [(f"sqrt({head.name} + {variable})", (head,)), (f"sqrt({supply.name} - {variable})", (supply,))]
     near, far = (share * reach for share in GAPS)
-    before, behind = constant(DIVIDING[0], near - low, far - low), constant(DIVIDING[1], high + near, high + far)
+    before, behind = constant(POLES[0], near - low, far - low), constant(POLES[1], high + near, high + far)
     drawn += [(f"1/({before.name} + {variable})**2", (before,)), (f"1/({behind.name} - {variable})**2", (behind,))]
     if is_angular(unit) and may_be_angle(values) if angle is None else angle:
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
@@ -191,7 +197,7 @@ def _by_sign(
         )
     else:
         yield from ((f"abs({variable})", ()), (f"{variable}*abs({variable})", ()))
-        critical = constant(DIVIDING[2], *(share * largest for share in CRITICAL))
+        critical = constant(LARGEST_AT, *(share * largest for share in CRITICAL))
         yield f"{variable}/({critical.name}**2 + {variable}**2)", (critical,)
         edge = constant("edge", EDGES[0] * -least, EDGES[1] * -least)
         yield f"(abs({edge.name} + {variable}) - abs({edge.name} - {variable}))**1", (edge,)

@@ -37,8 +37,9 @@ class Suspicion:
 
     `reason` is what says so: several powers of it, a fraction of it, a term of it that drives where dry friction
     brakes, or a residual that goes with it; `beside` is what such a function may be multiplied by, `terms` how many
-    terms of the relation may be one. A "pair" is of no variable, but of two together, and a "sine" is of any that may
-    be an angle: a relation that imitates something may hold these.
+    terms of the relation may be one; `squared` whether its square or a higher power divides. A "pair" is of no
+    variable, but of two together, and a "sine" is of any that may be an angle: a relation that imitates something may
+    hold these.
     """
 
     relation: int
@@ -46,6 +47,7 @@ class Suspicion:
     reason: Reason
     beside: tuple[Term, ...] = (ONE,)
     terms: int = 0
+    squared: bool = False
 
 
 def suspicions(refinement: Refinement, names: Collection[str], declared: Collection[str]) -> tuple[Suspicion, ...]:
@@ -160,13 +162,13 @@ def _imitation(
         # A fraction divides the whole relation, so the function may be in any of its terms: those that hold its
         # numerator, or all where that is a number, as in M/(1 + I), or may be a pole, V**2/(c - x)**2.
         below = [p.term for p in products if p.factor is not None]
-        pole = len({t.power_of(Name(name)) for t in below} - {0}) >= SEVERAL
-        above = [rest for rest, found in powers.items() if pole or found != {0}] or list(powers)
+        squared = any(t.power_of(Name(name)) > 1 for t in below)
+        above = [rest for rest, found in powers.items() if squared or found != {0}] or list(powers)
         terms = sum(p.term.power_of(Name(name)) != 0 for p in products)
         if len(below) == 1:  # what is divided by it goes with powers, which may be a law: i**2/x**2 - g
             divided = ({power - below[0].power_of(Name(name)) for power in found} - {0} for found in powers.values())
             terms = terms if any(len(found) >= SEVERAL for found in divided) else 0
-        return Suspicion(relation, name, "fractions", tuple(dict.fromkeys((ONE, *above))), terms)
+        return Suspicion(relation, name, "fractions", tuple(dict.fromkeys((ONE, *above))), terms, squared)
     powers = {rest: found - {0} for rest, found in powers.items()}
     energy = [rest for rest, found in powers.items() if found and rate is not None and _even(rest, rate)]
     together = energy if len(energy) >= SEVERAL else []

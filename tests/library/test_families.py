@@ -145,3 +145,16 @@ def test_what_has_another_unit_is_no_angle(unit, angles):
     found = {readable(f.term) for f in families_of("z", np.linspace(-1.0, 2.0, 100), (), unit=unit)}
     assert ("sin(z)" in found) is angles
     assert "sin(rate_z*z)" in found
+
+
+@pytest.mark.parametrize(
+    ("squared", "position", "there"),
+    [(True, True, {"before", "behind", "critical"}), (True, False, {"critical"}), (False, True, set())],
+)
+def test_what_has_a_square_below_it_is_a_function_only_where_one_divides_and_a_pole_of_positions(
+    squared, position, there
+):
+    suited = [f for f in families_of("z", np.linspace(-1.0, 2.0, 500), ()) if f.suits(squared, position)]
+    roles = {c.name.removesuffix("_z") for f in suited for c in f.constants}
+    assert roles & {"before", "behind", "critical"} == there
+    assert {"edge", "head", "supply"} <= roles
