@@ -1,4 +1,4 @@
-"""Drag that goes with the speed of a mass or grows with a coordinate, where friction of rates by itself falls short.
+"""Drag that goes with the speed of a mass or grows with an angle, where friction of rates by itself falls short.
 
 docs/method.md, Suspicion.
 """
@@ -29,7 +29,7 @@ def with_drag(
 
     A liquid or the air slows a mass down by its own speed, not by the rates of the coordinates: a bob that swings on a
     spring along its path, the lower of two arms by what both do. The dissipation function then has a term as the
-    kinetic energy has. Or damping grows as a coordinate does, as that of an escapement (Van der Pol). Such terms are
+    kinetic energy has. Or damping grows as an angle does, as that of an escapement (Van der Pol). Such terms are
     tried, beside all that the model was chosen from, where it lacks little in short pieces of the record and does not
     follow the whole, or follows it with terms in doubt or noise of the process, which may stand for drag.
 
@@ -62,7 +62,7 @@ def _drags(study: Study, posed: Posed, refinement: Refinement) -> tuple[Mechanis
     present = (refinement.space.mechanisms[k] for k in refinement.fit.present)
     moved = [m for m in present if m.kind == "kinetic" and any(p.product.factor is not None for p in m.parts)]
     coordinates = study.measured()
-    grown = (f"{c.name}**2*{c.derivative(1)}**2" for c in coordinates if not c.cyclic)
+    grown = (f"{c.name}**2*{c.derivative(1)}**2" for c in coordinates if c.angle and not c.cyclic)
     texts = [text for text in (*(m.term for m in moved), *grown) if text not in known]
     if not texts:
         return ()

@@ -21,7 +21,7 @@ GAP_PERIODS = 1.5  # a longer step lacks at least one sample
 LONGEST_GAP = 32  # steps of a column: over a longer gap its samples hardly say what happened, and the run is cut there
 FEW = 4  # samples: over as many an input that is not known for so long hardly moves a state
 UNKNOWN = 0.25  # of an input's standard deviation: further off, a line is no knowledge of what it did
-UNKNOWN_FEW = 0.1  # of the same, where no more than those few samples are lost
+UNKNOWN_FEW = 0.1  # of the same: where a line over one sample is so far off, few samples are too many
 APART = 75  # samples between cuts, on average, at least: so many more a piece has than states at its begin
 
 
@@ -208,8 +208,10 @@ def _unknown(points: IntArray, values: FloatArray) -> BoolArray:
         unknown &= (np.diff(values) != 0.0) & (unseen_steps(points, values) == 0)
     else:
         whole, size = np.split(values, np.flatnonzero(unknown) + 1), float(values.std())
-        lengths = np.unique(lost[unknown]).tolist()
-        far = [n for n in lengths if off_lines(whole, n) > (UNKNOWN_FEW if n <= FEW else UNKNOWN) * size]
+        fast = off_lines(whole, 1) > UNKNOWN_FEW * size
+        far = [
+            n for n in np.unique(lost[unknown]).tolist() if (fast if n <= FEW else off_lines(whole, n) > UNKNOWN * size)
+        ]
         unknown = np.isin(lost, far)
     return unknown if APART * np.count_nonzero(unknown) <= len(values) else unknown & (lost > FEW)
 
