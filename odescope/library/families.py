@@ -178,14 +178,15 @@ def _by_sign(
     if least > 0.0:
         power = constant("exponent", *EXPONENTS)
         yield from ((f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,)))
+    elif least > -NEGLIGIBLE * largest:
+        amount = f"abs({variable})"  # which noise alone takes below zero
+        yield f"sqrt({amount})", ()
+    if least > -NEGLIGIBLE * largest:
         # What is not half saturated at the largest amount is a power, or a polynomial.
         level, order = constant("level", largest / OFF, largest), constant("order", *ORDERS)
         raised = f"{amount}**{order.name}"
         for above in (raised, f"{level.name}**{order.name}"):  # what activates, and what represses
             yield f"{above}/({level.name}**{order.name} + {raised})", (level, order)
-    elif least > -NEGLIGIBLE * largest:
-        yield f"sqrt(abs({variable}))", ()
-    if least > -NEGLIGIBLE * largest:
         half = constant(HALF, max(largest / OFF, -POLE * least), largest / FLAT)
         for above in (variable, half.name):
             yield f"{above}/({half.name} {plus} {variable})", (half,)
@@ -249,7 +250,12 @@ def _kelvins(variable: str, unit: str | None, low: float, high: float) -> Iterat
     inverse = 1.0 / (low + zero), 1.0 / (high + zero)
     largest = min(ENERGIES[1], OFF / (inverse[0] - inverse[1]))
     if largest > ENERGIES[0]:
-        yield f"{variable} + {zero!r}" if zero else variable, sum(inverse) / 2.0, largest
+        yield in_kelvins(variable, zero), sum(inverse) / 2.0, largest
+
+
+def in_kelvins(variable: str, zero: float) -> str:
+    """Return a temperature in kelvins as text, from the kelvins at 0 of its unit."""
+    return f"{variable} + {zero!r}" if zero else variable
 
 
 def _family(variable: str, text: str, constants: tuple[Constant, ...], values: FloatArray) -> Family:

@@ -41,4 +41,6 @@ def _exponential(argument: Combination) -> str | None:
     inner = logarithms[0].argument
     alone = len(inner.parts) == 1 and inner.parts[0][0] == 1.0
     base = readable(inner.parts[0][1]) if alone else signed_sum((c, readable(t)) for c, t in inner.parts)
-    return f"{base if base.isidentifier() else f'({base})'}**{exponents[0].name}"
+    factors = inner.parts[0][1].factors if alone else ()
+    single = len(factors) == 1 and factors[0][1] == 1 and (isinstance(factors[0][0], Name) or factors[0][0].function)
+    return f"{base if single else f'({base})'}**{exponents[0].name}"

@@ -26,6 +26,7 @@ SUSPECTED = {
     "sine": "{target} may hold sines of angles",
     "angle": "{variable} may be an angle",
     "temperature": "{variable} is a temperature by its unit, or by name and size: rates may go with it by Arrhenius",
+    "radiation": "{variable} is a temperature by its unit, or by name and size: what is hot radiates",
     "periodic": "what is unexplained of {target} goes at {low:.4g} to {high:.4g} rad/s, as under a forcing that was"
     " not recorded",
     "swinging": "what is unexplained of {target} goes with {variable} times a sine of {low:.4g} to {high:.4g} rad/s, as"

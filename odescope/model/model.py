@@ -89,6 +89,11 @@ class Model:
         return (*self.states, *(i.name for i in self.inputs))
 
     @cached_property
+    def held(self) -> frozenset[str]:
+        """The states and inputs that the equations hold."""
+        return frozenset[str]().union(*(t.product.term.names for r in self.relations for t in r.terms))
+
+    @cached_property
     def tape(self) -> Tape:
         """Tape of A, row by row, then b: (T * T + T) outputs."""
         matrix = [r.part(target) for r in self.relations for target in self.targets]

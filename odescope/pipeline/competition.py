@@ -29,6 +29,7 @@ from odescope.pipeline.inputs import under_found_holds
 from odescope.pipeline.joint_models import adopt, determined
 from odescope.pipeline.modulated import with_modulated
 from odescope.pipeline.physics import energy_of
+from odescope.pipeline.radiation import radiated, with_radiation
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.roots import with_roots
 from odescope.pipeline.springs_and_dampers import with_springs_and_dampers
@@ -254,8 +255,9 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
     if not work.study.likelihood.enabled:
         return posed, None
     relations = posed.form == "relations" and not work.late
-    if relations and (reacting := rates(work, filtered, regressed)) is not None:
-        return reacting
+    for small in (rates, radiated) if relations else ():
+        if (begun := small(work, filtered, regressed)) is not None:
+            return begun
     flowing = flows(work, filtered, regressed) if relations else None
     if flowing is not None and conclusive(flowing[1]):
         return flowing
@@ -289,6 +291,8 @@ def _with_more(
     wanting = refinement is None or refinement.wanting
     if wanting:
         refinement, suspicions = with_arrhenius(work, filtered, refinement, ())
+    if not suspicions:
+        refinement, suspicions = with_radiation(work, filtered, refinement)
     if refinement is not None and not suspicions:
         refinement, suspicions = with_suspected(work, filtered, posed, refinement)
     if not wanting:

@@ -47,7 +47,7 @@ from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Recorded, Records
-from odescope.selection.advice import advice
+from odescope.selection.advice import advice, idle_inputs
 from odescope.signals.estimate import Signals, filter_notes
 from odescope.signals.first_order import order_advice
 from odescope.signals.gated import Reasons
@@ -195,6 +195,7 @@ class Identification:
             said += degrees_hints(self.records, self.study.measured())
         if any(run.valid_time < 0.5 * run.duration for run in _scores(self).free_runs):
             said += order_advice(self.signals)
+        said += idle_inputs(self.signals, {*self.model.held, *self.study.clocks})
         return (*said, *(u.note for u in tables(self.study)[1]))
 
     @property

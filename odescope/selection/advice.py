@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
+from odescope.arrays import FloatArray
 from odescope.recordings.checks import degrees_hints
 from odescope.recordings.record import Records
 from odescope.regression.problem import Problem
@@ -13,6 +14,7 @@ from odescope.signals.estimate import Signals
 from odescope.signals.first_order import order_advice
 from odescope.signals.rates import explained, rates_given
 
+FED_BACK = 0.9  # of the variance of an input that equations do without
 THE_SAME = 0.999  # of a quantity's variance: what another then says of it leaves nothing to learn from it
 ALIKE = 0.1  # how far a column may be from the rate of another that it is taken for
 VALUES_A_TERM = 5.0  # independent values that a record should hold for every candidate
@@ -70,17 +72,42 @@ def _rates_given(signals: Signals) -> Iterator[str]:
         )
 
 
+def idle_inputs(signals: Signals, used: Collection[str]) -> Iterator[str]:
+    """Yield for each input that equations do without why that need not mean that it has no effect.
+
+    Args:
+        signals: of the records.
+        used: names of the inputs that the equations hold.
+    """
+    for name in (i.name for i in signals.inputs if i.name not in used):
+        states, columns, u = _states_beside(signals, name)
+        share = explained(u, _followed(columns, u, len(u)))
+        why = f" {100.0 * share:.3g} % of it is a sum of multiples of {', '.join(states)}, as under feedback:"
+        why = f"{why} what it does is counted as what they do; record with a reference or a disturbance added to it"
+        yield f"{name} is in none of the equations" + (f":{why}" if share > FED_BACK else "")
+
+
 def _closed_loops(signals: Signals) -> Iterator[str]:
     """Yield for each input that is a sum of multiples of the states, as what a controller feeds back."""
-    joined, states = signals.joined(), [s for c in signals.coordinates for s in c.states]
-    columns = np.vstack([np.ones(joined.shape[1]), joined[[signals.row(s) for s in states]]])
-    scale = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
-    half = columns.shape[1] // 2
-    for i in signals.inputs:
-        u = joined[signals.row(i.name)]
-        found = np.linalg.lstsq((columns[:, :half].T / scale), u[:half], rcond=None)[0] / scale
-        if explained(u[half:], found @ columns[:, half:]) > THE_SAME:
+    for name in (i.name for i in signals.inputs):
+        states, columns, u = _states_beside(signals, name)
+        half = len(u) // 2
+        if explained(u[half:], _followed(columns, u, half)[half:]) > THE_SAME:
             yield (
-                f"{i.name} is a function of {', '.join(states)}, as under feedback: what it does cannot be told from"
+                f"{name} is a function of {', '.join(states)}, as under feedback: what it does cannot be told from"
                 " what they do; record with a reference or a disturbance added to it, or leave it out of the inputs"
             )
+
+
+def _states_beside(signals: Signals, name: str) -> tuple[list[str], FloatArray, FloatArray]:
+    """Return the names of the states, a constant and their values (1 + states, N), and those of an input (N,)."""
+    joined, states = signals.joined(), [s for c in signals.coordinates for s in c.states]
+    columns = np.vstack([np.ones(joined.shape[1]), joined[[signals.row(s) for s in states]]])
+    return states, columns, joined[signals.row(name)]
+
+
+def _followed(columns: FloatArray, u: FloatArray, seen: int) -> FloatArray:
+    """Return the sum of multiples of columns (k, N) that is nearest to u (N,) over the first samples of these."""
+    scale = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
+    found: FloatArray = np.linalg.lstsq(columns[:, :seen].T / scale, u[:seen], rcond=None)[0] / scale
+    return np.asarray(found @ columns)

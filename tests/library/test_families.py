@@ -59,14 +59,17 @@ def test_a_root_ends_below_or_above_all_values(low, high):
 
 
 HILL, HALDANE = "z**order_z/(level_z**order_z + z**order_z)", "z/(affinity_z + z + z**2/inhibition_z)"
+OF_SIZE = "abs(z)**order_z/(level_z**order_z + abs(z)**order_z)"
 
 
 @pytest.mark.parametrize(
-    ("low", "rates"), [(0.2, {HILL, HALDANE}), (-0.01, {HALDANE}), (-1.0, set())], ids=["amount", "noise", "signed"]
+    ("low", "rates"),
+    [(0.2, {HILL, HALDANE}), (-0.01, {OF_SIZE, HALDANE}), (-1.0, set())],
+    ids=["amount", "noise", "signed"],
 )
 def test_an_amount_has_the_rates_of_hill_and_haldane(low, rates):
     scope = Scope.of(["z"], constants=["order_z", "level_z", "affinity_z", "inhibition_z"])
-    known = {readable(parse_term(text, scope)): text for text in (HILL, HALDANE)}
+    known = {readable(parse_term(text, scope)): text for text in (HILL, OF_SIZE, HALDANE)}
     assert {known[text] for text in texts(np.linspace(low, 3.0, 500)) & set(known)} == rates
 
 

@@ -9,7 +9,7 @@ from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.record import Record, Records
 from odescope.regression.problem import pose
 from odescope.regression.rows import PlainRows
-from odescope.selection.advice import advice
+from odescope.selection.advice import advice, idle_inputs
 from odescope.signals.estimate import Channel, Signals
 
 PERIOD, COUNT = 0.01, 4000
@@ -24,14 +24,18 @@ def smooth(seed):
     return np.sin(angle) @ size, np.cos(angle) @ (size * frequency)
 
 
-def said(columns, coordinates, inputs=(), t=T, cutoff=5.0, time_unit=None):
+def signals_of(columns, coordinates, inputs=(), cutoff=5.0):
     names = [n for c in coordinates for n in (*c.states, c.target)] + [i.name for i in inputs]
-    measured = [c.name for c in coordinates] + [i.name for i in inputs]
-    values = np.array([columns[n] for n in names])
     channels = tuple(Channel(c.name, 1e-3, cutoff) for c in coordinates)
-    signals = Signals(tuple(names), (values,), (0.0,), PERIOD, channels, tuple(coordinates), tuple(inputs))
+    values = np.array([columns[n] for n in names])
+    return Signals(tuple(names), (values,), (0.0,), PERIOD, channels, tuple(coordinates), tuple(inputs))
+
+
+def said(columns, coordinates, inputs=(), t=T, cutoff=5.0, time_unit=None):
+    signals = signals_of(columns, coordinates, inputs, cutoff)
+    names, measured = signals.names, [c.name for c in coordinates] + [i.name for i in inputs]
     record = Record(t, np.array([columns[n] for n in measured]).T, tuple(measured))
-    library = Library.of(("1", *(c.name for c in coordinates), coordinates[0].target), Scope.of(tuple(names)))
+    library = Library.of(("1", *(c.name for c in coordinates), coordinates[0].target), Scope.of(names))
     problem = pose(signals, coordinates[0].target, coordinates[0].order, library, PlainRows())
     return advice(Records.of(record), signals, (problem,), time_unit)
 
@@ -72,6 +76,17 @@ def test_an_input_that_a_controller_makes_of_the_states_is_named_and_one_with_a_
     assert sentence.startswith("u is a function of q, q_dot, as under feedback")
     disturbed = feedback + 0.3 * smooth(6)[0]
     assert said({**columns, "u": disturbed}, [Coordinate("q", 2)], [Input("u")]) == ()
+
+
+@pytest.mark.parametrize(("reference", "fed_back"), [(0.3, True), (3.0, False)])
+def test_an_input_that_no_equation_holds_is_named_and_why_that_may_be_feedback_alone(reference, fed_back):
+    columns = {"q": smooth(4)[0], "q_dot": smooth(4)[1], "q_ddot": smooth(5)[0]}
+    columns["u"] = 2.0 - 3.0 * columns["q"] - 0.5 * columns["q_dot"] + reference * smooth(6)[0]
+    signals = signals_of(columns, [Coordinate("q", 2)], [Input("u")])
+    (sentence,) = idle_inputs(signals, ())
+    assert sentence.startswith("u is in none of the equations")
+    assert ("under feedback" in sentence) is fed_back
+    assert not list(idle_inputs(signals, {"u"}))
 
 
 def test_a_record_too_short_for_its_library_is_told_with_what_it_holds():

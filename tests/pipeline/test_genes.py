@@ -1,0 +1,46 @@
+"""Two genes that repress each other, and their products, which noise takes below zero."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from odescope.pipeline.identification import identify
+from odescope.study.options import Data, Driven, Measured, Study
+
+STUDY = Study(
+    data=Data(time="t"),
+    coordinates={"x": Measured(), "y": Measured()},
+    inputs={"u": Driven(hold="zero"), "w": Driven(hold="zero")},
+)
+
+
+def toggle(seed):
+    """Return a log of x' = u + 8/(1 + y**3) - x, y' = w + 6/(1 + x**2) - 0.8 y."""
+    rng, t = np.random.default_rng(seed), 0.1 * np.arange(1500)
+    steps = np.repeat(rng.exponential(1.0, (2, 30)) * (rng.random((2, 30)) < 0.5), 50, axis=1)
+
+    def rate(now, z):
+        u, w = steps[:, min(int(now / 0.1 + 1e-9), len(t) - 1)]
+        x, y = z
+        return [u + 8.0 / (1.0 + y**3) - x, w + 6.0 / (1.0 + x**2) - 0.8 * y]
+
+    z = solve_ivp(rate, (0.0, t[-1]), [4.0, 1.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.05).y
+    noise = 0.02 * z.std(axis=1, keepdims=True) * rng.standard_normal(z.shape)
+    return dict(zip("txyuw", (t, *(z + noise), *steps), strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_what_noise_takes_below_zero_has_the_rates_of_hill(seed):
+    log = toggle(seed)
+    assert min(log["x"].min(), log["y"].min()) < 0.0
+    model = identify(STUDY, log).model
+    x, y = ({t.text: t for t in r.terms} for r in model.relations)
+    assert max(len(x), len(y)) <= 5  # what represses, or a constant less what activates
+    assert {"x_dot", "x", "u"} <= set(x)
+    assert {"y_dot", "y", "w"} <= set(y)
+    for terms, name, value in ((x, "x", 1.0), (x, "u", -1.0), (y, "y", 0.8), (y, "w", -1.0)):
+        assert abs(terms[name].coefficient - value) < 4.0 * terms[name].std_error
+    orders = {p.name: p for p in model.parameters if p.name.startswith("order")}
+    for name, value in {"order_y": 3.0, "order_x": 2.0}.items():
+        assert abs(orders[name].value - value) < 4.0 * orders[name].std_error
