@@ -14,6 +14,7 @@ from odescope.recordings.gaps import GAP_PERIODS, RawRun
 from odescope.recordings.local_spline import fit_smooth
 from odescope.recordings.lost_rows import sample_numbers
 from odescope.recordings.record import Record, within
+from odescope.recordings.repeats import stale
 
 
 def uniform(
@@ -131,6 +132,8 @@ def _assigned(t: FloatArray, values: FloatArray, weights: FloatArray, grid: Floa
     least, most = values.min() - np.ptp(values), values.max() + np.ptp(values)
     curve = np.clip(smooth(np.clip(where, at[0] - 1.0, at[-1] + 1.0)), least, most)
     moved = values - smooth(at) + curve[points] if not np.array_equal(t, grid[points]) else values
+    for k in np.flatnonzero(stale(values)).tolist():  # what was not measured anew repeats its neighbour here, too
+        moved[k] = moved[k - 1] if values[k] == values[k - 1] else moved[k + 1]
     total = np.bincount(points, weights * moved, len(grid))
     return np.where(there > 0.0, total / np.maximum(there, 1.0), curve)
 

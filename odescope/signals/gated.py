@@ -49,7 +49,7 @@ def reasons_of(
     """Return why each sample was gated.
 
     A placeholder is a number that stands for no reading; saturated are five or more in a row at an end of the range;
-    repeated is what equals the sample before it exactly, late what lies between the signal one sample earlier and now;
+    repeated is what equals a sample beside it exactly, late what lies between the signal one sample earlier and now;
     any other is an outlier.
 
     Args:
@@ -80,11 +80,11 @@ def _reason(
         ends: of the range of all records.
         standing: the number that stands for no reading, NaN if there is none.
     """
-    earlier, previous = np.concatenate([signal[:1], signal[:-1]]), np.concatenate([[np.nan], recorded[:-1]])
+    earlier, same = np.concatenate([signal[:1], signal[:-1]]), np.diff(recorded) == 0.0
     kinds = (
         recorded == standing,
         _plateaus(gone & np.isin(recorded, ends)),
-        recorded == previous,
+        np.append(False, same) | np.append(same, False),
         (recorded - earlier) * (recorded - signal) < 0.0,
     )
     reason: IntArray = np.where(gone, np.select(kinds, (5, 1, 2, 3), 4), 0).astype(np.int64)

@@ -9,6 +9,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records
+from odescope.recordings.repeats import stale
 from odescope.signals.taken_out import taken_out
 
 FEWEST = 32  # new values of which a rhythm is told
@@ -20,14 +21,18 @@ def without_repeats(records: Records, coordinates: Sequence[Coordinate]) -> Reco
     """Return records in which the repeated values of a slow sensor count as not measured.
 
     The sensor is slow where its value changes every so many rows, by steps of many sizes: those of an encoder that
-    turns slowly are of one. Single repeats are left to the gate.
+    turns slowly are of one. So do single values that a row holds once more.
 
     Args:
         records: uniformly sampled.
         coordinates: what was measured.
     """
     slow = [c.name for c in coordinates if is_slow([run.column(c.name) for run in records])]
-    return Records.of(_less_repeats(run, slow) for run in records) if slow else records
+    records = Records.of(_less_repeats(run, slow) for run in records) if slow else records
+    gone = [{c.name: stale(run.column(c.name)) for c in coordinates if c.name not in slow} for run in records]
+    if not any(own.any() for found in gone for own in found.values()):
+        return records
+    return Records.of(map(taken_out, records, gone))
 
 
 def is_slow(columns: Sequence[FloatArray]) -> bool:
