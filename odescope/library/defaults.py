@@ -59,8 +59,9 @@ def default_library(
     """Return the default candidates for relations that are linear in `targets`.
 
     With angles: {1, velocities, products of two velocities, inputs, positions that are neither angle nor cyclic,
-    targets} x products of sines and cosines to degree 2; what is of order 1 and no angle may be a speed, too, and is
-    multiplied by another, a velocity or a target. Without: monomials of states and inputs to degree 3 (less where that
+    targets} x products of sines and cosines to degree 2, and positions times the square of an angle's velocity, which
+    is what turning throws outwards; what is of order 1 and no angle may be a speed, too, and is multiplied by another,
+    a velocity or a target. Without: monomials of states and inputs to degree 3 (less where that
     would be too many) x {1, targets}. In both, dry and quadratic friction of the targets' coordinates of order 2 and of
     the differences of their rates with like ones, and of positions that are components of one the drag by their speed
     and forces from the origin by their distance (`spatial`), which nothing multiplies.
@@ -99,6 +100,8 @@ def default_library(
     moving = velocities + Library.of([*driven], scope) + positions + Library.of(targets, scope)
     measured = Library.of(speeds(coordinates), scope)
     products = measured * (measured + velocities + Library.of(targets, scope))
+    turning = Library.of([f"{c.derivative(1)}**2" for c in coordinates if c.angle and c.order > 1], scope)
+    products = products + positions * turning
     asked = [] if degree is None else [MaximumDegree((*states, *driven, *waves), degree)]
     return (moving * trigonometric + products).thin(asked, scope) + alone
 

@@ -27,11 +27,15 @@ def free_run_sentences(runs: Sequence[FreeRun]) -> Iterator[str]:
 def parting_sentences(runs: Sequence[FreeRun], judged: Likelihood | None) -> Iterator[str]:
     """Yield why free runs of a model that follows its record part from it, which says little against it.
 
+    That states grow without bound, or meet a pole, does say something.
+
     Args:
         runs: from the starts of the recordings.
         judged: how the likelihood judged the model, where it ran.
     """
     lost = [run.valid_time for run in runs if not run.stays]
+    if any(run.ended for run in runs):
+        return
     if lost and judged is not None and judged.exact and judged.gap is not None and judged.gap <= JOINED:
         yield (
             f"piece joined to piece the model follows the record to within its noise; freely it parts from it after"

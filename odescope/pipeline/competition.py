@@ -35,6 +35,7 @@ from odescope.pipeline.roots import with_roots
 from odescope.pipeline.springs_and_dampers import with_springs_and_dampers
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
 from odescope.pipeline.sums import with_sums
+from odescope.pipeline.supports import with_moving_supports
 from odescope.pipeline.suspicion import left_over, with_suspected
 from odescope.pipeline.temperatures import rates, with_arrhenius
 from odescope.pipeline.wider import evidently_better
@@ -266,8 +267,9 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
         return posed, refinement
     if flowing is not None and evidently_better(flowing[1], refinement):
         return flowing
-    better = {"relations": with_sums, "lagrangian": with_drag}.get(posed.form)
-    return (posed, refinement) if better is None else better(work, filtered, posed, refinement)
+    for better in {"relations": (with_sums,), "lagrangian": (with_moving_supports, with_drag)}.get(posed.form, ()):
+        posed, refinement = better(work, filtered, posed, refinement)
+    return posed, refinement
 
 
 def _with_more(
@@ -285,7 +287,7 @@ def _with_more(
     suspicions = tuple[SuspicionScore, ...]()
     # Products are simpler than functions, which are then looked for beside the candidates that the model is made of.
     posed, refinement = with_modulated(work, filtered, posed, regressed, refinement)
-    if refinement is not None and refinement.exact:
+    if refinement is not None and refinement.follows:
         refinement = with_common_denominators(work, filtered, posed, refinement)
     # Too many terms imitate a rate that goes with a temperature for one function at a time to be seen in their place.
     wanting = refinement is None or refinement.wanting

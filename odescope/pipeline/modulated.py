@@ -76,7 +76,10 @@ def _promise(found: Regressed) -> float:
 
 
 def products_of(study: Study) -> Iterator[tuple[str, ...]]:
-    """Yield the angles themselves, and with them products of rates, positions and inputs with sines and cosines."""
+    """Yield the angles themselves, and with them products of rates, positions and inputs with sines and cosines.
+
+    Beside such stand the targets times the inputs: a pendulum whose length is recorded is divided by that.
+    """
     coordinates, scope = study.measured(), study.scope()
     free = {c.name for c in coordinates if c.angle or c.cyclic}
     names = [n for c in coordinates for n in c.states if n not in free]
@@ -85,7 +88,9 @@ def products_of(study: Study) -> Iterator[tuple[str, ...]]:
     springs = tuple(c.name for c in coordinates if c.angle and not c.cyclic)
     if springs:
         yield springs
+    driven = [i for i in study.inputs if i not in study.clocks]
+    divided = tuple(f"{c.target}*{i}" for c in coordinates for i in driven)  # by a length, a mass or a speed
     turning = Library.of([f"{f}({a})" for a in angles for f in ("sin", "cos")], scope)
     for degree, harmonics in WIDER:
         trigonometric = turning.powers(harmonics).thin([Identity(f"sin({a})") for a in angles], scope)
-        yield (*springs, *(term.text for term in moving.powers(degree) * trigonometric))
+        yield (*springs, *divided, *(term.text for term in moving.powers(degree) * trigonometric))

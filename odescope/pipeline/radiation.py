@@ -49,8 +49,10 @@ def radiated(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
         regressed: what regression in the default library found.
     """
     powers = _powers(work, filtered)
+    if not powers:
+        return None
     wide = within(_wide(work, powers), AT_FIRST)
-    found = regressed_with(wide, filtered) if powers else None
+    found = regressed_with(wide, filtered)
     if found is None or not promises(found, regressed):
         return None
     work.monitor.tell(Progress("suspicion", "search with what is radiated", 0, 1))

@@ -147,12 +147,15 @@ def replaces(other: Refinement, refinement: Refinement) -> bool:
 
     Of two that do, the one that follows it in longer pieces stays, else the likelier. Where the other did not, what the
     record lacks for a law may be put down to functions, so these must run freely no worse over what is held out, or be
-    evidently likelier, take the place of as many terms and run about as well; nor may they run worse where likelihoods
-    do not compare. With noise of the process they are to be evidently likelier, of as few terms or far better.
+    evidently likelier, take the place of as many terms and run about as well, errors from stretch to stretch allowed
+    for; nor may they run worse where likelihoods do not compare. With noise of the process they are to be evidently
+    likelier, of as few terms or far better.
     """
     gain, error, before = other.gained_over(refinement), other.free_run_error, refinement.free_run_error
     evident = gain is not None and gain > EVIDENT
-    fair = len(other.fit.free) <= len(refinement.fit.free) and (error <= NO_WORSE * before or error <= FAITHFUL)
+    apart = 0.0 if other.path is None else other.path.choice.spread
+    near = error <= NO_WORSE * before or error <= FAITHFUL or error - apart <= before
+    fair = len(other.fit.free) <= len(refinement.fit.free) and near
     if other.process is not None:
         return evident and (fair or error < FAR_BETTER * before)
     if not other.exact:

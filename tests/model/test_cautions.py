@@ -5,7 +5,7 @@ import pytest
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.model.cautions import cautions
-from odescope.model.free_run_notes import free_run_sentences
+from odescope.model.free_run_notes import free_run_sentences, parting_sentences
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm
 from odescope.model.scores import CoordinateRun, FreeRun, Likelihood, ModelScores
@@ -29,6 +29,14 @@ def test_one_recording_is_told_in_seconds():
     assert told(run(8.0, 8.0, fit=99.99)) == [f"{start}all of its 8 s (fit of x over 99.9 %)."]
     assert told(run(8.0, 0.5, ended="met a pole"))[1] == "The free run ended early: met a pole."
     assert told() == []
+
+
+def test_that_a_law_parts_from_its_record_is_excused_unless_it_runs_away():
+    judged = Likelihood(True, 1.0, 0.001, True, 1, None, (), ())
+    (sentence,) = parting_sentences([run(8.0, 0.5)], judged)
+    assert "as any law does where errors grow by themselves" in sentence
+    assert not list(parting_sentences([run(8.0, 0.5, ended="met a pole")], judged))
+    assert not list(parting_sentences([run(8.0, 8.0)], judged))
 
 
 def test_of_several_recordings_it_is_told_which_is_lost_first():

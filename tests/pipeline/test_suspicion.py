@@ -187,19 +187,20 @@ def test_what_is_fixed_by_name_is_not_suspected():
     assert parse_study(study_toml(study(suspect=False))) == study(suspect=False)
 
 
-def ending(exact, deviance, error, block=1, width=0.001, noisy=None, terms=5):
+def ending(exact, deviance, error, block=1, width=0.001, noisy=None, terms=5, spread=0.0):
     """Return what the choice between two ends of a likelihood stage looks at; with noise of the process its cost."""
     segments = SimpleNamespace(block=block, samples=1000, driven=None)
     outcome = SimpleNamespace(deviance=deviance, width=width)
     made = SimpleNamespace(exact=exact, outcome=outcome, free_run_error=error, space=SimpleNamespace(segments=segments))
+    made.path = SimpleNamespace(choice=SimpleNamespace(spread=spread))
     made.process = None if noisy is None else SimpleNamespace(penalised=noisy)
     made.follows, made.fit = exact or noisy is not None, SimpleNamespace(free=range(terms))
     made.gained_over = partial(Refinement.gained_over, made)
     return made
 
 
-def noisy(cost, error, terms):
-    return ending(False, 0.0, error, noisy=cost, terms=terms)
+def noisy(cost, error, terms, spread=0.0):
+    return ending(False, 0.0, error, noisy=cost, terms=terms, spread=spread)
 
 
 def without_noise(cost, error):
@@ -225,6 +226,7 @@ def without_noise(cost, error):
         (noisy(100.0, 0.10, 5), noisy(80.0, 0.10, 5), True),
         (noisy(100.0, 0.10, 5), noisy(95.0, 0.10, 4), False),  # which is hardly likelier
         (noisy(100.0, 0.10, 5), noisy(80.0, 0.12, 4), False),  # nor runs as near
+        (noisy(100.0, 0.10, 5), noisy(80.0, 0.12, 4, 0.03), True),  # from stretch to stretch errors differ by more
         (noisy(100.0, 0.10, 5), noisy(80.0, 0.09, 6), False),  # one more function explains anything
         (noisy(100.0, 0.10, 5), noisy(80.0, 0.04, 6), True),
         (noisy(100.0, 0.004, 5), noisy(80.0, 0.006, 4), True),  # both are near enough
