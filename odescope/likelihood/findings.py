@@ -10,6 +10,7 @@ import numpy as np
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.evidence import Evidence
 from odescope.likelihood.lacking import has_dry_friction, lacking
+from odescope.likelihood.look_alikes import look_alikes
 from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import MOST_TERMS, THIN
@@ -106,11 +107,13 @@ def doubts(refinement: Refinement, targets: Sequence[str]) -> Doubts:
             for k, errors in zip(fit.present.tolist(), sure, strict=True)
             if errors is not None and errors**2 < THIN * space.penalty[k]
         ]
+    alike = [(k, space.mechanisms[j].term) for k, j in look_alikes(refinement)]
     return Doubts(
         late=refinement.late,
         crowded=len(fit.free) > MOST_TERMS * len(targets),
         window=None if process is None else process.window,
         thin=tuple(thin),
+        alike=tuple((space.mechanisms[k].term, space.mechanisms[k].place, other) for k, other in alike),
     )
 
 

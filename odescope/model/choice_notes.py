@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from odescope.model.scores import (
     Conserved,
+    Doubts,
     FormScore,
     ModelScores,
     PathScore,
@@ -70,6 +71,16 @@ def unsettled(suspicions: Sequence[SuspicionScore]) -> Iterator[str]:
     for found in suspicions:
         if _stands(found):
             yield _of_a_suspicion(found)
+
+
+def of_single_terms(doubts: Doubts) -> Iterator[str]:
+    """Yield the terms whose evidence is thin, and those that others could replace almost as well."""
+    if doubts.thin:
+        terms = ", ".join(f"{term} in {target} ({errors:.1f} standard errors)" for term, target, errors in doubts.thin)
+        yield f"thin evidence, more data would decide: {terms}"
+    if doubts.alike:
+        terms = listed([f"{term} in {target} or {other}" for term, target, other in doubts.alike])
+        yield f"look-alikes, between which the record decides by less than ten to one: {terms}"
 
 
 def _stands(found: SuspicionScore) -> bool:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from odescope.model.choice_notes import TOLD, findings, listed, unsettled
+from odescope.model.choice_notes import TOLD, findings, listed, of_single_terms, unsettled
 from odescope.model.free_run_notes import free_run_sentences, parting_sentences
 from odescope.model.scores import (
     Conserved,
@@ -322,9 +322,7 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
         )
         return
     yield from _unexplained(judged, doubts, False)
-    if doubts.thin:
-        terms = ", ".join(f"{term} in {target} ({errors:.1f} standard errors)" for term, target, errors in doubts.thin)
-        yield f"thin evidence, more data would decide: {terms}"
+    yield from of_single_terms(doubts)
 
 
 def _unexplained(judged: Likelihood, doubts: Doubts, little: bool) -> Iterator[str]:

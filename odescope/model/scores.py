@@ -367,11 +367,13 @@ class Doubts(msgspec.Struct, frozen=True):
 
     `late`: the clock ended the search; `crowded`: it stopped at its largest number of terms; `window`: the seconds over
     which what is left unexplained is averaged; `thin`: terms whose evidence is thin, each with its target and its size
-    in standard errors; `targets`: of each target the unit, "" where it is not known, and the root mean square.
+    in standard errors; `alike`: terms, each with its target and another that could stand in its place almost as well;
+    `targets`: of each target the unit, "" where it is not known, and the root mean square.
     """
 
     late: bool
     crowded: bool
     window: float | None
     thin: tuple[tuple[str, str, float], ...]
+    alike: tuple[tuple[str, str, str], ...] = ()
     targets: dict[str, tuple[str, float]] = {}

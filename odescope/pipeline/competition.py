@@ -21,6 +21,7 @@ from odescope.pipeline.angular import with_angles
 from odescope.pipeline.common_denominators import with_common_denominators
 from odescope.pipeline.constants import constants_of, substitute, substituted_at
 from odescope.pipeline.degree import with_higher_degree
+from odescope.pipeline.divided_friction import with_divided_friction
 from odescope.pipeline.drag import with_drag
 from odescope.pipeline.filtering import Filtered, Prepared
 from odescope.pipeline.flows import conclusive, flows
@@ -287,6 +288,7 @@ def _with_more(
     suspicions = tuple[SuspicionScore, ...]()
     # Products are simpler than functions, which are then looked for beside the candidates that the model is made of.
     posed, refinement = with_modulated(work, filtered, posed, regressed, refinement)
+    posed, refinement = with_divided_friction(work, filtered, posed, refinement)
     if refinement is not None and refinement.follows:
         refinement = with_common_denominators(work, filtered, posed, refinement)
     # Too many terms imitate a rate that goes with a temperature for one function at a time to be seen in their place.

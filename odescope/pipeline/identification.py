@@ -198,7 +198,7 @@ class Identification:
         said += idle_inputs(self.signals, {*self.model.held, *self.study.clocks})
         return (*said, *(u.note for u in tables(self.study)[1]))
 
-    @property
+    @cached_property
     def _doubts(self) -> Doubts | None:
         return doubts_of(self.model, self.refinement, self.signals)
 

@@ -78,7 +78,7 @@ def _promise(found: Regressed) -> float:
 def products_of(study: Study) -> Iterator[tuple[str, ...]]:
     """Yield the angles themselves, and with them products of rates, positions and inputs with sines and cosines.
 
-    Beside such stand the targets times the inputs: a pendulum whose length is recorded is divided by that.
+    Beside such stand accelerations times the inputs: a pendulum whose length is recorded is divided by that.
     """
     coordinates, scope = study.measured(), study.scope()
     free = {c.name for c in coordinates if c.angle or c.cyclic}
@@ -89,7 +89,7 @@ def products_of(study: Study) -> Iterator[tuple[str, ...]]:
     if springs:
         yield springs
     driven = [i for i in study.inputs if i not in study.clocks]
-    divided = tuple(f"{c.target}*{i}" for c in coordinates for i in driven)  # by a length, a mass or a speed
+    divided = tuple(f"{c.target}*{i}" for c in coordinates if c.order > 1 for i in driven)  # by a length, a mass
     turning = Library.of([f"{f}({a})" for a in angles for f in ("sin", "cos")], scope)
     for degree, harmonics in WIDER:
         trigonometric = turning.powers(harmonics).thin([Identity(f"sin({a})") for a in angles], scope)

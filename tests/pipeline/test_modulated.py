@@ -39,8 +39,8 @@ def terms(log, **library):
 def test_what_is_tried_are_springs_and_products_of_rates_and_inputs_with_harmonics_of_the_angle():
     springs, *tried = (set(texts) for texts in products_of(study()))
     assert springs == {"phi"}
-    assert [len(texts) for texts in tried] == [7, 11, 31, 51]  # of v, u; each with 1, s, c, s c, c^2; and phi
-    assert {"phi_dot*u", "u**2"} <= tried[0] < tried[1]
+    assert [len(texts) for texts in tried] == [8, 12, 32, 52]  # of v, u; each with 1, s, c, s c, c^2; phi; u phi_ddot
+    assert {"phi_dot*u", "phi_ddot*u", "u**2"} <= tried[0] < tried[1]
     assert "phi_dot*u**2" in tried[1] - tried[0]
     assert tried[0] < tried[2] < tried[3]
     assert tried[1] < tried[3]
