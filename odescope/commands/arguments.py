@@ -17,6 +17,7 @@ from odescope.recordings.coordinate import Hold
 from odescope.recordings.gaps import Gaps
 from odescope.recordings.headings import Heading, find_label
 from odescope.recordings.readers import column_names, find_files
+from odescope.report.place import default_place
 from odescope.study.clock import with_time
 from odescope.study.library_options import MOST_DEGREE, Candidates
 from odescope.study.options import Data, Driven, Measured, Study
@@ -202,10 +203,17 @@ def _driven(column: str | None, flags: list[str], text: str) -> Driven:
     )
 
 
-def results_folder(sources: Sequence[Path]) -> Path:
-    """Return the default folder: beside the first source, called like it less its endings, and how many follow."""
-    stem, name = source_stem(sources), _whole(sources[0]).name
-    return _whole(sources[0]).parent / (stem if stem != name else f"{stem}-results")
+def results_folder(sources: Sequence[Path], study: Study, folder: Path) -> Path:
+    """Return the default folder: beside the first source, called like it less its endings, and how many follow.
+
+    Where the data come from that, as from logs/ of which logs.toml is a study, "-results" follows.
+
+    Args:
+        sources: of the command line.
+        study: that they came to.
+        folder: that its files are relative to.
+    """
+    return default_place(_whole(sources[0]).parent / source_stem(sources), study.data.files, folder)
 
 
 def source_stem(sources: Sequence[Path]) -> str:

@@ -138,7 +138,7 @@ def identify(
     with told_to(events) as tell_file:
         study, folder = resolve(sources, given)
         study = study if seconds is None else with_seconds(study, seconds)
-        place = results_folder(sources)
+        place = results_folder(sources, study, folder)
         with shown(tell_file) as tell:
             run = run_study(
                 study,

@@ -17,7 +17,7 @@ from odescope.commands.files import (
     result_files,
     write_results,
 )
-from odescope.errors import Stopped
+from odescope.errors import InputError, Stopped
 from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageBegan
 from odescope.files import write_files
 from odescope.likelihood.kernel import integrate
@@ -30,6 +30,7 @@ from odescope.report.figures.catalogue import early_pictures, pictures
 from odescope.report.figures.processes import Painters, painters
 from odescope.report.no_model import no_model_html
 from odescope.report.page import report_files
+from odescope.report.place import reads_results
 from odescope.report.result_names import FACTORS, FIGURES, NO_MODEL, REPORT, REPORT_PAGE, RESULT_FILES
 from odescope.report.searches import searched
 from odescope.study.options import Study
@@ -200,7 +201,14 @@ def _placed(study: Study, folder: Path) -> Study:
 
 
 def _refuse_own_sources(study: Study, resolved: Study, folder: Path, out: Path, source: Path | None) -> None:
-    """Refuse to overwrite what the results are made from; a study that is its own resolved form may be."""
+    """Refuse to overwrite what the results are made from, or to write where the next run would read them as data.
+
+    A study that is its own resolved form may be overwritten.
+    """
+    if reads_results(study.data.files, folder, out):
+        raise InputError(
+            f"the data come from {out}: the next run would read results there as data; name another folder with --out"
+        )
     read = [folder / f for f in study.data.files]
     if source is not None:
         own = source.suffix.lower() == ".toml" and source.read_text(encoding="utf-8") == study_toml(resolved)

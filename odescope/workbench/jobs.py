@@ -31,7 +31,9 @@ from odescope.report.event_lines import (
     StageLine,
     read_events,
 )
+from odescope.report.place import default_place
 from odescope.report.result_names import MODEL, NO_MODEL
+from odescope.study.toml import read_study
 from odescope.workbench.folder import Folder
 
 HIDDEN = ".odescope"  # the folder of runs within that of the workbench
@@ -113,12 +115,12 @@ class Jobs:
         """Begin to identify a study of the folder, to the results that the command line would write.
 
         Raises:
-            InputError: the study is not there, or its results are being written by a run already.
+            InputError: the study is not there or cannot be read, or its results are being written by a run already.
         """
         path = self._folder.inside(study)
         if not path.is_file():
             raise InputError(f"there is no study {study!r}")
-        results = path.with_suffix("")
+        results = default_place(path.with_suffix(""), read_study(path).data.files, path.parent)
         self._folder.check(results)
         with self._starting:
             return self._start(path, study, results)

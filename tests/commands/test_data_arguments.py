@@ -11,7 +11,7 @@ from logs import OSCILLATOR_OPTIONS, oscillator, pendulum, write
 from odescope.commands.arguments import DataArguments, resolve, results_folder, study_of
 from odescope.errors import InputError
 from odescope.study.library_options import Candidates
-from odescope.study.options import Driven, Measured
+from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import read_study
 
 HEADED = ("--time", "time", "--coordinate", "x", "--input", "u", "--order", "2")
@@ -174,5 +174,26 @@ def test_a_study_is_identified_alone(logs):
         (["*.csv"], "results"),
     ],
 )
-def test_where_results_go(sources, folder):
-    assert results_folder([Path(s) for s in sources]) == Path(folder)
+def test_where_results_go(tmp_path, monkeypatch, sources, folder):
+    monkeypatch.chdir(tmp_path)
+    Path("logs").mkdir()
+    study = Study(data=Data(files=tuple(sources), time="t"), coordinates={"x": Measured()})
+    assert results_folder([Path(s) for s in sources], study, Path()) == Path(folder)
+
+
+@pytest.mark.parametrize(
+    ("source", "files", "folder"),
+    [
+        ("logs.toml", "logs", "logs-results"),
+        ("logs.toml", "logs/*.csv", "logs-results"),
+        ("logs.toml", "logs/run?.csv", "logs"),
+        ("logs.toml", "logs/p*", "logs-results"),  # path.csv
+        ("study.toml", "logs", "study"),
+        ("logs/study.toml", "logs", "logs/study"),  # the files of a folder within one of data are none of it
+    ],
+)
+def test_results_of_a_study_do_not_become_its_data(tmp_path, monkeypatch, source, files, folder):
+    monkeypatch.chdir(tmp_path)
+    Path("logs").mkdir()
+    study = Study(data=Data(files=(files,), time="t"), coordinates={"x": Measured()})
+    assert results_folder([Path(source)], study, Path()) == Path(folder)

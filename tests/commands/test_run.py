@@ -125,6 +125,19 @@ def test_what_cannot_be_done_is_refused_with_its_exit_code(folder):
     assert os.listdir(folder / "out") == ["no_model.html"]
 
 
+@pytest.mark.parametrize("files", ["logs", "logs/*.csv"])
+def test_results_are_not_written_among_the_data(folder, files):
+    library = Candidates(basis=("x", "x_dot", "u"), degree=1)
+    study = structs.replace(STUDY, data=Data(files=(files,), time="t"), library=library)
+    before = snapshot(folder)
+    with pytest.raises(InputError, match="the next run would read results there as data; name another folder"):
+        run_study(study, folder, folder / "logs")
+    assert snapshot(folder) == before
+    first = run_study(study, folder, folder / "logs/out")
+    again = run_study(read_study(folder / "logs/out/study.toml"), folder / "logs/out", folder / "logs/out")
+    assert again.result.model.relations == first.result.model.relations
+
+
 def test_a_reference_is_shown_beside_what_was_found(folder):
     seen = []
     log = oscillator(noise=0.0)

@@ -194,6 +194,16 @@ def test_a_study_that_is_not_there_is_not_run(place, study):
     assert not (place / HIDDEN).exists()
 
 
+def test_results_go_beside_a_folder_of_logs_not_into_it(place):
+    (place / "logs").mkdir()
+    (place / "a.csv").rename(place / "logs/a.csv")
+    (place / "logs.toml").write_text(STUDY.replace("a.csv", "logs"))
+    jobs = Jobs(Folder.of(place))
+    job = jobs.start("logs.toml")
+    assert job.record.results == "logs-results"
+    jobs.cancel(job.name)
+
+
 def test_lines_are_read_as_they_come(tmp_path):
     path = tmp_path / EVENTS
     assert read_events(path, 0) == ((), 0)
