@@ -29,6 +29,24 @@ def check_fields(options: msgspec.Struct) -> None:
             raise InputError(f"odescope.{where}({name}=...): {_worded(str(error))}; {value!r} came") from error
 
 
+def check_tables(options: msgspec.Struct) -> None:
+    """Refuse fields that stand for tables of a study file and are of another kind than declared.
+
+    Raises:
+        InputError: a field is of another kind; it says what to write.
+    """
+    for name, kind in get_type_hints(type(options)).items():
+        value = getattr(options, name)
+        if isinstance(kind, type) and issubclass(kind, msgspec.Struct) and not isinstance(value, kind):
+            given = "..."
+            if isinstance(value, Mapping) and value and set(value) <= set(kind.__struct_fields__):
+                given = ", ".join(f"{key}={part!r}" for key, part in value.items())
+            raise InputError(
+                f"{name} must be odescope.{kind.__name__}(...); {said(value)} came: write"
+                f" {name}=odescope.{kind.__name__}({given})"
+            )
+
+
 def check_parts(options: object, name: str, kind: type) -> None:
     """Refuse a field that is no mapping of names to options of a kind.
 

@@ -29,7 +29,7 @@ from odescope.regression.rows import NoiseWeighted
 from odescope.selection.ranking import Ranking
 from odescope.signals.differentiators import Spectral
 from odescope.signals.rates import how_to_give
-from odescope.study.kinds import check_fields, check_parts
+from odescope.study.kinds import check_fields, check_parts, check_tables
 from odescope.study.library_options import Candidates, Form, Span
 
 if TYPE_CHECKING:  # pieces of one's own go in from Python; what a file may name beside the kinds below, see pieces
@@ -215,6 +215,9 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     selection: Ranking = Ranking()
     likelihood: LikelihoodSearch = LikelihoodSearch()
     random: Random = Random()
+
+    def __post_init__(self) -> None:
+        check_tables(self)
 
     @property
     def degrees(self) -> frozenset[str]:

@@ -44,6 +44,27 @@ def test_coordinates_and_inputs_are_options_by_name(fields, message):
         identify(Study(**fields, data=Data(time="t")), {"t": [0.0], "x": [1.0]})
 
 
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (
+            {"data": {"time": "t", "gaps": "split"}},
+            r"data must be odescope.Data\(...\); a dict came: write data=odescope.Data\(time='t', gaps='split'\)",
+        ),
+        ({"data": "t"}, r"data must be odescope.Data\(...\); a str came: write data=odescope.Data\(...\)"),
+        ({"library": {"degre": 2}}, r"library must be .*; a dict came: write library=odescope.Candidates\(...\)"),
+        ({"signals": {"margin": 0.5}}, r"write signals=odescope.Filtering\(margin=0.5\)"),
+        ({"regression": []}, r"a list came: write regression=odescope.Regression\(...\)"),
+        ({"selection": None}, r"None came: write selection=odescope.Ranking\(...\)"),
+        ({"likelihood": {"seconds": 5}}, r"write likelihood=odescope.LikelihoodSearch\(seconds=5\)"),
+        ({"random": 3}, r"an int came: write random=odescope.Random\(...\)"),
+    ],
+)
+def test_a_table_of_another_kind_is_refused_with_what_to_write(fields, message):
+    with pytest.raises(InputError, match=message):
+        Study(coordinates={"x": Measured()}, **fields)
+
+
 def test_what_python_has_beside_the_kinds_of_a_file_is_taken():
     assert Data(files="run.csv") == Data(files=("run.csv",))
     assert Data(files=[Path("a.csv"), "b.csv"]).files == ("a.csv", "b.csv")
