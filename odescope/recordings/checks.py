@@ -27,6 +27,7 @@ KELVINS = (200.0, 3000.0)  # what is called so and stays between these is in kel
 ISOLATED = 3  # samples in a row, at most, that are taken for outliers
 TO_AND_FRO = 1.5  # of its range, that what swings goes altogether: to one side and half of it back
 SMALL_TURN = 0.1  # of its range: where a column turns by less, that may be noise
+SAME = 1e-9  # of the range of a coordinate: what an input may differ by that is a copy of it
 TURNS = 2.0  # that an angle in radians spans, from which on it may be one in degrees
 
 
@@ -40,8 +41,9 @@ def check_channels(records: Records, coordinates: Sequence[Coordinate], inputs: 
 
     Raises:
         InputError: a name used twice (derived names included) or without a column, a coordinate that changes in no
-            recording, an input that is one constant, an angle in degrees or in what is no unit of angles, a wrapped
-            angle that is not declared as one, values above 1e30, a recording that comes twice.
+            recording, an input that is one constant or a copy of a coordinate, an angle in degrees or in what is no
+            unit of angles, a wrapped angle that is not declared as one, values above 1e30, a recording that comes
+            twice.
     """
     if not coordinates:
         raise InputError("no coordinate: expected at least one measured quantity to find an equation for")
@@ -61,6 +63,21 @@ def check_channels(records: Records, coordinates: Sequence[Coordinate], inputs: 
     for driver in inputs:  # constant within each run but not across them, it is a parameter and does inform
         if _constant(np.concatenate([run.column(driver.name) for run in records])):
             raise InputError(f"input {driver.name!r} is constant in all recordings together; leave it out")
+        _check_copied(driver.name, coordinates, records)
+
+
+def _check_copied(driver: str, coordinates: Sequence[Coordinate], records: Records) -> None:
+    """Refuse an input that holds what a coordinate does: it would explain that by itself, and drives nothing."""
+    own = np.concatenate([run.column(driver) for run in records])
+    for c in coordinates:
+        measured = np.concatenate([run.column(c.name) for run in records])
+        turn = 2.0 * np.pi  # wraps of an angle are undone where it is a coordinate, and degrees are converted
+        rest = [np.remainder(f * own - measured + np.pi, turn) - np.pi for f in (1.0, np.pi / 180.0) if c.angle]
+        if any(float(np.abs(d).max()) <= SAME * float(np.ptp(measured)) for d in (*rest, own - measured)):
+            raise InputError(
+                f"input {driver!r} and coordinate {c.name!r} hold the same samples: an input is what drives the"
+                f" coordinates, recorded by itself; leave out {driver!r}, or name the column that it really is in"
+            )
 
 
 def _check_unique(coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> None:

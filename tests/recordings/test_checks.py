@@ -5,7 +5,7 @@ import pytest
 
 from odescope.errors import InputError
 from odescope.recordings.checks import check_channels, check_seconds, degrees_hints, differently_scaled, units_differ
-from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.headings import Heading
 from odescope.recordings.record import Record, Records
 
@@ -126,3 +126,26 @@ def test_units_of_one_kind_are_of_other_sizes_by_their_prefix(one, other, differ
 )
 def test_units_that_are_spelled_alike_or_not_at_all_do_not_differ(headed, unit, differ):
     assert units_differ(headed, unit) is differ
+
+
+SPUN = 4.0 * T + np.sin(T)  # an angle that has wrapped and was unwrapped
+
+
+@pytest.mark.parametrize(
+    ("driver", "refused"),
+    [
+        (SPUN, True),
+        (np.angle(np.exp(1j * SPUN)), True),  # the column as it was recorded
+        (np.rad2deg(SPUN), True),
+        (SPUN + 1e-3 * NOISE, False),  # a second sensor, or what is fed back
+        (-SPUN, False),
+    ],
+)
+def test_an_input_that_is_a_copy_of_a_coordinate_is_refused(driver, refused):
+    records = Records((Record(T, np.column_stack([np.cos(T), SPUN, driver]), ("x", "phi", "u"), (None,) * 3),))
+    coordinates = [Coordinate("x", 2), Coordinate("phi", 2, angle=True)]
+    if refused:
+        with pytest.raises(InputError, match=r"'u' and coordinate 'phi' hold the same samples: .*leave out 'u'"):
+            check_channels(records, coordinates, [Input("u")])
+    else:
+        check_channels(records, coordinates, [Input("u")])
