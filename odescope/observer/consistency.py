@@ -11,6 +11,8 @@ from scipy.special import chdtri, ndtri
 from odescope.arrays import FloatArray
 
 LEVEL = 0.95  # of the intervals
+SMALL = 0.5  # of the lower end of its band, from which on the mean is far below it
+TELLING = 32  # innovations, fewer of which say more of the start than of the noise
 LAGS = 20  # samples, up to which innovations are looked at,
 PART = 4  # of a log at most, of which there are too few pairs further apart
 
@@ -47,8 +49,9 @@ class Consistency:
     """Normalised innovations squared, and whiteness.
 
     `squared` is their mean over all samples, a degree of freedom; that of a consistent observer is within `band` in
-    95 % of cases. `inside` is the share of samples within their own 95 % interval of chi-squared; the first samples, in
-    which nothing is known of the state, do not count.
+    95 % of cases, of as many as `freedom`. `inside` is the share of samples that are no further off than 95 % of those
+    of a consistent observer, below that quantile of chi-squared; the first samples, in which nothing is known of the
+    state, do not count.
     """
 
     samples: int
@@ -56,6 +59,7 @@ class Consistency:
     band: tuple[float, float]
     inside: float
     coordinates: tuple[Whiteness, ...]
+    freedom: int
 
     @property
     def consistent(self) -> bool:
@@ -70,6 +74,11 @@ class Consistency:
             f"normalised innovations squared: {self.squared:.3g} a degree of freedom, {low:.3g} to {high:.3g} if all is"
             f" as assumed; {100 * self.inside:.3g} % of {self.samples} samples within their 95 % intervals"
         ]
+        if self.freedom >= TELLING and self.squared < SMALL * low:
+            told.append(
+                f"innovations are {self.squared**0.5:.2g} times as large as expected: the noise of samples or of the"
+                " process is less than assumed, and so are the errors of states"
+            )
         for w in self.coordinates:
             said = "white" if w.white else f"not white (Ljung-Box {w.portmanteau:.3g}, limit {w.limit:.3g})"
             told.append(
@@ -99,13 +108,12 @@ def consistency(
     total = max(int(freedom.sum()), 1)
     tails = np.array([0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL])
     low, high = (chdtri(total, 1.0 - tails) / total).tolist()
-    own = np.array([chdtri(k, 1.0 - tails) for k in range(1, len(names) + 1)])
-    bounds = own[freedom - 1] if len(freedom) else np.empty((0, 2))
-    inside = float(np.mean((every >= bounds[:, 0]) & (every <= bounds[:, 1]))) if len(every) else float("nan")
+    bounds = chdtri(np.arange(1, len(names) + 1), 1.0 - LEVEL)
+    inside = float(np.mean(every <= bounds[freedom - 1])) if len(every) else float("nan")
     channels = [
         _whiteness(name, [e[:, k] for e in innovations], [s[:, k] for s in expected]) for k, name in enumerate(names)
     ]
-    return Consistency(len(every), float(every.sum()) / total, (low, high), inside, tuple(channels))
+    return Consistency(len(every), float(every.sum()) / total, (low, high), inside, tuple(channels), total)
 
 
 def _whiteness(name: str, innovations: Sequence[FloatArray], expected: Sequence[FloatArray]) -> Whiteness:

@@ -67,3 +67,18 @@ def test_no_correlation_of_a_short_log_passes_one_and_pairs_far_apart_do_not_cou
     assert max(abs(w.largest) for w in channels) < 1.0
     assert 0.90 < np.mean([w.white for w in channels]) < 0.98
     assert judged(np.full((2, 2), 1.0)).coordinates[0].lag == 1
+
+
+def test_innovations_that_are_too_small_are_within_their_intervals_and_told():
+    small = judged(0.03 * np.random.default_rng(3).standard_normal((500, 2)))
+    assert small.inside == 1.0
+    assert not small.consistent
+    assert "100 % of 500 samples within their 95 % intervals" in small.lines[0]
+    assert "innovations are 0.03 times as large as expected: the noise" in small.lines[1]
+    few = judged(np.full((2, 2), 1e-9))  # of which the start was fitted
+    assert few.inside == 1.0
+    assert not any("times as large" in line for line in few.lines)
+    expected = judged(np.random.default_rng(3).standard_normal((500, 2)))
+    assert not any("times as large" in line for line in expected.lines)
+    one = judged(np.array([[1.95, np.nan], [1.97, np.nan]]))  # of one reading, the interval of a normal distribution
+    assert one.inside == 0.5
