@@ -72,7 +72,7 @@ def uncertain(scores: ModelScores | None) -> str:
                 f"uncertain: run freely over what it was not fitted to, this model is {step.error:.2g} standard"
                 " deviations of the record off"
             )
-    poor = [(t, s.r2_held_out) for t, s in scores.targets.items() if s.r2_held_out is not None]
+    poor = [(t, s.telling_r2) for t, s in scores.targets.items() if s.telling_r2 is not None]
     least = min(poor, key=lambda pair: pair[1], default=None)
     if judged is None and least is not None and least[1] < HALF:
         return f"uncertain: on held-out data this model predicts {share(least[1])} of the variance of {least[0]}"
@@ -80,7 +80,7 @@ def uncertain(scores: ModelScores | None) -> str:
 
 
 def _trust(scores: ModelScores) -> Iterator[str]:
-    predicted = [(t, s.r2_held_out) for t, s in scores.targets.items() if s.r2_held_out is not None]
+    predicted = [(t, s.telling_r2) for t, s in scores.targets.items() if s.telling_r2 is not None]
     if predicted:
         parts = [f"{share(r2)} of the variance of {target}" for target, r2 in predicted]
         yield f"On held-out data it predicts {listed(parts)} (R²)."

@@ -10,6 +10,8 @@ import msgspec
 from odescope.recordings.coordinate import Hold
 
 Number = float | None
+NOISE_ALONE = 0.1  # of the variance of a target: where less is predicted, and nearly all of its power,
+NEARLY_ALL = 0.999  # it stays within a thirtieth of its mean
 UNEVEN = 0.8  # of the points of a grid: where fewer rows were taken, they are at no even times
 
 
@@ -26,6 +28,16 @@ class Denominator(msgspec.Struct, frozen=True):
         return low is not None and high is not None and low * high <= 0.0
 
 
+def hardly_varies(r2: float, explained: float) -> bool:
+    """Say whether a target is all but constant, as that of a falling body: its R² is of noise, and says nothing.
+
+    Args:
+        r2: share of its variance that is predicted.
+        explained: share of its power, its mean included.
+    """
+    return r2 < NOISE_ALONE and explained > NEARLY_ALL
+
+
 class TargetScore(msgspec.Struct, frozen=True):
     """How well one target is predicted where it was held out, and how sound its relation is.
 
@@ -38,6 +50,12 @@ class TargetScore(msgspec.Struct, frozen=True):
     explained_held_out: Number = None
     condition: Number = None
     denominator: Denominator | None = None
+
+    @property
+    def telling_r2(self) -> Number:
+        """The R² held out, None where the target hardly varies."""
+        r2, explained = self.r2_held_out, self.explained_held_out
+        return None if r2 is not None and explained is not None and hardly_varies(r2, explained) else r2
 
 
 class CoordinateRun(msgspec.Struct, frozen=True):

@@ -11,6 +11,7 @@ from odescope.arrays import FloatArray
 from odescope.model.model import Model
 from odescope.model.prediction import predicted
 from odescope.model.relation import Relation
+from odescope.model.scores import hardly_varies
 from odescope.pipeline.adopted import columns_of
 from odescope.pipeline.identification import Identification
 from odescope.pipeline.joint_models import samples_of
@@ -57,6 +58,7 @@ def targets_chart(result: Identification, truth: Truth | None = None) -> tuple[C
                 target=target,
                 model=_r2(estimated, found),
                 refitted=None if unseen is None else _r2(estimated, unseen),
+                varies=_varies(estimated, found),
             )
         )
     return chart(clock.label, panels), tuple(fits)
@@ -99,6 +101,14 @@ def without_folds(result: Identification) -> Mapping[int, Model] | None:
             )
             found.setdefault(fold, []).append(Relation(tuple(terms)))
     return {fold: replace(result.model, relations=tuple(own)) for fold, own in found.items()}
+
+
+def _varies(estimated: list[FloatArray], values: list[FloatArray]) -> bool:
+    """Say whether a target varies by so much that its R² says something."""
+    r2, every = _r2(estimated, values), np.concatenate(estimated)
+    if r2 is None:
+        return False
+    return not hardly_varies(r2, 1.0 - (1.0 - r2) * float(np.var(every) / np.mean(every**2)))
 
 
 def _r2(estimated: list[FloatArray], values: list[FloatArray]) -> float | None:

@@ -48,13 +48,14 @@ def _equations_text(report: Report, model: Model) -> str:
     from rich.table import Table
 
     scores = {} if model.scores is None or model.mechanisms else model.scores.targets
-    explained = {target: score.r2_held_out for target, score in scores.items() if score.r2_held_out is not None}
-    among = {s.target: str(s.kept) for s in report.searches if s.target in explained}
+    judged_by = {target: score.telling_r2 for target, score in scores.items() if score.r2_held_out is not None}
+    among = {s.target: str(s.kept) for s in report.searches if s.target in judged_by}
     table = Table(title_justify="left", box=None, pad_edge=False)
     for heading in ("target", "terms", *(("chosen among", "R² held out") if among else ())):
         table.add_column(heading, justify="left" if heading == "target" else "right")
     for target, relation in zip(model.targets, model.relations, strict=True):
-        judged = (among[target], share(explained[target])) if target in among else ("–", "–")
+        r2 = judged_by.get(target)
+        judged = (among.get(target, "–"), "–" if r2 is None or target not in among else share(r2))
         table.add_row(target, str(len(relation.terms)), *(judged if among else ()))
     return _shown(table)
 

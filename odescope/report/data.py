@@ -207,11 +207,15 @@ class Searched(Plain, frozen=True):
 
 
 class TargetFit(Plain, frozen=True):
-    """R^2 of one target over all the data: by the model, and by its terms fitted without the part in question."""
+    """R^2 of one target over all the data: by the model, and by its terms fitted without the part in question.
+
+    Where the target hardly varies, neither says anything.
+    """
 
     target: str
     model: float | None
     refitted: float | None
+    varies: bool = True
 
 
 class Stays(Plain, frozen=True):
