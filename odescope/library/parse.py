@@ -174,11 +174,12 @@ class _Walk:
         raise self.fail("only names, numbers, + - * / ** and known functions may appear")
 
     def declaring(self, name: str) -> str:
-        """Return how to declare a name as a constant, where there can be some."""
+        """Return how to declare a name as an input or as a constant, where there can be some."""
         if self.scope.constants is None:
             return ""
         return (
-            f" If {name} is a constant that is looked for, say in what range:\n\n    [library.parameters]\n"
+            f" If {name} was recorded, name it as an input, --input {name} or [inputs.{name}] in a study; if it is a"
+            " constant that is looked for, say in what range:\n\n    [library.parameters]\n"
             f'    {name} = [0.1, 10.0]    # or {name} = "scale", for a range from the data'
         )
 

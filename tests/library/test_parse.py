@@ -333,3 +333,11 @@ def test_a_definition_takes_no_name_that_is_taken(name):
 def test_the_constant_is_the_empty_product():
     assert parse_term("1", SCOPE) == ONE
     assert parse_term("x**2/x**2", SCOPE) == ONE
+
+
+def test_a_name_that_is_not_known_may_be_an_input_or_a_constant():
+    scope = Scope.of(("phi", "phi_dot"), (), ())
+    with pytest.raises(InputError, match=r"--input torque or \[inputs.torque\] in a study; if it is a constant"):
+        parse_term("phi*torque", scope)
+    with pytest.raises(InputError, match=r"'torque'; there are: phi, phi_dot$"):
+        parse_term("phi*torque", Scope.of(("phi", "phi_dot")))
