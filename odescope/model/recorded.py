@@ -9,7 +9,7 @@ from pathlib import Path
 
 from odescope.errors import InputError, nearest, said
 from odescope.model.model import Model
-from odescope.recordings.checks import differently_scaled, is_degrees
+from odescope.recordings.checks import differently_scaled, is_angular, is_degrees, of_other_kinds
 from odescope.recordings.formats import PARQUET
 from odescope.recordings.frames import table_names
 from odescope.recordings.headings import UNITS_OF_TIME, Heading, TimeUnit, find_label, time_unit
@@ -247,21 +247,25 @@ def _check_complete(model: Model, table: TableLabels, given: TimeColumns, names:
 
 
 def _check_units(model: Model, labels: Mapping[str, str]) -> None:
-    """Refuse columns that are headed with a larger or smaller unit than their quantities have in the model.
+    """Refuse columns that are headed with another unit than their quantities have in the model, for sure.
 
     The one that the model was identified from is read as it was then; angles are, in degrees or radians.
     """
     known = model.provenance.get("columns")
-    units = {c.name: c.unit for c in model.coordinates if not c.angle} | {i.name: i.unit for i in model.inputs}
+    units = {c.name: c.unit for c in model.coordinates} | {i.name: i.unit for i in model.inputs}
+    angles = {c.name for c in model.coordinates if c.angle}
     for name, unit in units.items():
         label = labels.get(name, "")
         headed = Heading.of(label).unit
         as_then = isinstance(known, dict) and known.get(name) == label
-        if as_then or not differently_scaled(headed, unit):
+        if as_then or (name in angles and (is_degrees(headed) or is_angular(headed))):
+            continue
+        own = unit or ("rad" if name in angles else None)
+        if not (differently_scaled(headed, own) or of_other_kinds(headed, own)):
             continue
         raise InputError(
-            f"{name} of the model is in {unit}, and the heading {label!r} says {headed}: convert the column, or"
-            " take the unit out of its heading"
+            f"{name} of the model is in {own}, and the heading {label!r} says {headed}: convert the column, or take the"
+            f" unit out of its heading; if it holds something else, name the column of {name} so"
         )
 
 

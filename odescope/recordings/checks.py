@@ -23,6 +23,18 @@ PREFIXES = frozenset("pnumcdhkMGT")
 MICRO = {ord(mu): "u" for mu in "µμ"}
 DEGREES = frozenset({"deg", "degs", "degree", "degrees", "°"})
 TEMPERATURES = re.compile(r"t(_?\w{1,2})?(_\w+)?|(\w+_)?temp\w*", re.IGNORECASE)  # T, T1, T_in, T1_K, temp, gas_temp
+SPELLED_ALIKE = (
+    ("V", "volt", "volts"),
+    ("A", "amp", "amps", "ampere", "amperes"),
+    ("N m", "Nm", "N*m", "N·m"),
+    ("m", "meter", "meters", "metre", "metres"),
+    ("degC", "°C", "C", "celsius", "Celsius"),
+    ("K", "kelvin"),
+    ("rad", "rads", "radian", "radians"),
+    ("ohm", "Ohm", "Ω"),
+    *((unit,) for unit in ("N", "Pa", "bar", "psi", "W", "J", "g", "Hz", "rpm", "%", "mol", "L")),
+)
+_KNOWN = {spelled: group[0] for group in SPELLED_ALIKE for spelled in group}
 KELVINS = (200.0, 3000.0)  # what is called so and stays between these is in kelvins
 ISOLATED = 3  # samples in a row, at most, that are taken for outliers
 TO_AND_FRO = 1.5  # of its range, that what swings goes altogether: to one side and half of it back
@@ -205,6 +217,18 @@ def differently_scaled(headed: str | None, unit: str | None) -> bool:
     if is_degrees(one) or is_degrees(other):
         return {one.casefold(), other.casefold()} & (RADIANS - UNITLESS) != set()
     return one != other and not _bases(one).isdisjoint(_bases(other))
+
+
+def of_other_kinds(headed: str | None, unit: str | None) -> bool:
+    """Say whether two units are known to be of different quantities, as V and N m, or on other scales, as bar and Pa.
+
+    Units that are not listed here, or in another spelling, are not known to be; nor is "deg", which may be of an angle
+    or of a temperature.
+    """
+    if headed is None or unit is None:
+        return False
+    kinds = {_KNOWN[base] for word in (headed, unit) for base in _bases(word.strip()) if base in _KNOWN}
+    return len(kinds) > 1 and all(not _KNOWN.keys().isdisjoint(_bases(word.strip())) for word in (headed, unit))
 
 
 def _bases(unit: str) -> set[str]:

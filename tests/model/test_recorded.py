@@ -9,6 +9,7 @@ from built_models import build
 from odescope.errors import InputError
 from odescope.model.recorded import clocks, records_for
 from odescope.recordings.coordinate import Coordinate, Input
+from odescope.recordings.headings import Heading
 
 
 def test_the_input_that_was_read_from_the_column_of_the_time_is_the_time():
@@ -52,3 +53,22 @@ def test_a_column_in_another_unit_than_the_model_is_refused_but_where_the_model_
     np.testing.assert_array_equal(records_for(read, log).runs[0].column("x"), log["x (mm)"])
     assert records_for(model, {"time (sec)": t, "x (meters)": np.exp(-2.0 * t)}).runs[0].column("x")[0] == 1.0
     assert records_for(model, {"t": t, "x (m)": np.exp(-2.0 * t)}).runs[0].column("x")[0] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("column", "says"),
+    [("torque [V]", "torque of the model is in N m, .* says V"), ("phi (m)", "phi of the model is in rad, .* says m")],
+)
+def test_a_column_of_another_quantity_is_refused(column, says):
+    law = [("phi_ddot", "1", 1.0), (None, "sin(phi)", 9.0), (None, "torque", -1.0)]
+    model = build([Coordinate("phi", 2, angle=True)], [Input("torque", unit="N m")], law)
+    t = np.arange(20) / 10
+    log = {"t": t, "phi": np.cos(t), "torque": np.sin(t)}
+    assert records_for(model, log).names == ("phi", "torque")
+    log = {"t": t, "phi (deg)": np.cos(t), "torque (Nm)": np.sin(t)}
+    assert records_for(model, log).names == ("phi", "torque")
+    name = Heading.of(column).name
+    with pytest.raises(InputError, match=says):
+        records_for(
+            model, {column: np.sin(t), **{n: log.get(n, np.cos(t)) for n in ("t", "phi", "torque") if n != name}}
+        )

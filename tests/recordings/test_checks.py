@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from odescope.errors import InputError
-from odescope.recordings.checks import check_channels, check_seconds, degrees_hints, differently_scaled, units_differ
+from odescope.recordings.checks import (
+    check_channels,
+    check_seconds,
+    degrees_hints,
+    differently_scaled,
+    of_other_kinds,
+    units_differ,
+)
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.headings import Heading
 from odescope.recordings.record import Record, Records
@@ -111,6 +118,19 @@ def test_times_since_1970_in_parts_of_a_second_are_no_seconds(begin, unit):
 )
 def test_units_of_one_kind_are_of_other_sizes_by_their_prefix(one, other, differ):
     assert differently_scaled(one, other) is differently_scaled(other, one) is differ
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "differ"),
+    [
+        *((one, other, True) for one, other in (("V", "N m"), ("mV", "A"), ("bar", "Pa"), ("degC", "K"), ("rad", "m"))),
+        *((one, other, False) for one, other in (("Nm", "N m"), ("volts", "V"), ("kPa", "Pa"), ("meters", "mm"))),
+        *((one, other, False) for one, other in (("ticks", "V"), (None, "V"), ("m/s", "V"), ("°C", "C"), ("", "m"))),
+        *((one, other, False) for one, other in (("min", "in"), ("mol/l", "M"), ("deg", "degC"))),
+    ],
+)
+def test_units_of_other_quantities_are_told_where_both_are_known(one, other, differ):
+    assert of_other_kinds(one, other) is of_other_kinds(other, one) is differ
 
 
 @pytest.mark.parametrize(
