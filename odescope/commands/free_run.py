@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from odescope.arrays import FloatArray
+from odescope.arrays import BoolArray, FloatArray
 from odescope.commands.model_data import Sensors, TimeCells, label_of, named_numbers, units_told
 from odescope.errors import InputError
 from odescope.export.model_file import read_model
@@ -28,7 +29,7 @@ from odescope.model.recorded import (
 )
 from odescope.model.simulation import Trajectory, simulate
 from odescope.recordings.readers import read_times
-from odescope.recordings.record import Record, Records
+from odescope.recordings.record import Record, Records, within
 from odescope.validation.agreement import agreement, turned
 
 NEAR = 0.75  # sample periods from the regular times: rows of the next piece are further away
@@ -56,11 +57,11 @@ def free_runs(
 ) -> FreeRuns:
     """Return the free runs of a model under recorded inputs, and how they agree with what was measured.
 
-    There is one row for each row of the data, whatever its time stamp. Angles that were identified from degrees are
-    read and written in degrees.
+    There is one row for each row of the data within what was recorded of coordinates and inputs, whatever its time
+    stamp. Angles that were identified from degrees are read and written in degrees.
 
-    Each recording starts from its own first sample: from the states given as NAME=VALUE, the rest fitted to the first
-    stretch of the measured coordinates.
+    Each recording, and each piece of one that gaps cut, starts from its own first sample: from the states given as
+    NAME=VALUE, the rest fitted to the first stretch of the measured coordinates.
 
     Args:
         model_path: a model file.
@@ -79,7 +80,7 @@ def free_runs(
     columns = replace(columns, recording=recording)
     given = named_numbers("--initial", initial, model.states, "state")
     records, measured, told = _recordings(model, data_path, columns, given)
-    out, notes, runs = io.StringIO(), [], list[Trajectory]()
+    out, runs = io.StringIO(), list[Trajectory]()
     writer = csv.writer(out, lineterminator="\n")
     time_cells = TimeCells.of(model, data_path, columns)
     writer.writerow((*(() if recording is None else (recording,)), time_cells.label, *model.states))
@@ -87,6 +88,7 @@ def free_runs(
     stamps = read_times(
         data_path, layout_for(model, [data_path], columns, [n for n in model_columns(model) if n in records.names])
     )
+    notes = [*_starts(records, given), *_rows_left_out(records, stamps)]
     for run in records:
         label = () if recording is None else (label_of(run, [data_path], recording),)
         result = _free_run(model, run, given, sensors)
@@ -99,6 +101,43 @@ def free_runs(
             notes.append(f"the free run{where} ended early, at {len(result.t)} of {len(run)} samples: {result.ended}")
     fits = () if measured is None else _fits(model, records, runs, measured)
     return FreeRuns(out.getvalue(), tuple(notes), (*fits, *told, *units_told(model, time_cells)))
+
+
+def _starts(records: Records, given: Mapping[str, float]) -> Iterator[str]:
+    """Yield what is to be said of runs that start within a recording, or several from one given state."""
+    pieces = Counter(run.source for run in records)
+    for source, count in pieces.items():
+        if count > 1:
+            yield (
+                f"gaps cut the record{within(source)} into {count} pieces: behind each gap the run starts anew, from a"
+                " state at the first sample there"
+            )
+    if given and len(records) > 1:
+        yield (
+            f"what --initial says of {', '.join(given)} is taken for the state at the first sample of every recording"
+            f" and piece, {len(records)} in all; to start each from its own, run them one by one"
+        )
+
+
+def _rows_left_out(records: Records, stamps: Mapping[str, FloatArray]) -> Iterator[str]:
+    """Yield how many rows have no states, as the record that a run covers does not reach them."""
+    for source, t in stamps.items():
+        within_runs = np.zeros(len(t), dtype=np.bool_)
+        for run in records:
+            if run.source == source:
+                within_runs |= _near(t, run, run.t[-1])
+        if not within_runs.all():
+            yield (
+                f"{np.count_nonzero(~within_runs)} of {len(t)} rows{within(source)} have no states: they lie before,"
+                " behind or between what was recorded of coordinates and inputs"
+            )
+
+
+def _near(t: FloatArray, run: Record, last: float) -> BoolArray:
+    """Return which times (n,) belong to a record up to some time."""
+    near = NEAR * run.sample_period
+    found: BoolArray = (t >= run.t[0] - near) & (t <= last + near)
+    return found
 
 
 def _recordings(
@@ -159,9 +198,8 @@ def _at_the_rows(result: Trajectory, run: Record, stamps: FloatArray) -> tuple[F
         run: the record.
         stamps: times of the rows of its recording.
     """
-    near = NEAR * run.sample_period
-    last = result.t[-1] + (near if result.ended is None else 0.0)
-    own = stamps[(stamps >= run.t[0] - near) & (stamps <= last)]
+    own = stamps[_near(stamps, run, result.t[-1])]
+    own = own if result.ended is None else own[own <= result.t[-1]]
     if len(result.t) < 2 or np.array_equal(own, result.t):
         return result.t, result.states
     from scipy.interpolate import CubicSpline

@@ -215,6 +215,34 @@ def test_a_run_without_bound_ends_with_a_note(simulated):
     assert f"at {len(found['t'])} of 300 samples" in note
 
 
+def test_rows_outside_of_what_was_recorded_are_counted(simulated):
+    log = oscillator(600)
+    log["x"][:5] = np.nan
+    log["u"][-3:] = np.nan
+    found, notes = simulated(oscillator_model(), log)
+    assert np.array_equal(found["t"].astype(float), log["t"][5:-3])
+    (note,) = notes
+    assert note.startswith("8 of 600 rows in log.csv have no states: they lie before, behind or between what was")
+
+
+def test_a_record_that_a_gap_cuts_starts_anew_with_a_note(simulated):
+    log = oscillator(600)
+    log = {name: np.delete(column, np.arange(200, 300)) for name, column in log.items()}
+    found, notes = simulated(oscillator_model(), log)
+    assert len(found["t"]) == 500
+    (note,) = notes
+    assert note.startswith("gaps cut the record in log.csv into 2 pieces: behind each gap the run starts anew")
+
+
+def test_a_state_that_is_given_for_several_recordings_is_told(simulated):
+    log = {name: np.tile(column, 2) for name, column in oscillator(100).items()} | {"run": np.repeat([1.0, 2.0], 100)}
+    found, notes = simulated(oscillator_model(), log, recording="run", initial=["x=1"])
+    assert found["x"][[0, 100]].tolist() == ["1.0", "1.0"]
+    (note,) = notes
+    assert note.startswith("what --initial says of x is taken for the state at the first sample of every recording")
+    assert simulated(oscillator_model(), log, recording="run")[1] == []
+
+
 # what is refused
 
 
