@@ -328,12 +328,12 @@ def report(
     ] = None,
 ) -> None:
     """Draw report.html and its figures again from the stored results."""
-    from odescope.commands.run import draw_again
+    from odescope.commands.run import draw_again, results_at
     from odescope.commands.terminal import shown
     from odescope.events import Monitor
 
     with shown() as tell:
-        place = folder.parent if folder.is_file() else folder
+        place = results_at(folder)
         draw_again(place, place if out is None else out, Monitor(tell))
 
 

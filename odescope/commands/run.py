@@ -31,7 +31,7 @@ from odescope.report.figures.processes import Painters, painters
 from odescope.report.no_model import no_model_html
 from odescope.report.page import report_files
 from odescope.report.place import reads_results
-from odescope.report.result_names import FACTORS, FIGURES, NO_MODEL, REPORT, REPORT_PAGE, RESULT_FILES
+from odescope.report.result_names import FACTORS, FIGURES, NO_MODEL, PATH_TABLE, REPORT, REPORT_PAGE, RESULT_FILES
 from odescope.report.searches import searched
 from odescope.study.options import Study
 from odescope.study.toml import moved, study_toml
@@ -170,6 +170,22 @@ class _Watch:
             if same:
                 return known
         return None
+
+
+def results_at(given: Path) -> Path:
+    """Return the folder of results that a path stands for: itself, or that of one of its files.
+
+    Raises:
+        InputError: it is another file.
+    """
+    if not given.is_file():
+        return given
+    if given.name not in (*RESULT_FILES, PATH_TABLE):
+        raise InputError(
+            f"{given} is no folder of results: expected one that odescope identify or odescope demo wrote, or the"
+            f" {REPORT} in it"
+        )
+    return given.parent
 
 
 def draw_again(folder: Path, out: Path, monitor: Monitor = SILENT) -> None:

@@ -199,6 +199,8 @@ def _explained(message: str) -> str:
         return "its version is not 1, the only one known here"
     if "recursion" in message:
         return "it is nested too deep"
+    if "`$" not in message and not message.startswith("Object"):  # no JSON, or no table of it
+        return f"expected the model.json of odescope identify, or the folder that it is in; {message}"
     return message.replace("`$.", "`").replace("Object", "an object")
 
 

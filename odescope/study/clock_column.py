@@ -18,6 +18,7 @@ TIMES = re.compile(
 DAYS = re.compile(r"(date|datetime|datum)(_.*)?", re.IGNORECASE)
 SERIAL = 20_000.0, 80_000.0  # days since 1899, as spreadsheets count dates: 1954 to 2119
 STEADY = 4.0  # times the median: no step of a clock that nobody calls one is longer
+FEW = 8  # steps, that are even by chance
 BACK = 0.25  # of the steps go back of what is no clock, however it is called: T may be a temperature
 
 
@@ -62,6 +63,29 @@ def clock_of(columns: dict[str, FloatArray], dated: Sequence[str]) -> ClockColum
                 return ClockColumn(None, "s", "", counts=label)
             return _clock(label, "in seconds? It grows in even steps: say in time_unit what in")
     return ClockColumn(None, "s", "")
+
+
+def clock_in_disorder(columns: dict[str, FloatArray]) -> str | None:
+    """Return a column that is called a time and is one but for the order of its rows, None where there is none.
+
+    Its values, sorted, grow in even steps; what is in a unit of something else, or called T, as temperatures are, is
+    none.
+
+    Args:
+        columns: the numbers in each (N,).
+    """
+    for label, values in columns.items():
+        heading, steps = Heading.of(label), np.diff(np.sort(values))
+        timed = time_unit(label) is not None or (heading.unit is None and TIMES.fullmatch(heading.name) is not None)
+        if (
+            timed
+            and heading.name != "T"
+            and len(steps) >= FEW
+            and np.all(steps > 0.0)
+            and steps.max() < STEADY * np.median(steps)
+        ):
+            return label
+    return None
 
 
 def _clock(label: str, why: str = "", values: FloatArray | None = None) -> ClockColumn:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.library.functions import FUNCTIONS
 from odescope.recordings.chunks import Chunk
@@ -24,13 +25,14 @@ from odescope.recordings.readers import column_names, read_chunk
 from odescope.recordings.record import Records
 from odescope.recordings.text_headers import NUMBER
 from odescope.signals.look import HELD, Role, Seen, look, repeats
-from odescope.study.clock_column import ClockColumn, clock_of
+from odescope.study.clock_column import ClockColumn, clock_in_disorder, clock_of
 from odescope.study.looked_at import columns_of
 from odescope.study.toml import moved, parse_study
 
 LABELS = re.compile(r"(run|segment|recording|experiment|trial|lap|series|batch|episode|id)(_.*)?", re.IGNORECASE)
 LEAST_ROWS = 32  # of a recording, on average
 UNEVEN = 0.8  # of the points of a grid: where fewer hold a sample, they are at no even times
+NAMELESS = "the column without a name"  # an index that pandas wrote
 WIDTH = 46  # columns of text before a comment
 
 
@@ -81,15 +83,14 @@ def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Draft
     dated = [label for label, column in read.items() if column.dated]
     refusals = {label: column.refusal for label, column in read.items() if column.refusal}
     faults = {label: column.faults for label, column in read.items() if column.faults}
-    clock = clock_of({label: values[: chunks[0].stop] for label, values in columns.items()}, dated)
+    clock = _clock({label: values[: chunks[0].stop] for label, values in columns.items()}, dated, file.name)
     with opened(file) as kind:
         recording = _recording(kind, file, tuple(read), clock, frozenset(faults))
     taken = (clock.label, clock.counts, recording, *dated)
     others = [n for n in columns if n not in taken and np.isfinite(columns[n]).any()]
     headings = headings_of(others)
     if not headings:
-        said = f"{file.name} holds no numbers beside the time; its columns are {', '.join(labels)}"
-        raise InputError("; ".join([said, *_told(refusals)]))
+        raise _no_numbers(file.name, labels, refusals)
     # What repeats itself is not moved to even times along a curve, which would hide that it does.
     repeating = frozenset(n for n, h in headings.items() if repeats(columns[h.label]) > HELD)
     layout = replace(_layout(clock, recording, headings), held=repeating, loose=frozenset(faults))
@@ -114,6 +115,25 @@ def draft(files: Sequence[Path], sources: Sequence[Path], folder: Path) -> Draft
     text = "\n".join(_lines(sources, folder, clock, recording, sampled, seen, unused, faults)) + "\n"
     parse_study(text)
     return Drafted(text, sampled, seen, unused)
+
+
+def _clock(columns: dict[str, FloatArray], dated: Sequence[str], source: str) -> ClockColumn:
+    """Return the column of the time, and refuse one whose rows are in another order."""
+    clock = clock_of(columns, dated)
+    if clock.label is None and (disordered := clock_in_disorder(columns)) is not None:
+        raise InputError(
+            f"{disordered!r} of {source} seems to hold the time, and its rows are not in the order of it: sort the rows"
+            " by that column; if it holds something else, call it otherwise"
+        )
+    return clock
+
+
+def _no_numbers(source: str, labels: Sequence[str], refusals: Mapping[str, str]) -> InputError:
+    """Return the error of a file without columns to draft from: what is wrong with the file, where that is why."""
+    if of_file := [why for why in refusals.values() if source in why]:  # lines that do not fit, doubled names
+        return InputError(of_file[0])
+    said = f"{source} holds no numbers beside the time; its columns are {', '.join(labels)}"
+    return InputError("; ".join([said, *_told(refusals)]))
 
 
 def _told(refusals: Mapping[str, str]) -> list[str]:
@@ -277,7 +297,8 @@ def _lines(
 
 
 def _left_out(seen: Sequence[Seen], unused: Mapping[str, str]) -> dict[str, str]:
-    return {s.heading.label: s.why for s in seen if s.role == "neither"} | dict(unused)
+    left_out = {s.heading.label: s.why for s in seen if s.role == "neither"} | dict(unused)
+    return {label or NAMELESS: why for label, why in left_out.items()}
 
 
 def _coordinate(s: Seen) -> str:

@@ -9,7 +9,7 @@ from typing import Any, get_args, get_type_hints
 
 import msgspec
 
-from odescope.errors import nearest
+from odescope.errors import InputError, nearest
 from odescope.library.rules import AnyRule
 from odescope.likelihood.search import LikelihoodSearch
 from odescope.regression.proposers import AnyProposer
@@ -47,8 +47,13 @@ _CHOICE = re.compile(r"^Invalid (?:enum )?value '(?P<value>.*)'" + _AT, re.DOTAL
 
 
 def explained(error: Exception, raw: Mapping[str, object]) -> str:
-    """Return what msgspec found wrong with the tables of a study, in one sentence."""
-    return _explained(_located(str(error), raw))
+    """Return what msgspec, or a table itself, found wrong with the tables of a study, in one sentence."""
+    message = _located(str(error), raw)
+    if isinstance(error.__cause__, InputError):
+        own, path = str(error.__cause__), re.search(_AT, message)
+        where = "" if path is None or path["path"] is None or own.startswith("[") else f"[{path['path']}] "
+        return f"{where}{own}"
+    return _explained(message)
 
 
 def _located(message: str, raw: Mapping[str, object]) -> str:

@@ -86,6 +86,35 @@ def test_a_log_without_coordinates_is_refused(odescope, columns, part):
     assert "no such file" in odescope.refused("init", "missing.csv")
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("t,phi,phi\n0,1,2\n1,2,3\n", "log.csv has 2 columns named 'phi'; rename all but one"),
+        ("t,phi\n0,1\n1\n2,3\n", "line 3 of log.csv has 1 cell where the header has 2"),
+    ],
+)
+def test_of_a_file_that_cannot_be_read_only_that_is_said(odescope, text, said):
+    Path("log.csv").write_text(text)
+    assert odescope.refused("init", "log.csv") == f"odescope: {said}\n"
+
+
+@pytest.mark.parametrize("order", [slice(None, None, -1), np.random.default_rng(0).permutation(len(T))])
+def test_rows_in_another_order_than_that_of_the_time_are_told(odescope, order):
+    write("log.csv", {"t": T[order], "x": motion(1)[order]})
+    assert "'t' of log.csv seems to hold the time, and its rows are not in the order of it" in odescope.refused(
+        "init", "log.csv"
+    )
+    write("log.csv", {"T": 20.0 + 60.0 * np.exp(-T / T[-1]), "x": motion(1)})  # a temperature that falls
+    assert odescope("init", "log.csv").code == 0
+
+
+def test_a_column_without_a_name_is_told_so(odescope):
+    write("log.csv", {"": np.arange(len(T)), "t": T, "x": motion(1)})
+    ended = odescope("init", "log.csv")
+    assert "left out, see its last lines: the column without a name)" in ended.err
+    assert "#   the column without a name: counts samples" in Path("log.toml").read_text()
+
+
 def test_a_day_and_a_clock_in_two_columns_are_one_time(odescope):
     t, x, u = oscillator(600).values()
     stamps = [np.datetime64("2024-01-31T23:59:55", "us") + np.timedelta64(round(1e6 * v), "us") for v in t.tolist()]

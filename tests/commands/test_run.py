@@ -12,7 +12,7 @@ from msgspec import structs
 
 from odescope.commands import run as module
 from odescope.commands.demo import run_demo
-from odescope.commands.run import Reference, draw_again, run_study
+from odescope.commands.run import Reference, draw_again, results_at, run_study
 from odescope.errors import InputError, NoModelError, Stopped
 from odescope.events import Event, FilesWritten, Monitor, Note, Progress, StageBegan
 from odescope.export.model_file import read_model
@@ -136,6 +136,13 @@ def test_results_are_not_written_among_the_data(folder, files):
     first = run_study(study, folder, folder / "logs/out")
     again = run_study(read_study(folder / "logs/out/study.toml"), folder / "logs/out", folder / "logs/out")
     assert again.result.model.relations == first.result.model.relations
+
+
+def test_only_results_are_drawn_again(folder):
+    with pytest.raises(InputError, match=r"run.csv is no folder of results: expected one that odescope identify"):
+        results_at(folder / "logs/run.csv")
+    (folder / "logs/report.json").touch()
+    assert results_at(folder / "logs/report.json") == results_at(folder / "logs") == folder / "logs"
 
 
 def test_a_reference_is_shown_beside_what_was_found(folder):

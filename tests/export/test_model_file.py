@@ -263,6 +263,12 @@ def test_reading_a_file_names_it(tmp_path):
     path.write_text("{}")
     with pytest.raises(InputError, match=r"model.json is not a model that odescope can read: .*`format`"):
         read_model(path)
+    for other in ('[data]\nfiles = ["a.csv"]\n', "t,x\n0,1\n", "[1, 2]"):
+        path.write_text(other)
+        with pytest.raises(
+            InputError, match=r"expected the model.json of odescope identify, or the folder that it is in"
+        ):
+            read_model(path)
     path.write_text(to_json(MODELS["coupled"]))
     assert read_model(path).relations == MODELS["coupled"].relations
 

@@ -247,7 +247,7 @@ def test_a_column_that_counts_the_rows_is_no_time_in_seconds(here, label):
     study, text = drafted({label: np.arange(len(T)), "x": motion(1)})
     assert (study.data.time, study.data.sample_period, list(study.coordinates)) == (None, 1.0, ["x"])
     assert "CHANGE THIS" in text
-    assert f"#   {label}: it counts the rows" in text
+    assert f"#   {label or 'the column without a name'}: it counts the rows" in text
 
 
 def test_even_steps_alone_leave_the_unit_of_a_clock_open(here):
@@ -294,7 +294,7 @@ def test_a_separator_at_the_ends_of_lines_makes_no_column(here):
     lines[4] += "bumped"
     Path("log.csv").write_text("\n".join(["t,x,", *lines]) + "\n")
     assert (
-        "#   : has cells that are not numbers (line 6: 'bumped')"
+        "#   the column without a name: has cells that are not numbers (line 6: 'bumped')"
         in draft([Path("log.csv")], [Path("log.csv")], Path()).text
     )
 

@@ -21,7 +21,9 @@ preset = "paper"
 
 @pytest.mark.parametrize("key", ['time_unit = "ms"', 'date = "day"'])
 def test_what_belongs_to_a_column_of_time_is_refused_without_one(key):
-    with pytest.raises(InputError, match=f"^{key.split()[0]} = '.*' goes with time, .* sample_period is in seconds"):
+    with pytest.raises(
+        InputError, match=rf"^\[data\] {key.split()[0]} = '.*' goes with time, .* sample_period is in seconds"
+    ):
         parse_study(f"[data]\nsample_period = 10\n{key}\n[coordinates.x]\n")
     parse_study(f'[data]\ntime = "t"\n{key}\n[coordinates.x]\n')
 

@@ -155,7 +155,7 @@ def test_what_a_study_leaves_out_has_its_default():
         ("[inputs.u]", "[inputs.u]\n[library]\nties = 'a = b'", ["`library.ties` must be a list, not a text"]),
         ("[inputs.u]", "[inputs.u]\n[random]\nseed = -1", [">= 0", "`random.seed`"]),
         ("[inputs.u]", "[inputs.u]\n[signals]\nmargin = nan", ["`signals.margin`"]),
-        ("[inputs.u]", "[inputs.u]\n[signals]\nmargin = inf", ["margin", "got inf", "`signals`"]),
+        ("[inputs.u]", "[inputs.u]\n[signals]\nmargin = inf", ["[signals] margin", "got inf"]),
         ("[inputs.u]", "[inputs.u]\n[signals]\nmargin = -0.1", ["`signals.margin`"]),
         ("[inputs.u]", "[inputs.u]\n[regression]\nproposers = []", ["proposers must hold at least one"]),
         ("[inputs.u]", "[inputs.u]\n[library]\nterms = ['x']\nbasis = ['x']", ["terms and basis exclude each other"]),
@@ -319,3 +319,15 @@ def test_a_number_in_quotes_is_told_what_is_wanted():
     assert told == "unknown value '0.02' at `inputs.u.delay`; there are: a number without quotes, auto, estimate"
     with pytest.raises(InputError, match='delay must be a number of seconds, "auto" or "estimate", got'):
         Driven(delay="0.02")
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ("[library.parameters]\nv0 = [1.0, 0.1]\n", r"^\[library.parameters\] v0 wants a range .*\[1.0, 0.1\] came$"),
+        ('[inputs.v]\ncolumn = ["a", "a"]\n', r"^\[inputs.v\] column must be a name, or several different ones"),
+        ('[library]\nterms = ["x"]\nbasis = ["x"]\n', r"^\[library\] terms and basis exclude each other"),
+    ],
+)
+def test_what_a_table_says_of_itself_is_told_with_its_name_and_nothing_of_the_parser(table, said):
+    assert re.search(said, refused(PLAIN + table))
