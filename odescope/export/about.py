@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from odescope.model.model import Model
 from odescope.recordings.headings import UNITS_OF_TIME, told_in_seconds
 
+ASCII = {"°": "deg", "µ": "u", "μ": "u", "Ω": "Ohm", "·": "*"}  # of units; both letters mu are in use
+
 
 def about(model: Model, renamed: Sequence[str] = ()) -> tuple[str, ...]:
     """Return lines on states, inputs, time and where the model holds, and on names that are written otherwise."""
@@ -42,6 +44,8 @@ def _recorded_in(model: Model) -> str:
 
 def _plain(text: str) -> str:
     """Return text that neither ends a comment of any language nor leaves ASCII or the line."""
+    for sign, spelled in ASCII.items():
+        text = text.replace(sign, spelled)
     kept = "".join(c if c.isascii() and c.isprintable() else "?" for c in text)
     for mark in ("*/", "/*", "=#", "#=", "%{", "%}"):
         kept = kept.replace(mark, f"{mark[0]} {mark[1]}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite, tau
 
+from odescope.library.readable import readable
 from odescope.model.model import Model
 from odescope.model.notes import uncertain
 from odescope.model.scores import FreeRun
@@ -60,7 +61,11 @@ def _terms(model: Model) -> Iterator[str]:
         found = [(m.name, m.coefficient, m.std_error) for m in model.shown_mechanisms]
     else:
         pairs = zip(model.targets, model.shown_relations, strict=True)
-        found = [(f"{t.text} in {target}", t.coefficient, t.std_error) for target, r in pairs for t in r.terms]
+        found = [
+            (f"{readable(t.product.expanded)} in {target}", t.coefficient, t.std_error)
+            for target, r in pairs
+            for t in r.terms
+        ]
     sizes = [(error / abs(value), name) for name, value, error in found if error is not None and value]
     doubtful = sorted(pair for pair in sizes if pair[0] >= DOUBTFUL)
     if doubtful:

@@ -14,7 +14,7 @@ def free_run_sentences(runs: Sequence[FreeRun]) -> Iterator[str]:
     """Yield how long the free runs of a model stay with its recordings, how well they fit, and which ended early."""
     if len(runs) == 1:
         (run,) = runs
-        stays = f"{_length(run)}" if run.stays else f"{run.valid_time:.3g} of {run.duration:.4g} s"
+        stays = f"{_length(run)}" if run.stays else f"{run.valid_time:.4g} of {run.duration:.4g} s"
         yield f"Run freely from its start, it stays with the recording for {stays}{_fits(runs)}."
     elif runs:
         yield f"Run freely from their starts, it stays with {_which(runs)}{_fits(runs)}."
@@ -56,7 +56,7 @@ def _which(runs: Sequence[FreeRun]) -> str:
     if not lost:
         return f"all {len(runs)} recordings{tried} to their ends"
     first = min(lost, key=lambda run: run.valid_time / run.duration)
-    parted = f"{first.valid_time:.3g} of {first.duration:.4g} s of recording {first.recording}"
+    parted = f"{first.valid_time:.4g} of {first.duration:.4g} s of recording {first.recording}"
     if len(lost) == len(runs):
         return f"none of the {len(runs)} recordings{tried} to its end; it parts soonest after {parted}"
     rest = "the other" if len(lost) == 1 else "the others soonest"

@@ -176,7 +176,7 @@ def recorded(result: Identification) -> Recorded:
             CoordinateRow(
                 name=c.name,
                 column=columns[c.name],
-                unit=c.unit or "",
+                unit=c.unit or ("rad" if c.angle else ""),
                 noise=found.noise,
                 signal=float(np.std(signals.joined()[signals.row(c.name)])),
             )

@@ -35,8 +35,9 @@ def outside_domain(model: Model, columns: Mapping[str, Sequence[FloatArray]]) ->
         if outside > RARE:
             ends = (float(values.min()), float(values.max()), low, high)
             first, last, low_end, high_end = _as_texts(ends)
+            part = "all" if outside == 1.0 else f"{min(100.0 * outside, 99.0):.2g} %"
             yield (
-                f"{name} is from {first} to {last}, and {100 * outside:.2g} % of it outside the data of the model,"
+                f"{name} is from {first} to {last}, and {part} of it outside the data of the model,"
                 f" {low_end} to {high_end}"
             )
 

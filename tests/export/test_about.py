@@ -29,6 +29,17 @@ def test_lines_are_plain():
         assert not any(mark in line for mark in ("*/", "/*", "=#", "#=", "%}", "%{", '"', "\\"))
 
 
+def test_degrees_and_micro_are_spelled_out():
+    (first, *rest), inputs = reactor().coordinates, reactor().inputs
+    coordinates = (
+        msgspec.structs.replace(first, unit="°C"),
+        *(msgspec.structs.replace(c, unit="µmol/L") for c in rest),
+    )
+    lines = about(replace(reactor(), coordinates=coordinates, inputs=inputs))
+    assert f"{first.name} [degC]" in lines[2]
+    assert f"{rest[0].name} [umol/L]" in lines[2]
+
+
 @pytest.mark.parametrize("language", TEXTS)
 def test_a_unit_cannot_end_the_comment_that_holds_it(language):
     model = reactor() if language == "antimony" else driven_cart()

@@ -1,5 +1,7 @@
 """Antimony turned into SBML and simulated by libRoadRunner, where they are installed, beside the free run."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from exported_models import driven_cart, free_run, reactor
@@ -77,3 +79,11 @@ def test_every_digit_is_there_and_reserved_names_are_said():
     program = to_antimony(coupled())
     assert program.notes == ("time is written time_", "_b is written v_b", "ln is written ln_")
     assert repr(1 / 3) in program.files["plant.ant"]
+
+
+def test_what_is_to_be_set_before_a_run_is_said():
+    text = to_antimony(coupled()).files["plant.ant"]
+    assert "// Every state starts at 0.0: set time_, v_b, ln_ to where a run begins.\n" in text
+    assert "set each to its value as it acts.\n" in text
+    late = replace(coupled(), inputs=(Input("u", delay=0.5),))
+    assert "set each to its value as it acts, as late as is said above.\n" in to_antimony(late).files["plant.ant"]

@@ -24,7 +24,8 @@ def told(*runs):
 def test_one_recording_is_told_in_seconds():
     start = "Run freely from its start, it stays with the recording for "
     assert told(run(8.0, 8.0, fit=98.76)) == [f"{start}all of its 8 s (fit of x 98.8 %)."]
-    assert told(run(65.0, 36.34, fit=10.0)) == [f"{start}36.3 of 65 s."]
+    assert told(run(65.0, 36.34, fit=10.0)) == [f"{start}36.34 of 65 s."]
+    assert told(run(11.98, 11.96)) == [f"{start}11.96 of 11.98 s."]  # as many digits as what it is of
     assert told(run(8.0, 8.0, recorded=3600.0)) == [f"{start}all of the first 8 s, which were tried, of 3600 s."]
     assert told(run(8.0, 8.0, fit=99.99)) == [f"{start}all of its 8 s (fit of x over 99.9 %)."]
     assert told(run(8.0, 0.5, ended="met a pole"))[1] == "The free run ended early: met a pole."
@@ -97,3 +98,11 @@ def test_how_far_ahead_is_the_soonest_that_a_free_run_parts():
 def test_a_model_that_is_uncertain_as_a_whole_says_so_first(follows):
     scores = ModelScores(likelihood=Likelihood(follows, 9.0, 0.1, True, 3, None, (), ()))
     assert cautions(model(scores=scores), {})[0].startswith("Uncertain: ") is not follows
+
+
+def test_terms_are_told_as_they_are_typed():
+    scope = Scope.of(["S", "K"])
+    term = RelationTerm(Product(None, parse_term("S*(S + K)**-1", scope)), -2.0, 0.01)
+    one = RelationTerm(Product("S_dot", parse_term("1", scope)), 1.0)
+    model = Model((Coordinate("S"),), (Input("K"),), (Relation((one, term)),), ModelScores(), {}, {})
+    assert "The least certain coefficient is that of S/(K + S) in S_dot: ± 0.5 %." in cautions(model, {})

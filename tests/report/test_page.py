@@ -17,6 +17,7 @@ from odescope.report.console import trust_text
 from odescope.report.data import Report, TableRow
 from odescope.report.figures.catalogue import pictures
 from odescope.report.page import in_time, number, with_error
+from odescope.report.recorded import recorded
 from odescope.study.options import Data, Driven, Measured, Study
 
 TABLE = (TableRow(target="x_dot", term="u", truth=1.0, paper=None, found=0.9999),)
@@ -135,6 +136,12 @@ def test_the_model_is_that_of_the_result_with_errors_and_units(report, page, res
     assert (low, high) == pytest.approx((value - 1.96 * error, value + 1.96 * error), abs=0.1 * error)
     y = report.coefficients[1][[t.text for t in result.model.relations[1].terms].index("y")]
     assert y.unit == ""  # y states no unit
+
+
+def test_an_angle_without_a_unit_is_in_radians(result):
+    angles = tuple(msgspec.structs.replace(c, angle=True, unit=None) for c in result.signals.coordinates)
+    turned = replace(result, signals=replace(result.signals, coordinates=angles))
+    assert [c.unit for c in recorded(turned).coordinates] == ["rad", "rad"]
 
 
 def test_what_to_trust_is_said_in_words(page, result):

@@ -28,6 +28,13 @@ def test_data_within_the_domain_and_what_noise_adds_are_not_told():
     assert list(outside_domain(model, {"u": [np.linspace(-1.03, 1.03, 500)]})) == []
 
 
+@pytest.mark.parametrize(("share", "told"), [(1.0, "all of it"), (0.9995, "99 % of it"), (0.256, "26 % of it")])
+def test_how_much_is_outside_is_told_without_powers_of_ten(share, told):
+    model = replace(TRUE, domain={"u": (-1.0, 1.0)})
+    samples = np.where(np.arange(2000) < 2000 * share, 5.0, 0.0)
+    assert f", and {told} outside the data" in next(outside_domain(model, {"u": [samples]}))
+
+
 def test_what_never_came_to_be_known_is_not_judged():
     model = replace(TRUE, domain={"u": (-1.0, 1.0)})
     assert list(outside_domain(model, {"u": [np.zeros(0)]})) == []

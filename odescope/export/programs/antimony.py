@@ -39,8 +39,12 @@ def to_antimony(model: Model, name: str = NAME) -> ProgramFiles:
     spelling = _NAMES.spelled(model.variables)
     notes, language = renamed(spelling), caret_language(spelling, _FUNCTIONS)
     lines = [f"// {line}".rstrip() for line in about(model, notes)]
+    lines.append(
+        f"// Every state starts at 0.0: set {', '.join(spelling[s] for s in model.states)} to where a run begins."
+    )
     if model.inputs:
-        lines.append("// Inputs are parameters: set each to its value as it acts, as late as is said above.")
+        late = ", as late as is said above" if any(i.delay for i in model.inputs) else ""
+        lines.append(f"// Inputs are parameters: set each to its value as it acts{late}.")
     lines += [f"model {name}", *(f"  {spelling[v]} = 0.0;" for v in model.variables)]
     lines += [f"  var {spelling[i.name]};" for i in model.inputs]
     for c, quotient in zip(model.coordinates, model.quotients, strict=True):
