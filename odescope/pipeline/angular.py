@@ -42,7 +42,8 @@ def with_angles(
     """Return the model with sines and cosines of states, where that is evidently better, and what was found.
 
     A polynomial in an angle, or a quotient, imitates products of these that no single function stands for. Nothing is
-    tried where the model leaves no suspicion, or a library was written by hand.
+    tried where the model leaves no suspicion, a library was written by hand, or some coordinates are called angles: who
+    says so of one would say so of another.
 
     Args:
         work: whose study says of which states functions may be looked for.
@@ -55,7 +56,8 @@ def with_angles(
     units = units_of(filtered)
     moving = [n for n in study.suspects if n in signals.states and is_angular(units.get(n))]
     angles = [n for n in moving if may_be_angle(signals.joined()[signals.row(n)])]
-    if study.library.by_hand or not angles or not filtered.sample.complete:
+    called = any(c.angle for c in signals.coordinates)
+    if study.library.by_hand or called or not angles or not filtered.sample.complete:
         return refinement, ()
     settled = refinement is not None and refinement.lacks_nothing
     if settled and not suspected:

@@ -1,10 +1,13 @@
 """States that nobody called angles: products of their sines and cosines, where the data ask for these."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from odescope.errors import NoModelError
+from odescope.pipeline.angular import with_angles
 from odescope.pipeline.identification import identify
 from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Measured, Study
@@ -69,3 +72,22 @@ def test_a_bead_on_a_hoop_has_a_product_of_sine_and_cosine_and_no_rate_of_its_ow
     result = identify(study("x"), log)
     assert terms(result, 0) == {"cos(x)*sin(x)", "sin(x)"}
     assert result.model.parameters == ()
+
+
+def test_who_calls_one_state_an_angle_has_said_of_the_others_that_they_are_none(monkeypatch):
+    signals = SimpleNamespace(
+        inputs=(),
+        states=("x", "q", "x_dot", "q_dot"),
+        joined=lambda: np.linspace(1.0, 6.0, 400)[None],
+        row=lambda _: 0,
+    )
+    filtered = SimpleNamespace(signals=signals, inputs=(), sample=SimpleNamespace(complete=True))
+    asked = []
+    monkeypatch.setattr("odescope.pipeline.angular.with_basis", lambda work, *_: work)
+    monkeypatch.setattr("odescope.pipeline.angular.regressed_with", lambda *of: asked.append(of))
+    for angle in (True, False):
+        own = {"x": Measured(order=2), "q": Measured(order=2, angle=angle)}
+        signals.coordinates = Study(data=Data(time="t"), coordinates=own).measured()
+        work = SimpleNamespace(study=Study(data=Data(time="t"), coordinates=own))
+        assert with_angles(work, filtered, None, None, True) == (None, ())
+        assert len(asked) == (0 if angle else 1)
