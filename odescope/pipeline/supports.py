@@ -34,7 +34,8 @@ def with_moving_supports(
     What hangs from a crane, stands on a shaking table or rides in a vehicle is driven by the acceleration of its
     support, which acts as gravity does: along and across every angle, and on an angle times the length that hangs from
     it. By default inputs push the same way wherever a coordinate is. Nothing is tried where a model follows the record
-    with no term in doubt, or no angle or no input is there, or the forces were named.
+    with no term in doubt, or leaves white noise of the process, or no angle or no input is there, or the forces were
+    named.
 
     Args:
         work: whose study leaves the forces open.
@@ -43,8 +44,7 @@ def with_moving_supports(
         refinement: the model that the search in them ended with, if there is one.
     """
     study, records = work.study, filtered.sample.records
-    settled = refinement is not None and (refinement.clear or (refinement.exact and not refinement.wanting))
-    forces = _forces(study)
+    settled, forces = refinement is not None and _lacks_nothing(refinement), _forces(study)
     if study.library.forces is not None or settled or not any(forces.values()) or not filtered.sample.complete:
         return posed, refinement
     own = default_forces(study.measured(), study.driven())
@@ -60,6 +60,12 @@ def with_moving_supports(
     if other is None or not (other.exact if refinement is None else replaces(other, refinement)):
         return posed, refinement
     return wider, other
+
+
+def _lacks_nothing(refinement: Refinement) -> bool:
+    """Say whether a model leaves no more than noise, of the process too, and has no term in doubt."""
+    settled = refinement.exact and refinement.outcome.sure and not refinement.wanting
+    return settled or refinement.clear or refinement.says_all
 
 
 def _forces(study: Study) -> dict[str, tuple[str, ...]]:

@@ -7,9 +7,7 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray, true_ranges
 
 LONGEST = 3  # equal samples in a row: more are of what rests, or of a sensor that is slow
-WIDE = (
-    20.0  # least steps that a value moves by before and after it is repeated: in what creeps an encoder repeats itself
-)
+WIDE = 20.0  # least steps that a value moves by before and after it is repeated: what creeps moves by one
 NEAR = 10  # least steps: how often values differ by up to so many tells how often they are the same by chance
 FEW = 3.0  # repeats beside that, and times as many as by chance, that are none
 
