@@ -44,7 +44,7 @@ def with_moving_supports(
         refinement: the model that the search in them ended with, if there is one.
     """
     study, records = work.study, filtered.sample.records
-    settled, forces = refinement is not None and _lacks_nothing(refinement), _forces(study)
+    settled, forces = refinement is not None and (refinement.clear or refinement.says_all), _forces(study)
     if study.library.forces is not None or settled or not any(forces.values()) or not filtered.sample.complete:
         return posed, refinement
     own = default_forces(study.measured(), study.driven())
@@ -60,12 +60,6 @@ def with_moving_supports(
     if other is None or not (other.exact if refinement is None else replaces(other, refinement)):
         return posed, refinement
     return wider, other
-
-
-def _lacks_nothing(refinement: Refinement) -> bool:
-    """Say whether a model leaves no more than noise, of the process too, and has no term in doubt."""
-    settled = refinement.exact and refinement.outcome.sure and not refinement.wanting
-    return settled or refinement.clear or refinement.says_all
 
 
 def _forces(study: Study) -> dict[str, tuple[str, ...]]:
