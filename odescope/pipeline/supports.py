@@ -33,9 +33,9 @@ def with_moving_supports(
 
     What hangs from a crane, stands on a shaking table or rides in a vehicle is driven by the acceleration of its
     support, which acts as gravity does: along and across every angle, and on an angle times the length that hangs from
-    it. By default inputs push the same way wherever a coordinate is. Nothing is tried where a model follows the record
-    with no term in doubt, or leaves white noise of the process, or no angle or no input is there, or the forces were
-    named.
+    it. By default inputs push the same way wherever a coordinate is, and what many terms imitate of that may leave
+    white noise of the process. Nothing is tried where a model follows the record with no term in doubt, or no angle or
+    no input is there, or the forces were named.
 
     Args:
         work: whose study leaves the forces open.
@@ -44,8 +44,8 @@ def with_moving_supports(
         refinement: the model that the search in them ended with, if there is one.
     """
     study, records = work.study, filtered.sample.records
-    settled, forces = refinement is not None and (refinement.clear or refinement.says_all), _forces(study)
-    if study.library.forces is not None or settled or not any(forces.values()) or not filtered.sample.complete:
+    forces, clear = _forces(study), refinement is not None and refinement.clear
+    if study.library.forces is not None or clear or not any(forces.values()) or not filtered.sample.complete:
         return posed, refinement
     own = default_forces(study.measured(), study.driven())
     named = {name: (*own[name], *more) for name, more in forces.items()}
@@ -55,7 +55,8 @@ def with_moving_supports(
     found = mechanisms_that_stay({posed.form: wide.mechanisms(posed.form)}, stays)[posed.form]
     work.monitor.tell(Progress("likelihood", "search with supports that move", 0, 1))
     wider = mechanisms_form(wide, posed.form, found, posed.constants, filtered.records, filtered.signals)
-    limited = work if refinement is None else within(work, max(LEAST, TIMES * refinement.spent))
+    times = TIMES if refinement is None or not refinement.says_all else 1.0
+    limited = work if refinement is None else within(work, max(LEAST, times * refinement.spent))
     other = refine_form(limited, filtered, wider)
     if other is None or not (other.exact if refinement is None else replaces(other, refinement)):
         return posed, refinement
