@@ -6,9 +6,6 @@ docs/method.md, Suspicion.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
-
-import numpy as np
 
 from odescope.events import Progress
 from odescope.library.expression import ONE
@@ -16,12 +13,10 @@ from odescope.library.friction import rubs
 from odescope.library.mechanism import Mechanism, candidate
 from odescope.library.product import Product
 from odescope.likelihood.refine import Refinement
-from odescope.likelihood.settings import Start
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
-from odescope.pipeline.stages import refine_form
 from odescope.pipeline.suspicion import replaces
-from odescope.pipeline.wider import LEAST, TIMES, within
+from odescope.pipeline.wider import searched_beside
 from odescope.pipeline.work import Work
 
 
@@ -46,12 +41,7 @@ def with_divided_friction(
     if not new:
         return posed, refinement
     work.monitor.tell(Progress("likelihood", "search with friction in what is divided", 0, 1))
-    begun = (refinement.fit.theta * refinement.space.sizes(refinement.fit.theta))[: len(posed.mechanisms)]
-    start = Start(np.append(begun, np.zeros(len(new))))
-    wider = replace(
-        posed, mechanisms=(*posed.mechanisms, *new), starts=(start,), plain=None, rival=None, again=lambda _: None
-    )
-    other = refine_form(within(work, max(LEAST, TIMES * refinement.spent)), filtered, wider)
+    wider, other = searched_beside(work, filtered, posed, refinement, new)
     better = other is not None and replaces(other, refinement)
     return (wider, other) if better else (posed, refinement)
 

@@ -5,19 +5,15 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-import numpy as np
-
 from odescope.events import Progress
 from odescope.library.lagrangian import lagrangian
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.add_and_drop import HOPELESS
 from odescope.likelihood.refine import Refinement
-from odescope.likelihood.settings import Start
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
-from odescope.pipeline.stages import refine_form
 from odescope.pipeline.suspicion import replaces
-from odescope.pipeline.wider import LEAST, TIMES, within
+from odescope.pipeline.wider import searched_beside
 from odescope.pipeline.work import Work
 from odescope.study.options import Study
 
@@ -47,11 +43,7 @@ def with_drag(
     if not drags:
         return posed, refinement
     work.monitor.tell(Progress("likelihood", "search with drag on what moves", 0, 1))
-    begun = (refinement.fit.theta * refinement.space.sizes(refinement.fit.theta))[: len(posed.mechanisms)]
-    mechanisms, start = (*posed.mechanisms, *drags), Start(np.append(begun, np.zeros(len(drags))))
-    wider = Posed(posed.form, mechanisms, posed.constants, posed.left_out, (start,))
-    limited = within(work, max(LEAST, TIMES * refinement.spent))
-    other = refine_form(limited, filtered, wider)
+    wider, other = searched_beside(work, filtered, posed, refinement, drags)
     better = other is not None and other.exact and replaces(other, refinement)
     return (wider, other) if better else (posed, refinement)
 

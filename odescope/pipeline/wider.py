@@ -12,9 +12,11 @@ import msgspec
 import numpy as np
 
 from odescope.library.candidates import Library
+from odescope.library.mechanism import Mechanism
 from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WIDTHS, full
+from odescope.likelihood.settings import Start
 from odescope.model.relation import Relation
 from odescope.pipeline.constants import constants_of, substitute
 from odescope.pipeline.filtering import Filtered
@@ -113,6 +115,24 @@ def searched_with(
     limited = within(work, LEAST if before is None else max(LEAST, times * before.spent))
     posed = relations_form(work.study, (found,), lambda _: found)
     return posed, refine_form(limited, filtered, posed)
+
+
+def searched_beside(
+    work: Work, filtered: Filtered, posed: Posed, before: Refinement, more: Sequence[Mechanism]
+) -> tuple[Posed, Refinement | None]:
+    """Return a form with more candidates, and the model of a search that goes on from its own, None where it has none.
+
+    Args:
+        work: for the study.
+        filtered: the records and their signals.
+        posed: the form.
+        before: its model.
+        more: candidates.
+    """
+    begun = (before.fit.theta * before.space.sizes(before.fit.theta))[: len(posed.mechanisms)]
+    start = Start(np.append(begun, np.zeros(len(more))))
+    wide = Posed(posed.form, (*posed.mechanisms, *more), posed.constants, posed.left_out, (start,))
+    return wide, refine_form(within(work, max(LEAST, TIMES * before.spent)), filtered, wide)
 
 
 def promises(found: Regressed, before: Regressed, least: float = EVIDENT) -> bool:
