@@ -79,8 +79,8 @@ def idle_inputs(signals: Signals, used: Collection[str]) -> Iterator[str]:
         signals: of the records.
         used: names of the inputs that the equations hold.
     """
-    for name in (i.name for i in signals.inputs if i.name not in used):
-        states, columns, u = _states_beside(signals, name)
+    states, columns, inputs = _states_and_inputs(signals)
+    for name, u in ((n, values) for n, values in inputs.items() if n not in used):
         share = explained(u, _followed(columns, u, len(u)))
         why = f" {100.0 * share:.3g} % of it is a sum of multiples of {', '.join(states)}, as under feedback:"
         why = f"{why} what it does is counted as what they do; record with a reference or a disturbance added to it"
@@ -89,8 +89,8 @@ def idle_inputs(signals: Signals, used: Collection[str]) -> Iterator[str]:
 
 def _closed_loops(signals: Signals) -> Iterator[str]:
     """Yield for each input that is a sum of multiples of the states, as what a controller feeds back."""
-    for name in (i.name for i in signals.inputs):
-        states, columns, u = _states_beside(signals, name)
+    states, columns, inputs = _states_and_inputs(signals)
+    for name, u in inputs.items():
         half = len(u) // 2
         if explained(u[half:], _followed(columns, u, half)[half:]) > THE_SAME:
             yield (
@@ -99,11 +99,11 @@ def _closed_loops(signals: Signals) -> Iterator[str]:
             )
 
 
-def _states_beside(signals: Signals, name: str) -> tuple[list[str], FloatArray, FloatArray]:
-    """Return the names of the states, a constant and their values (1 + states, N), and those of an input (N,)."""
+def _states_and_inputs(signals: Signals) -> tuple[list[str], FloatArray, dict[str, FloatArray]]:
+    """Return the names of the states, a constant and their values (1 + states, N), and those of every input (N,)."""
     joined, states = signals.joined(), [s for c in signals.coordinates for s in c.states]
     columns = np.vstack([np.ones(joined.shape[1]), joined[[signals.row(s) for s in states]]])
-    return states, columns, joined[signals.row(name)]
+    return states, columns, {i.name: joined[signals.row(i.name)] for i in signals.inputs}
 
 
 def _followed(columns: FloatArray, u: FloatArray, seen: int) -> FloatArray:
