@@ -29,7 +29,7 @@ from odescope.likelihood.search import Outcome, search
 from odescope.likelihood.settings import Start
 from odescope.likelihood.sharing import Sharing
 from odescope.likelihood.standing import Alternative, Standing
-from odescope.likelihood.suspicion import JOINT, Suspicion
+from odescope.likelihood.suspicion import JOINT, MEASURED, Suspicion
 
 RIVALS = {0: 3, 1: 3, 2: 2}  # functions of a suspicion that are fitted, by number of their constants
 FAR = 1e3  # times what the record does not know that a function may miss of what the model says, and be fitted
@@ -108,11 +108,11 @@ class _Work(Sharing):
             for j, p in enumerate(standing.placed)
             if j != k and self.suspected[j].relation == relation and self.there(p, relation, fit)
         ]
-        imitated = self.imitated(relation, standing.said or fit, base, self.suspected[k].reason == "residual")
+        imitated = self.imitated(relation, standing.said or fit, base, self.suspected[k].reason in MEASURED)
         if imitated is None:
             return
         bar, said = self.moves().penalised(fit), standing.said or fit
-        far = FAR * self.unknown(said, relation, self.suspected[k].reason == "residual") if self.exact else np.inf
+        far = FAR * self.unknown(said, relation, self.suspected[k].reason in MEASURED) if self.exact else np.inf
         plain = [Choice(), *self.linear(k)]
         near = [p for squares, p in imitated.ranked(choices, others) if squares <= far]
         functions = [p for p in near if p.choice not in plain]

@@ -18,7 +18,7 @@ from odescope.likelihood.imitation import Choice, Imitated, Placed
 from odescope.likelihood.saturating import Saturating
 from odescope.likelihood.sparsest import Sparse, grown, sparse
 from odescope.likelihood.standing import Standing
-from odescope.likelihood.suspicion import JOINT
+from odescope.likelihood.suspicion import JOINT, MEASURED
 
 End = tuple[list[int], Sparse, Imitated]  # what may stand for a relation: plain terms, functions, what they say
 EVIDENT = 10.0  # fall of cost and price that decides for functions: odds of 150 to 1
@@ -56,15 +56,15 @@ class Beginnings(Saturating):
     def sparse(self, found: Fit, plain: Fit | None) -> Standing | None:
         """Return the model with few terms and functions that come near to it: of those that do the likeliest.
 
-        None where the model does not follow the record: what it says is then no more than a beginning.
+        None where it is the model that is to be said, and this does not follow the record: no more than a beginning.
 
         Args:
             found: the model before.
             plain: the same, fitted at the width, if it could be followed.
         """
-        if not self.exact:
+        if not self.exact and any(s.reason != "measured" for s in self.suspected):
             return None
-        standing = Standing(found, (Placed(Choice()),) * len(self.suspected), found)
+        standing = Standing(found, (Placed(Choice()),) * len(self.suspected), found if self.exact else None)
         relations = dict.fromkeys(s.relation for s in self.suspected)
         ends = {r: e for r in relations if (e := self.sparse_ends(found, r))}
         if not ends:
@@ -178,7 +178,7 @@ class Beginnings(Saturating):
             relation: its number.
         """
         mine = [k for k, s in enumerate(self.suspected) if s.relation == relation]
-        measured = any(self.suspected[k].reason == "residual" for k in mine)
+        measured = any(self.suspected[k].reason in MEASURED for k in mine)
         base = self.base(relation, found.theta, self.lines)
         imitated = self.imitated(relation, found, base, measured)
         if imitated is None:
@@ -231,7 +231,7 @@ class Beginnings(Saturating):
         for r in dict.fromkeys(s.relation for s in self.suspected):
             mine = [k for k, s in enumerate(self.suspected) if s.relation == r]
             base = self.base(r, found.theta, given)
-            imitated = self.imitated(r, found, base, any(self.suspected[k].reason == "residual" for k in mine))
+            imitated = self.imitated(r, found, base, any(self.suspected[k].reason in MEASURED for k in mine))
             if imitated is None:
                 return None
             chosen = imitated.together([[*self.simple(k), Choice(), *self.linear(k)] for k in mine])

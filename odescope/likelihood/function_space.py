@@ -43,7 +43,8 @@ class FunctionSpace:
     `space` holds the candidates of the model, then all functions that are tried, then their constants: only what is
     present is on a tape. `families` are the functions of every variable, `choices` those of every suspicion; `number`
     finds a candidate by relation and product, `own` counts those of the model; `width` is that of the defects; `exact`
-    is whether the model follows the record; `samples` are the variables at the averages of the record.
+    is whether the model follows the record and is what functions are to say; `samples` are the variables at the
+    averages of the record.
     """
 
     space: SearchSpace
@@ -107,12 +108,12 @@ class FunctionSpace:
         settings = [Mechanism("constant", f"constant {name}", name, (), 0.0) for name in constants]
         wide = space.among([*space.mechanisms, *added, *settings]).with_constants(constants)
         number = {(m.parts[0].relation, m.parts[0].product): k for k, m in enumerate(wide.mechanisms) if m.parts}
-        width = refinement.outcome.width if refinement.process is None else np.inf
+        measured = all(s.reason == "measured" for s in suspected)  # from far off, and by open segments alone
+        width = np.inf if measured or refinement.process is not None else refinement.outcome.width
         own, samples = len(space.mechanisms), len(next(iter(values.values())))
         seen = {**values, **{name: np.full(samples, value) for name, value in fixed.items()}}
-        return cls(
-            wide, tuple(suspected), families, choices, number, own, float(width), refinement.exact, Samples(seen)
-        )
+        exact = refinement.exact and not measured
+        return cls(wide, tuple(suspected), families, choices, number, own, float(width), exact, Samples(seen))
 
     def padded(self, theta: FloatArray) -> FloatArray:
         """Return coefficients of the model as those of all candidates."""

@@ -27,8 +27,9 @@ GOES_WITH = 0.05  # least share of a residual's variance that goes with a variab
 DRIVES = 0.1  # of the power that dry friction takes: what a term has to give for that to be no chance
 SURE = 3.0  # times what chance alone would give
 
-Reason = Literal["powers", "fractions", "driven", "residual", "pair", "sine"]
+Reason = Literal["powers", "fractions", "driven", "residual", "measured", "pair", "sine"]
 JOINT: tuple[Reason, ...] = ("pair", "sine")  # reasons that are of no variable
+MEASURED: tuple[Reason, ...] = ("residual", "measured")  # for which functions come near to what rates were measured
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,9 @@ class Suspicion:
 
     `reason` is what says so: several powers of it, a fraction of it, a term of it that drives where dry friction
     brakes, or a residual that goes with it; `beside` is what such a function may be multiplied by, `terms` how many
-    terms of the relation may be one; `squared` whether its square or a higher power divides. A "pair" is of no
-    variable, but of two together, and a "sine" is of any that may be an angle: a relation that imitates something may
-    hold these.
+    terms of the relation may be one; `squared` whether its square or a higher power divides. What is "measured" of all
+    variables says what a model imitates so badly that nothing is near to it. A "pair" is of no variable, but of two
+    together, and a "sine" is of any that may be an angle: a relation that imitates something may hold these.
     """
 
     relation: int
@@ -75,6 +76,22 @@ def suspicions(refinement: Refinement, names: Collection[str], declared: Collect
         known = {s.relation for s in suspected}  # an imitation that is not good enough leaves a residual, too
         suspected += [s for s in _residual(space, found, names, terms) if s.relation not in known]
     return tuple(suspected)
+
+
+def everywhere(
+    refinement: Refinement, relations: Collection[int], names: Collection[str], declared: Collection[str]
+) -> tuple[Suspicion, ...]:
+    """Return the suspicion of a function of every variable in relations.
+
+    Args:
+        refinement: the end of a likelihood stage, of plain candidates.
+        relations: numbers of these.
+        names: of the variables whose functions may be looked for.
+        declared: constants that its library declares.
+    """
+    space = refinement.space
+    able = [n for n in space.frame.variables if n in set(names) - _of_functions(space, declared)]
+    return tuple(_growing(space, Suspicion(r, n, "measured")) for r in sorted(relations) for n in able)
 
 
 def with_pairs(suspected: Sequence[Suspicion]) -> tuple[Suspicion, ...]:

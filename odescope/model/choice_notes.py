@@ -23,6 +23,7 @@ SUSPECTED = {
     "fractions": "{target} holds {variable} in a denominator",
     "driven": "by the model {variable} drives {target} somewhere, where dry friction brakes",
     "residual": "what is unexplained of {target} goes with {variable}",
+    "measured": "{target} may hold a function of {variable}",
     "pair": "{target} may hold a function of two variables together",
     "sine": "{target} may hold sines of angles",
     "angle": "{variable} may be an angle",
@@ -44,6 +45,7 @@ NARROW = 1.5  # times the least rate: of a wider range no single one is told
 REPLACED = {  # what functions were found for, where it is in the model no more
     "powers": "{target} has {found} in place of several powers of {variable}",
     "fractions": "{target} has {found} in place of a fraction in {variable}",
+    "measured": "{target} has {found}, found among functions of all variables",
 }
 WAVES = ("periodic", "swinging", "recurring")  # reasons that ask for a sine of a rate of its own
 UNCOUNTED = ("driven", "residual", *WAVES)  # reasons that no number of terms gives

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import msgspec
@@ -15,7 +16,15 @@ from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.path import FAITHFUL
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.standing import Alternative
-from odescope.likelihood.suspicion import JOINT, Suspicion, suspicions, values_of_variables, with_pairs
+from odescope.likelihood.suspicion import (
+    JOINT,
+    Reason,
+    Suspicion,
+    everywhere,
+    suspicions,
+    values_of_variables,
+    with_pairs,
+)
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
@@ -25,6 +34,8 @@ from odescope.pipeline.work import Work
 
 FAR_BETTER = 0.5  # of the error of free runs
 NO_WORSE = 1.1  # times the error of free runs: over stretches of one record errors differ by as much and mean nothing
+UNASKED: tuple[Reason, ...] = (*JOINT, "measured")  # reasons that nothing is told of where they are in vain
+LARGEST = 3  # coefficients and constants of a function, at most
 LEAST = 0.5  # units of budget: what the comparison may cost where the search before cost next to nothing
 
 
@@ -42,14 +53,17 @@ def with_suspected(
         posed: the relations.
         refinement: the model so far, which stays as it is where nothing is better.
     """
-    wide, found, scores = _once(work, filtered, posed, refinement)
-    if found is refinement or not any(s.terms for s in scores):
+    wide, found, scores = _suspecting(work, filtered, posed, refinement)
+    if found is refinement or not any(s.terms for s in _suspicions(work, found)):
         return found, scores
-    _, again, more = _once(work, filtered, wide, found)
-    return (found, scores) if again is found else (again, _joined(scores, more, again))
+    _, again, more = _suspecting(work, filtered, wide, found)
+    if again is not found:
+        return again, _joined(scores, more, again)
+    known = {_of_what(s) for s in scores}
+    return found, (*scores, *(s for s in more if _of_what(s) not in known))
 
 
-def _once(
+def _suspecting(
     work: Work, filtered: Filtered, posed: Posed, refinement: Refinement
 ) -> tuple[Posed, Refinement, tuple[SuspicionScore, ...]]:
     """Return the relations and the model with functions in the place of what is suspected, and what was.
@@ -60,10 +74,56 @@ def _once(
         posed: the relations.
         refinement: the model so far, which stays as it is where nothing is better.
     """
+    suspected = _suspicions(work, refinement)
+    wide, found, scores = _once(work, filtered, posed, refinement, with_pairs(suspected))
+    for others in _otherwise(work, refinement, suspected) if found is refinement else ():
+        wide, found, own = _once(work, filtered, posed, refinement, others)
+        if found is not refinement:
+            here = {s.relation for s in others}
+            targets = {found.space.frame.targets[r] for r in here}
+            return wide, found, (*(s for s in scores if s.target not in targets), *own)
+    return wide, found, scores
+
+
+def _otherwise(work: Work, refinement: Refinement, suspected: Sequence[Suspicion]) -> Iterator[tuple[Suspicion, ...]]:
+    """Yield what else may be suspected where no functions were found in the place of what was.
+
+    Relations one at a time: a function of a variable has the same constants in all relations of one choice. Then all
+    variables: what a model says that does not follow the record is not even an imitation, and what has poles is near to
+    no function. What has no more terms than a function has numbers is no shorter with one.
+
+    Args:
+        work: whose study says of which variables functions may be looked for.
+        refinement: the model.
+        suspected: what was suspected of it.
+    """
+    relations = range(len(refinement.space.frame.targets))
+    if refinement.exact:
+        several = Counter(s.variable for s in suspected)
+        for one in sorted((s for s in suspected if several[s.variable] > 1), key=lambda s: -s.terms):
+            yield with_pairs([s for s in suspected if s.relation == one.relation])
+        able = {s.relation for s in suspected if s.reason == "fractions" and s.terms > LARGEST}
+    else:
+        able = set() if refinement.says_all or refinement.hardly_off else set(relations)
+    if able and not work.late:
+        yield everywhere(refinement, able, work.study.suspects, work.study.parameters)
+
+
+def _once(
+    work: Work, filtered: Filtered, posed: Posed, refinement: Refinement, suspected: Sequence[Suspicion]
+) -> tuple[Posed, Refinement, tuple[SuspicionScore, ...]]:
+    """Return the relations and the model with functions in the place of what is suspected, and what came of it.
+
+    Args:
+        work: whose study says of which variables functions may be looked for.
+        filtered: the records and their signals.
+        posed: the relations.
+        refinement: the model so far, which stays as it is where nothing is better.
+        suspected: of it.
+    """
+    if not suspected:
+        return posed, refinement, ()
     with work.stage("suspicion"):
-        suspected = with_pairs(_suspicions(work, refinement))
-        if not suspected:
-            return posed, refinement, ()
         work.monitor.tell(Progress("suspicion", "search with functions that the library lacks", 0, 1))
         most = max(refinement.spent, LEAST)
         found = alternative(refinement, suspected, len(posed.mechanisms), most, units_of(filtered))
@@ -88,7 +148,7 @@ def _once(
         _scored(replace(s, terms=left.get((s.relation, s.variable), 0)), k, found, kept, refinement)
         for k, s in enumerate(suspected)
     )
-    return posed, kept, tuple(s for s in scores if s.found or s.reason not in JOINT)
+    return posed, kept, tuple(s for s in scores if s.found or s.reason not in UNASKED)
 
 
 def _suspicions(work: Work, refinement: Refinement) -> tuple[Suspicion, ...]:
