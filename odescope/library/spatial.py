@@ -32,14 +32,19 @@ def in_space(coordinates: Sequence[Coordinate]) -> tuple[tuple[Coordinate, ...],
     return _alike(c for c in coordinates if c.order == 2)
 
 
+def _placed(coordinates: Sequence[Coordinate]) -> tuple[tuple[Coordinate, ...], ...]:
+    """Return those of them whose distance from the origin may matter: what is cyclic only moves on."""
+    return tuple(group for group in in_space(coordinates) if not any(c.cyclic for c in group))
+
+
 def _velocities(coordinates: Sequence[Coordinate]) -> tuple[tuple[Coordinate, ...], ...]:
     """Return the states of order 1 that may be components of a velocity: what is called x, y or z alone is a place."""
     return _alike(c for c in coordinates if c.order == 1 and len(c.name) > 1)
 
 
 def _alike(coordinates: Iterable[Coordinate]) -> tuple[tuple[Coordinate, ...], ...]:
-    """Return those that are components of one and alike; what goes round or only moves on is of none."""
-    moving = {c.name: c for c in coordinates if not (c.angle or c.cyclic)}
+    """Return those that are components of one and alike; what goes round is of none."""
+    moving = {c.name: c for c in coordinates if not c.angle}
     groups = (tuple(moving[name] for name in group) for group in components(moving))
     return tuple(group for group in groups if all(alike(group[0], c) for c in group[1:]))
 
@@ -53,9 +58,11 @@ def spatial_forces(coordinates: Sequence[Coordinate], targets: Sequence[str]) ->
     """
     found = list[str]()
     for group in in_space(coordinates):
-        speed, distance = (_squares(c.derivative(k) for c in group) for k in (1, 0))
+        speed = _squares(c.derivative(1) for c in group)
+        found += [f"{c.derivative(1)}*sqrt({speed})" for c in group if c.target in targets]
+    for group in _placed(coordinates):
+        distance = _squares(c.name for c in group)
         mine = [c for c in group if c.target in targets]
-        found += [f"{c.derivative(1)}*sqrt({speed})" for c in mine]
         found += [f"{c.name}/sqrt({distance}){power}" for c in mine for power in ("**3", "")]
     for group in _velocities(coordinates):
         speed = _squares(c.name for c in group)
@@ -65,7 +72,7 @@ def spatial_forces(coordinates: Sequence[Coordinate], targets: Sequence[str]) ->
 
 def spatial_potentials(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
     """Return the potentials of forces from the origin, by the square of the distance and of one size."""
-    distances = [_squares(c.name for c in group) for group in in_space(coordinates)]
+    distances = [_squares(c.name for c in group) for group in _placed(coordinates)]
     return tuple(text for distance in distances for text in (f"1/sqrt({distance})", f"sqrt({distance})"))
 
 
@@ -84,7 +91,7 @@ def together(coordinates: Sequence[Coordinate], k: int) -> dict[str, str]:
         coordinates: all.
         k: 0 for positions, 1 for rates.
     """
-    groups = ([c.derivative(k) for c in group] for group in in_space(coordinates))
+    groups = ([c.derivative(k) for c in group] for group in (in_space if k else _placed)(coordinates))
     return {names[-1]: f"({_squares(names)})**1" for names in groups}
 
 

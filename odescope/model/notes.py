@@ -160,7 +160,9 @@ def _lost(scores: ModelScores) -> Iterator[str]:
                 ' errors know nothing; [data] gaps = "split" does without them'
             )
     if scores.left_out:
-        yield f"{scores.left_out} recordings are shorter than a period of the cutoff and were left out"
+        one = scores.left_out == 1
+        which, were = ("1 recording is", "was") if one else (f"{scores.left_out} recordings are", "were")
+        yield f"{which} shorter than a period of the cutoff and {were} left out"
 
 
 def _of_the_data(scores: ModelScores) -> Iterator[str]:

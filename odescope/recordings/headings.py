@@ -170,12 +170,17 @@ def time_unit(label: str) -> TimeUnit | None:
     """Return the unit that the heading of a column of time names, in brackets or as its last word; None for none."""
     heading = Heading.of(label)
     if heading.unit is not None:
-        return next((unit for unit, words in _TIMES.items() if heading.unit.casefold() in words), None)
+        return named_time_unit(heading.unit.casefold())
     over, last = _OVER.fullmatch(label), _last_word(label)
     if (joined := _JOINED.fullmatch(last)) is not None:
         last = joined[1]
     known = UNITS_OF_TIME if over is not None else _WITHOUT_BRACKETS
     return next((unit for unit, words in _TIMES.items() if last in words and unit in known), None)
+
+
+def named_time_unit(word: str) -> TimeUnit | None:
+    """Return the unit of time that a word, in small letters, names; None where it names none."""
+    return next((unit for unit, words in _TIMES.items() if word in words), None)
 
 
 def doubtful_time_unit(label: str) -> str | None:
@@ -190,7 +195,7 @@ def doubtful_time_unit(label: str) -> str | None:
     if found is not None:
         return None if not found[2] or _OF_DATES.fullmatch(found[2]) else found[2]
     named = last not in ("d", "day")  # as in time_of_day, and where the days are dates
-    return last if named and any(last in words for words in _TIMES.values()) else None
+    return last if named and named_time_unit(last) is not None else None
 
 
 def _last_word(label: str) -> str:

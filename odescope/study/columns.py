@@ -19,6 +19,7 @@ from odescope.recordings.headings import (
     Heading,
     doubtful_time_unit,
     find_label,
+    named_time_unit,
     time_unit,
     told_in_seconds,
 )
@@ -97,9 +98,12 @@ def doubted_headings(study: Study) -> tuple[str, ...]:
     if own.time is not None and (headed := time_unit(own.time)) not in (None, own.time_unit):
         said.append(f"the heading {own.time!r} says {headed}, and the study {own.time_unit or 's'}, which was believed")
     if own.time is not None and own.time_unit is None and (word := doubtful_time_unit(own.time)) is not None:
+        meant = named_time_unit(word)
+        say = f"one of {', '.join(UNITS_OF_TIME)}"
+        say = say if meant is None else f'as "{meant}" if it means that, or "s" (or head the column time ({meant}))'
         said.append(
             f"the heading {own.time!r} says {word}, which is taken for no unit of time: numbers there are read as"
-            f" seconds; say which they are by time_unit in [data], one of {', '.join(UNITS_OF_TIME)}"
+            f" seconds; say which they are by time_unit in [data], {say}"
         )
     measured = [(c.column or name, c.unit) for name, c in study.coordinates.items()]
     driven = [(i.column or name, i.unit) for name, i in study.inputs.items() if not isinstance(i.column, tuple)]

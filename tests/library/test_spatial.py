@@ -9,7 +9,15 @@ from odescope.library.expansion import expanded
 from odescope.library.expression import Combination
 from odescope.library.lagrangian import lagrangian
 from odescope.library.parse import Scope, parse_term
-from odescope.library.spatial import components, from_origin, in_space, spatial_forces
+from odescope.library.spatial import (
+    components,
+    from_origin,
+    in_space,
+    spatial_dissipation,
+    spatial_forces,
+    spatial_potentials,
+    together,
+)
 from odescope.recordings.coordinate import Coordinate
 
 PLANE = (Coordinate("x", 2), Coordinate("y", 2))
@@ -40,6 +48,16 @@ def test_only_positions_in_what_may_be_one_unit_are_components():
     assert not in_space((x, Coordinate("y", 2, unit="K")))
     assert not in_space((x, Coordinate("y", 1)))
     assert not in_space((x, Coordinate("y", 2, angle=True)))
+
+
+def test_what_only_moves_on_has_the_drag_of_its_speed_and_no_distance():
+    x, y = (Coordinate(name, 2, cyclic=True) for name in "xy")
+    assert spatial_forces((x, y), [x.target]) == ("x_dot*sqrt(x_dot**2 + y_dot**2)",)
+    assert spatial_potentials((x, y)) == ()
+    assert spatial_potentials((x, Coordinate("y", 2))) == ()
+    assert spatial_dissipation((x, y)) == spatial_dissipation(PLANE)
+    assert together((x, y), 0) == {}
+    assert together((x, y), 1) == together(PLANE, 1)
 
 
 @pytest.mark.parametrize("coordinates", [PLANE, SPACE], ids=["plane", "space"])

@@ -74,7 +74,7 @@ def assert_same(result, alone):
 def test_two_workers_give_the_model_of_one_process(machines, study, alone):
     result = identify(study, cluster=machines.address)
     assert result.model.provenance["recordings"] == RECORDINGS - 1
-    assert alone.notes[0] == "1 recordings are shorter than a period of the cutoff and were left out"
+    assert alone.notes[0] == "1 recording is shorter than a period of the cutoff and was left out"
     assert_same(result, alone)
 
 
