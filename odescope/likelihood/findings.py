@@ -14,7 +14,6 @@ from odescope.likelihood.look_alikes import look_alikes
 from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import MOST_TERMS, THIN
-from odescope.model.notes import delay_hint, dry_friction_hint
 from odescope.model.scores import Correlation, Doubts, Interval, Likelihood, Limit, Number, Step
 
 CORRELATED = 0.5  # least correlation of two estimates that is listed
@@ -132,7 +131,37 @@ def missing_physics(process: Noisy, targets: Sequence[str]) -> list[str]:
     for m in lacking(space, process.fit):
         if m.friction:
             known = has_dry_friction(space.mechanisms, m.cause)
-            sentences.append(dry_friction_hint(targets[m.target], m.cause, m.correlation, known))
+            sentences.append(_dry_friction_hint(targets[m.target], m.cause, m.correlation, known))
         else:
-            sentences.append(delay_hint(targets[m.target], m.cause, m.correlation))
+            sentences.append(_delay_hint(targets[m.target], m.cause, m.correlation))
     return sentences
+
+
+def _dry_friction_hint(target: str, velocity: str, correlation: float, known: bool) -> str:
+    """Return what to say where what is unexplained of a target goes with the sign of a velocity.
+
+    Args:
+        target: whose equation it is.
+        velocity: a state.
+        correlation: of the two, others taken out.
+        known: whether the library has dry friction of that velocity.
+    """
+    told = "the library has it, and it is not worth a term" if known else f"try sign({velocity}) in the library's basis"
+    return (
+        f"what is unexplained of {target} goes with the sign of {velocity} (correlation {correlation:.2g}), as"
+        f" dry friction does: {told}"
+    )
+
+
+def _delay_hint(target: str, name: str, correlation: float) -> str:
+    """Return what to say where what is unexplained of a target goes with the rate of an input.
+
+    Args:
+        target: whose equation it is.
+        name: of the input.
+        correlation: of the two, others taken out.
+    """
+    return (
+        f"what is unexplained of {target} goes with the rate of {name} (correlation {correlation:.2g}), as with"
+        " a delay between what was recorded and what acted"
+    )

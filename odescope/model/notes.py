@@ -6,6 +6,7 @@ They are worded here, below all who say them: a model in a notebook, the likelih
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import inf
 
 from odescope.model.choice_notes import TOLD, findings, listed, of_single_terms, unsettled
 from odescope.model.free_run_notes import free_run_sentences, parting_sentences
@@ -48,9 +49,9 @@ def trust(scores: ModelScores | None) -> tuple[str, ...]:
 def uncertain(scores: ModelScores | None) -> str:
     """Return a sentence that says why a model is uncertain as a whole; nothing where no score says so.
 
-    A model that does not follow the record is, and so is one that only follows it with process noise and whose
-    reactions keep what the record does not, or whose free runs over what it was not fitted to go far off. Those of a
-    chaotic system do for any law, which its likelihood answers for where that follows without.
+    A model that does not follow the record is, and so is one that only follows it with process noise and leaves much to
+    that, or whose reactions keep what the record does not, or whose free runs over what it was not fitted to go far
+    off. Those of a chaotic system do for any law, which its likelihood answers for where that follows without.
     """
     if scores is None:
         return ""
@@ -69,9 +70,12 @@ def uncertain(scores: ModelScores | None) -> str:
     for step in scores.path:
         if noisy and step.chosen and step.error is not None and step.error > FAR:
             return (
-                f"uncertain: run freely over what it was not fitted to, this model is {step.error:.2g} standard"
-                " deviations of the record off"
+                f"uncertain: run freely over what it was not fitted to, this model is off by {step.error:.2g} times the"
+                " standard deviation of the record"
             )
+    if much := _much(judged):
+        left = listed([f"{share(part)} of {target}" for target, part in much.items()])
+        return f"uncertain: this model leaves {left} unexplained, by root mean squares"
     poor = [(t, s.telling_r2) for t, s in scores.targets.items() if s.telling_r2 is not None]
     least = min(poor, key=lambda pair: pair[1], default=None)
     if judged is None and least is not None and least[1] < HALF:
@@ -330,15 +334,14 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
 def _unexplained(judged: Likelihood, doubts: Doubts, little: bool) -> Iterator[str]:
     """Yield what a model leaves to noise of the process, where that is little of every target, or is not."""
     left = {t: q for t, q in (judged.process_noise or {}).items() if q is not None}
-    known = {t: doubts.targets.get(t, ("", 0.0)) for t in left}
-    if not left or all(q < LITTLE * known[t][1] for t, q in left.items()) != little:
+    shares = judged.unexplained or {}
+    if not left or all(shares.get(t, inf) < LITTLE for t in left) != little:
         return
-    sizes = ", ".join(_size(q, t, *known[t]) for t, q in left.items())
-    much = [t for t, q in left.items() if q > MUCH * known[t][1] > 0.0]
+    sizes = ", ".join(_size(q, t, doubts.units.get(t, ""), shares.get(t)) for t, q in left.items())
     why = ""
-    if much:
+    if much := _much(judged):
         why = (
-            f"; so much of {listed(much)} says that a state was not measured, what drives it not recorded, or that"
+            f"; so much of {listed(list(much))} says that a state was not measured, what drives it not recorded, or that"
             " it is an input itself, which belongs in [inputs]"
         )
     yield (
@@ -347,47 +350,23 @@ def _unexplained(judged: Likelihood, doubts: Doubts, little: bool) -> Iterator[s
     )
 
 
-def _size(left: float, target: str, unit: str, whole: float) -> str:
+def _much(judged: Likelihood | None) -> dict[str, float]:
+    """Return the targets of which a model leaves much unexplained, and what share."""
+    shares = None if judged is None else judged.unexplained
+    return {t: part for t, part in (shares or {}).items() if part > MUCH}
+
+
+def _size(left: float, target: str, unit: str, part: float | None) -> str:
     """Return how much is left of a target, and how much of it that is.
 
     Args:
         left: root mean square of what is left.
         target: its name.
         unit: of it; "" where it is not known.
-        whole: root mean square of the target; 0 where it is not known.
+        part: of the root mean square of the target; None where that is not known.
     """
-    of = f" ({share(left / whole)} of its root mean square)" if whole else ""
+    of = "" if part is None else f" ({share(part)} of its root mean square)"
     return f"{left:.2g}{f' {unit}' if unit else ''} of {target}{of}"
-
-
-def dry_friction_hint(target: str, velocity: str, correlation: float, known: bool) -> str:
-    """Return what to say where what is unexplained of a target goes with the sign of a velocity.
-
-    Args:
-        target: whose equation it is.
-        velocity: a state.
-        correlation: of the two, others taken out.
-        known: whether the library has dry friction of that velocity.
-    """
-    told = "the library has it, and it is not worth a term" if known else f"try sign({velocity}) in the library's basis"
-    return (
-        f"what is unexplained of {target} goes with the sign of {velocity} (correlation {correlation:.2g}), as"
-        f" dry friction does: {told}"
-    )
-
-
-def delay_hint(target: str, name: str, correlation: float) -> str:
-    """Return what to say where what is unexplained of a target goes with the rate of an input.
-
-    Args:
-        target: whose equation it is.
-        name: of the input.
-        correlation: of the two, others taken out.
-    """
-    return (
-        f"what is unexplained of {target} goes with the rate of {name} (correlation {correlation:.2g}), as with"
-        " a delay between what was recorded and what acted"
-    )
 
 
 def share(part: float) -> str:

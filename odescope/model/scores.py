@@ -135,9 +135,9 @@ class Likelihood(msgspec.Struct, frozen=True, omit_defaults=True):
     """How the likelihood of the measured trajectory judged the model.
 
     `process_noise` is the root mean square of what the model leaves unexplained of each target, None where it follows
-    the record to within its noise; `held_out_free_run` is there with process noise only, and `intervals`,
-    `correlations` and `limits` only where standard errors are stated; `truncated` where [likelihood] terms asked for
-    fewer terms than it takes to follow the record so.
+    the record to within its noise, and `unexplained` what share of the target's own that is; `held_out_free_run` is
+    there with process noise only, and `intervals`, `correlations` and `limits` only where standard errors are stated;
+    `truncated` where [likelihood] terms asked for fewer terms than it takes to follow the record so.
     """
 
     follows: bool
@@ -148,6 +148,7 @@ class Likelihood(msgspec.Struct, frozen=True, omit_defaults=True):
     process_noise: dict[str, Number] | None
     trail: tuple[Step, ...]
     hints: tuple[str, ...]
+    unexplained: dict[str, float] | None = None
     held_out_free_run: Number = None
     intervals: tuple[Interval, ...] | None = None
     correlations: tuple[Correlation, ...] | None = None
@@ -387,7 +388,7 @@ class Doubts(msgspec.Struct, frozen=True):
     `late`: the clock ended the search; `crowded`: it stopped at its largest number of terms; `window`: the seconds over
     which what is left unexplained is averaged; `thin`: terms whose evidence is thin, each with its target and its size
     in standard errors; `alike`: terms, each with its target and another that could stand in its place almost as well;
-    `targets`: of each target the unit, "" where it is not known, and the root mean square.
+    `units`: of each target, "" where it is not known.
     """
 
     late: bool
@@ -395,4 +396,4 @@ class Doubts(msgspec.Struct, frozen=True):
     window: float | None
     thin: tuple[tuple[str, str, float], ...]
     alike: tuple[tuple[str, str, str], ...] = ()
-    targets: dict[str, tuple[str, float]] = {}
+    units: dict[str, str] = {}

@@ -16,7 +16,7 @@ from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Json, Model
 from odescope.model.notes import FLOWS
 from odescope.model.quantity_units import quantity_units, shown
-from odescope.model.scores import Denominator, Doubts, FreeRun, ModelScores, TargetScore, TimeScore
+from odescope.model.scores import Denominator, Doubts, FreeRun, Likelihood, ModelScores, TargetScore, TimeScore
 from odescope.pipeline.adopted import Adopted
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.joint_models import Search, samples_of
@@ -95,7 +95,7 @@ def scores(
             for c, s in zip(chosen, searches, strict=True)
             if c is not None and not model.mechanisms
         },
-        likelihood=None if refinement is None else likelihood_scores(refinement, signals.targets),
+        likelihood=None if refinement is None else _judged(refinement, signals),
     )
 
 
@@ -103,21 +103,30 @@ def _denominator(data: Sequence[float], box: Sequence[float]) -> Denominator:
     return Denominator((data[0], data[1]), (box[0], box[1]))
 
 
-def doubts_of(model: Model, refinement: Refinement | None, signals: Signals) -> Doubts | None:
-    """Return what the likelihood stage knows against its model, with the sizes of targets; None where it did not run.
+def _judged(refinement: Refinement, signals: Signals) -> Likelihood:
+    """Return how the likelihood judged a model, with the share of each target that this leaves unexplained."""
+    judged, shares = likelihood_scores(refinement, signals.targets), dict[str, float]()
+    for target, left in (judged.process_noise or {}).items():
+        squares = np.concatenate([columns[signals.row(target)] ** 2 for columns in signals.columns])
+        whole = float(np.sqrt(squares.mean()))
+        if left is not None and whole > 0.0:
+            shares[target] = left / whole
+    return msgspec.structs.replace(judged, unexplained=shares or None)
+
+
+def doubts_of(model: Model, refinement: Refinement | None) -> Doubts | None:
+    """Return what the likelihood stage knows against its model, with the units of targets; None where it did not run.
 
     Args:
         model: that came of it.
         refinement: the end of the stage.
-        signals: that the model was found in.
     """
     if refinement is None:
         return None
-    units, sizes = quantity_units(model), dict[str, tuple[str, float]]()
-    for target in model.targets:
-        squares = np.concatenate([columns[signals.row(target)] ** 2 for columns in signals.columns])
-        sizes[target] = shown(units[target]), float(np.sqrt(squares.mean()))
-    return msgspec.structs.replace(doubts(refinement, model.targets), targets=sizes)
+    units = quantity_units(model)
+    return msgspec.structs.replace(
+        doubts(refinement, model.targets), units={target: shown(units[target]) for target in model.targets}
+    )
 
 
 def free_run_scores(model: Model, runs: Sequence[FreeRunOf], records: Records, signals: Signals) -> tuple[FreeRun, ...]:

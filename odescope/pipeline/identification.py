@@ -200,7 +200,7 @@ class Identification:
 
     @cached_property
     def _doubts(self) -> Doubts | None:
-        return doubts_of(self.model, self.refinement, self.signals)
+        return doubts_of(self.model, self.refinement)
 
     @property
     def _told(self) -> Iterator[str]:

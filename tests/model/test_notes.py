@@ -129,13 +129,19 @@ def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():
     notes = said(ModelScores(likelihood=judged), doubts)
     assert [any(part in note for note in notes) for part in ("its budget", "largest number of terms")] == [True, True]
     assert "0.5 of x_dot unexplained (root mean square of averages over 0.2 s)" in notes[2]
-    for whole, per_cent, warns in ((50.0, "1.00", True), (200.0, "0.25", False)):
-        of_it = msgspec.structs.replace(doubts, targets={"x_dot": ("mm s⁻¹", whole)})
+    of_it = msgspec.structs.replace(doubts, units={"x_dot": "mm s⁻¹"})
+    for part, per_cent, warns in ((0.01, "1.00", True), (0.0025, "0.25", False)):
+        judged = msgspec.structs.replace(judged, unexplained={"x_dot": part})
         (sized,) = (n for n in said(ModelScores(likelihood=judged), of_it) if "unexplained" in n)
+        assert uncertain(ModelScores(likelihood=judged)) == ""
         assert f"leaves 0.5 mm s⁻¹ of x_dot ({per_cent} % of its root mean square) unexplained" in sized
         assert sized.endswith("standard errors allow for it")
         assert (sized in warnings_of(ModelScores(likelihood=judged), of_it)) == warns
-    mostly = said(ModelScores(likelihood=judged), msgspec.structs.replace(doubts, targets={"x_dot": ("mm s⁻¹", 1.25)}))
+    judged = msgspec.structs.replace(judged, unexplained={"x_dot": 0.4})
+    mostly = said(ModelScores(likelihood=judged), of_it)
+    assert uncertain(ModelScores(likelihood=judged)) == (
+        "uncertain: this model leaves 40.00 % of x_dot unexplained, by root mean squares"
+    )
     assert "so much of x_dot says that a state was not measured, what drives it not recorded, or" in mostly[2]
     assert "an input itself" in mostly[2]
     assert notes[3:] == ("thin evidence, more data would decide: x*y in y_dot (2.3 standard errors)", "look")
@@ -333,7 +339,7 @@ def likelihood_of(follows, process_noise):
         (True, None, 0.01, 0.99, ""),
         (True, None, 0.9, 0.99, ""),  # chaos
         (True, {"x_dot": 0.1}, 0.1, 0.2, ""),
-        (True, {"x_dot": 0.1}, 0.8, 0.99, "0.8 standard deviations of the record off"),
+        (True, {"x_dot": 0.1}, 0.8, 0.99, "off by 0.8 times the standard deviation of the record"),
         (False, None, 0.01, 0.99, "does not follow the record"),
         (None, None, None, 0.8, ""),
         (None, None, None, 0.3, "30.00 % of the variance of x_dot"),
