@@ -341,8 +341,8 @@ def _unexplained(judged: Likelihood, doubts: Doubts, little: bool) -> Iterator[s
     why = ""
     if much := _much(judged):
         why = (
-            f"; so much of {listed(list(much))} says that a state was not measured, what drives it not recorded, or that"
-            " it is an input itself, which belongs in [inputs]"
+            f"; so much of {listed(list(much))} says that a state was not measured, what drives it not recorded, or"
+            " that it is an input itself, which belongs in [inputs]"
         )
     yield (
         f"the model leaves {sizes} unexplained (root mean square of averages over {doubts.window:.2g} s);"
