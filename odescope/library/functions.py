@@ -43,6 +43,8 @@ _ROWS = (
     Function("abs", 12, "sign(z)", r"\operatorname{abs}", unit_power=1.0),
     Function("sign", 13, "0", r"\operatorname{sign}"),
     Function("tanh", 14, "1 - tanh(z)**2", r"\tanh"),
+    Function("sinh", 15, "cosh(z)", r"\sinh"),
+    Function("cosh", 16, "sinh(z)", r"\cosh"),
 )
 
 
@@ -70,6 +72,10 @@ def call(code: int, z: float) -> float:
         return np.sign(z)
     if code == 14:
         return np.tanh(z)
+    if code == 15:
+        return np.sinh(z)
+    if code == 16:
+        return np.cosh(z)
     return np.nan
 
 

@@ -185,7 +185,8 @@ def _imitation(
         if len(below) == 1:  # what is divided by it goes with powers, which may be a law: i**2/x**2 - g
             divided = ({power - below[0].power_of(Name(name)) for power in found} - {0} for found in powers.values())
             terms = terms if any(len(found) >= SEVERAL for found in divided) else 0
-        return Suspicion(relation, name, "fractions", tuple(dict.fromkeys((ONE, *above))), terms, squared)
+        own = [rest * Term(((Name(name), 1),)) for rest in above if rest != ONE and 1 in powers[rest]]
+        return Suspicion(relation, name, "fractions", tuple(dict.fromkeys((ONE, *above, *own))), terms, squared)
     powers = {rest: found - {0} for rest, found in powers.items()}
     energy = [rest for rest, found in powers.items() if found and rate is not None and _even(rest, rate)]
     together = energy if len(energy) >= SEVERAL else []
@@ -193,7 +194,10 @@ def _imitation(
     most = max((len(powers[rest]) for rest in beside), default=0)
     most = max(most, sum(len(powers[rest]) for rest in together))
     single = [rest for rest, found in powers.items() if found]
-    return Suspicion(relation, name, "powers", tuple(dict.fromkeys((ONE, *beside, *single))), most) if beside else None
+    # Light that is too much, or too many of a kind: what grows with a variable, and falls off with a function of it.
+    own = [rest * Term(((Name(name), 1),)) for rest in beside if len(powers[rest]) > SEVERAL and 1 in powers[rest]]
+    every = tuple(dict.fromkeys((ONE, *beside, *single, *own)))
+    return Suspicion(relation, name, "powers", every, most) if beside else None
 
 
 def _powers(products: Iterable[Product], name: str) -> dict[Term, set[float]]:

@@ -31,6 +31,7 @@ from odescope.pipeline.joint_models import adopt, determined
 from odescope.pipeline.modulated import with_modulated
 from odescope.pipeline.physics import energy_of
 from odescope.pipeline.radiation import radiated, with_radiation
+from odescope.pipeline.reciprocals import with_reciprocals
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.roots import with_roots
 from odescope.pipeline.springs_and_dampers import with_springs_and_dampers
@@ -288,6 +289,7 @@ def _with_more(
     suspicions = tuple[SuspicionScore, ...]()
     # Products are simpler than functions, which are then looked for beside the candidates that the model is made of.
     posed, refinement = with_modulated(work, filtered, posed, regressed, refinement)
+    posed, refinement = with_reciprocals(work, filtered, posed, regressed, refinement)
     posed, refinement = with_divided_friction(work, filtered, posed, refinement)
     if refinement is not None and refinement.follows:
         refinement = with_common_denominators(work, filtered, posed, refinement)
@@ -303,7 +305,11 @@ def _with_more(
         refinement, warm = with_arrhenius(work, filtered, refinement, suspicions)
         suspicions = warm or suspicions
     rooted = with_roots(work, filtered, regressed, refinement)
-    higher = with_higher_degree(work, filtered, regressed, rooted, any(s.found for s in suspicions))
+    functions = any(s.found for s in suspicions)
+    posed, higher = with_higher_degree(work, filtered, posed, regressed, rooted, functions)
+    if higher is not None and higher is not rooted:
+        higher, suspicions = with_suspected(work, filtered, posed, higher)
+        rooted = refinement = higher
     angular, angles = with_angles(work, filtered, regressed, higher, bool(suspicions))
     if angular is None or higher is refinement:
         return angular, (*suspicions, *angles)

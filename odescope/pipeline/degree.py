@@ -9,6 +9,7 @@ from odescope.events import Progress
 from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.refine import Refinement
 from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import Posed
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.wider import (
     basis_of,
@@ -28,9 +29,14 @@ FEW = 20  # where functions were found: less is to be expected
 
 
 def with_higher_degree(
-    work: Work, filtered: Filtered, regressed: Regressed, refinement: Refinement | None, functions: bool
-) -> Refinement | None:
-    """Return the model with products of higher degree, where that is evidently better.
+    work: Work,
+    filtered: Filtered,
+    posed: Posed,
+    regressed: Regressed,
+    refinement: Refinement | None,
+    functions: bool,
+) -> tuple[Posed, Refinement | None]:
+    """Return the relations and their model: with products of higher degree, where that is evidently better.
 
     Quotients imitate these, and functions that are found in place of quotients. Nothing is tried where a model without
     either follows the record, or a library was written by hand.
@@ -38,6 +44,7 @@ def with_higher_degree(
     Args:
         work: whose study says of which states functions may be looked for.
         filtered: the records and their signals.
+        posed: the relations.
         regressed: what regression in the default library found.
         refinement: the model so far, if there is one.
         functions: whether it holds some that the library lacks.
@@ -45,16 +52,16 @@ def with_higher_degree(
     study, signals = work.study, filtered.signals
     angles = any(c.angle for c in signals.coordinates)
     if study.library.by_hand or angles or not study.suspects or not filtered.sample.complete:
-        return refinement
+        return posed, refinement
     follows = refinement is not None and (refinement.exact or refinement.lacks_nothing)
     if refinement is not None and follows and not (functions or quotients(refinement)):
-        return refinement
+        return posed, refinement
     wides, many = (with_basis(work, basis_of(study), degree) for degree in DEGREES), FEW if functions else FEW_ENOUGH
     wide, found = next(((w, f) for w in wides if (f := regressed_with(w, filtered, many)) is not None), (work, None))
     if found is None or not promises(found, regressed, EVIDENT if follows else 0.0):
-        return refinement
+        return posed, refinement
     if refinement is not None and follows and not outranks(wide, filtered, refinement):
-        return refinement
+        return posed, refinement
     work.monitor.tell(Progress("suspicion", "search with products of higher degree", 0, 1))
-    _, other = searched_with(wide, filtered, found, refinement)
-    return other if other is not None and evidently_better(other, refinement) else refinement
+    wider, other = searched_with(wide, filtered, found, refinement)
+    return (wider, other) if other is not None and evidently_better(other, refinement) else (posed, refinement)

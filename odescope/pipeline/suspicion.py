@@ -97,14 +97,13 @@ def _otherwise(work: Work, refinement: Refinement, suspected: Sequence[Suspicion
         refinement: the model.
         suspected: what was suspected of it.
     """
-    relations = range(len(refinement.space.frame.targets))
+    able = {s.relation for s in suspected if s.reason == "fractions" and s.terms > LARGEST}
     if refinement.exact:
         several = Counter(s.variable for s in suspected)
         for one in sorted((s for s in suspected if several[s.variable] > 1), key=lambda s: -s.terms):
             yield with_pairs([s for s in suspected if s.relation == one.relation])
-        able = {s.relation for s in suspected if s.reason == "fractions" and s.terms > LARGEST}
-    else:
-        able = set() if refinement.says_all or refinement.hardly_off else set(relations)
+    elif not (refinement.says_all or refinement.hardly_off):
+        able = set(range(len(refinement.space.frame.targets)))
     if able and not work.late:
         yield everywhere(refinement, able, work.study.suspects, work.study.parameters)
 

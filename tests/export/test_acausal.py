@@ -16,7 +16,9 @@ from odescope.export.programs.modelica import to_modelica
 from odescope.model.simulation import drive
 
 ALL = {**MODELS, "cart": driven_cart("linear", 0.025), "reactor": reactor(), "slider": slider()}
-FUNCTIONS = {f: getattr(np, f) for f in ("sin", "cos", "tan", "exp", "log", "sqrt", "abs", "sign", "tanh")}
+FUNCTIONS = {
+    f: getattr(np, f) for f in ("sin", "cos", "tan", "exp", "log", "sqrt", "abs", "sign", "tanh", "sinh", "cosh")
+}
 
 
 def modelica(model):

@@ -13,7 +13,7 @@ from odescope.library.printer import print_term
 from odescope.model.display import relation_mathml
 
 SPACE = "{http://www.w3.org/1998/Math/MathML}"
-FUNCTIONS = {f: getattr(np, f) for f in ("sin", "cos", "tan", "exp", "log", "abs", "sign", "tanh")}
+FUNCTIONS = {f: getattr(np, f) for f in ("sin", "cos", "tan", "exp", "log", "abs", "sign", "tanh", "sinh", "cosh")}
 
 
 def tokens(node):

@@ -13,7 +13,7 @@ from odescope.recordings.coordinate import state_chain
 _RESERVED = """
 baremodule begin break catch const continue do else elseif end export false finally for function global if import let
 local macro module public quote return struct true try using while where in isa outer abstract mutable primitive type
-acting sin cos tan exp log sqrt abs sign tanh t D im pi missing nothing system equations DELAYS HOLDS OFFSETS
+acting sin cos tan exp log sqrt abs sign tanh sinh cosh t D im pi missing nothing system equations DELAYS HOLDS OFFSETS
 ModelingToolkit System Base Core Main eval include input t_nounits D_nounits
 """
 _NAMES = Names(frozenset(_RESERVED.split()), underscore=True)

@@ -17,7 +17,7 @@ _RESERVED = """
 break case catch classdef continue else elseif end for function global if otherwise parfor persistent return
 spmd switch try while do until endif endwhile endfor endfunction end_try_catch unwind_protect enumeration
 events methods properties arguments endswitch end_unwind_protect unwind_protect_cleanup endparfor
-sin cos tan exp abs sign tanh reallog realsqrt realpow isa nargin zeros numel ode_t ode_x ode_u ode_a ode_b
+sin cos tan exp abs sign tanh sinh cosh reallog realsqrt realpow isa nargin zeros numel ode_t ode_x ode_u ode_a ode_b
 ode_dx ode_delay ode_at ode_k
 """
 _NAMES = Names(frozenset(_RESERVED.split()), longest=63)

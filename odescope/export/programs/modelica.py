@@ -14,9 +14,9 @@ _RESERVED = """
 algorithm and annotation block break class connect connector constant constrainedby der discrete each else elseif
 elsewhen encapsulated end enumeration equation expandable extends external false final flow for function if import
 impure in initial inner input loop model not operator or outer output package parameter partial protected public pure
-record redeclare replaceable return stream then true type when while within sin cos tan exp log sqrt abs sign tanh time
-delay Real Integer Boolean String Modelica StateSelect noEvent smooth pre edge change reinit sample terminal terminate
-assert
+record redeclare replaceable return stream then true type when while within sin cos tan exp log sqrt abs sign tanh sinh
+cosh time delay Real Integer Boolean String Modelica StateSelect noEvent smooth pre edge change reinit sample terminal
+terminate assert
 """
 _NAMES = Names(frozenset(_RESERVED.split()), underscore=True)
 _FUNCTIONS = {"abs": "noEvent(abs({}))"}
