@@ -38,6 +38,7 @@ OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
 ABOVE_ZERO = {"K": 0.0, "kelvin": 0.0, "°C": 273.15, "degC": 273.15, "celsius": 273.15}  # kelvins, at 0 of each unit
 RATE = "rate"  # how the constant of a sine is called, before the name of its variable
+POWER = "exponent"  # how the constant of a power is called, before the name of its variable
 HALF = "half"  # how the constant of a saturation is called, before the name of its variable
 STRIBECK = "stribeck"  # how the constant of Stribeck's curve is called, before the name of the speed
 ACTIVATION = "activation"  # how the constant of Arrhenius' law is called, before the name of the temperature
@@ -178,7 +179,7 @@ def _by_sign(
     least, largest = (low, high) if high > -low else (-high, -low)
     amount, plus = (variable, "+") if high > -low else (f"(-{variable})", "-")
     if least > 0.0:
-        power = constant("exponent", *EXPONENTS)
+        power = constant(POWER, *EXPONENTS)
         yield from ((f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,)))
     elif least > -NEGLIGIBLE * largest:
         amount = f"abs({variable})"  # which noise alone takes below zero

@@ -294,19 +294,29 @@ class Moves:
             k, *pair = np.unravel_index(place, earned.shape)
             if not earned[(k, *pair)] > GAIN:
                 return None
-            gone = np.unique(now[pair])
-            kept = np.union1d(np.setdiff1d(now, gone), new[k])
-            theta, again = here.theta.copy(), refitted(expansion, here.theta[free], np.searchsorted(free, kept))
-            if again is None:
-                continue
-            theta[free] = again
-            trial = space.fit(theta, np.union1d(kept, here.held), here.x0, self.defect_std, here.strength)
-            if trial is None or (self.judge.binding and self._weak(trial)):
-                continue
-            if self.penalised(trial) < self.penalised(here) - GAIN:
+            trial = self.exchanged(here, expansion, now[pair], int(new[k]))
+            if trial is not None and self.penalised(trial) < self.penalised(here) - GAIN:
                 self._note_all(here, trial)
                 return trial
         return None
+
+    def exchanged(self, here: Fit, expansion: Expansion, gone: IntArray, came: int) -> Fit | None:
+        """Return the fit with one mechanism in the place of others, None where it is lost or some statistic too small.
+
+        Args:
+            here: the fit with those that are present.
+            expansion: of its cost with all candidates.
+            gone: numbers of those that go.
+            came: number of the one that comes.
+        """
+        space, free = self.space, self.space.free(here)
+        kept = np.union1d(np.setdiff1d(here.free, gone), came)
+        theta, again = here.theta.copy(), refitted(expansion, here.theta[free], np.searchsorted(free, kept))
+        if again is None:
+            return None
+        theta[free] = again
+        trial = space.fit(theta, np.union1d(kept, here.held), here.x0, self.defect_std, here.strength)
+        return None if trial is None or (self.judge.binding and self._weak(trial)) else trial
 
     def substitute(self, here: Fit, expand: Callable[[Fit], Expansion | None]) -> Fit | None:
         """Put a few mechanisms in the place of all that a relation has beside its target, where that is better.

@@ -106,7 +106,8 @@ def doubts(refinement: Refinement, targets: Sequence[str]) -> Doubts:
             for k, errors in zip(fit.present.tolist(), sure, strict=True)
             if errors is not None and errors**2 < THIN * space.penalty[k]
         ]
-    alike = [(k, space.mechanisms[j].term) for k, j in look_alikes(refinement)]
+    pairs = look_alikes(space, refinement.outcome) if refinement.exact else []
+    alike = [(k, space.mechanisms[j].term) for k, j in pairs]
     return Doubts(
         late=refinement.late,
         crowded=len(fit.free) > MOST_TERMS * len(targets),

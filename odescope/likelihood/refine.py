@@ -24,6 +24,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_errors, stretches, thinned, without_held_out
 from odescope.likelihood.holds import holds_of
 from odescope.likelihood.input_searches import Between
+from odescope.likelihood.look_alikes import with_simpler_terms
 from odescope.likelihood.negligible import without_negligible
 from odescope.likelihood.noise_or_terms import cost_without_process_noise, likelier_with_process_noise
 from odescope.likelihood.path import LOST, VERY, ModelPath, telling
@@ -275,6 +276,7 @@ def _judged(
         space, best = with_steps_settled(space, best, begun, workers)
         space, best = with_narrow_friction(space, without_negligible(space, best))
         best = without_negligible(space, best)  # what wider friction asked for may be next to nothing now
+        best = with_simpler_terms(space, best)
     cut, apart = partial(between.cut, holds_of(space)), dict[str, Hold]()
     process, adopted, scale = None, False, best.scale
     only_noise, begin = _leaves_noise(space, best), None

@@ -13,6 +13,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.expression import ONE, Call, Name, Term
+from odescope.library.families import NEGLIGIBLE
 from odescope.library.product import Product
 from odescope.likelihood.evidence import between, in_blocks
 from odescope.likelihood.fit import Fit
@@ -68,7 +69,7 @@ def suspicions(refinement: Refinement, names: Collection[str], declared: Collect
     suspected, rate, constants = list[Suspicion](), _rates(space, terms), set(space.frame.constants)
     for r, products in enumerate(terms):
         found_here = (_imitation(r, products, n, constants, rate.get(n)) for n in space.frame.variables if n in names)
-        here = [_growing(space, s) for s in found_here if s is not None]
+        here = [_growing(space, _falling(space, s)) for s in found_here if s is not None]
         driven = (n for n in _driven(space, found, r) if n in names - {s.variable for s in here})
         suspected += [*here, *(Suspicion(r, n, "driven") for n in driven)]
     leaves_more = refinement.process is not None or refinement.outcome.scale > WHITE
@@ -185,8 +186,7 @@ def _imitation(
         if len(below) == 1:  # what is divided by it goes with powers, which may be a law: i**2/x**2 - g
             divided = ({power - below[0].power_of(Name(name)) for power in found} - {0} for found in powers.values())
             terms = terms if any(len(found) >= SEVERAL for found in divided) else 0
-        own = [rest * Term(((Name(name), 1),)) for rest in above if rest != ONE and 1 in powers[rest]]
-        return Suspicion(relation, name, "fractions", tuple(dict.fromkeys((ONE, *above, *own))), terms, squared)
+        return Suspicion(relation, name, "fractions", tuple(dict.fromkeys((ONE, *above))), terms, squared)
     powers = {rest: found - {0} for rest, found in powers.items()}
     energy = [rest for rest, found in powers.items() if found and rate is not None and _even(rest, rate)]
     together = energy if len(energy) >= SEVERAL else []
@@ -194,10 +194,7 @@ def _imitation(
     most = max((len(powers[rest]) for rest in beside), default=0)
     most = max(most, sum(len(powers[rest]) for rest in together))
     single = [rest for rest, found in powers.items() if found]
-    # Light that is too much, or too many of a kind: what grows with a variable, and falls off with a function of it.
-    own = [rest * Term(((Name(name), 1),)) for rest in beside if len(powers[rest]) > SEVERAL and 1 in powers[rest]]
-    every = tuple(dict.fromkeys((ONE, *beside, *single, *own)))
-    return Suspicion(relation, name, "powers", every, most) if beside else None
+    return Suspicion(relation, name, "powers", tuple(dict.fromkeys((ONE, *beside, *single))), most) if beside else None
 
 
 def _powers(products: Iterable[Product], name: str) -> dict[Term, set[float]]:
@@ -219,6 +216,19 @@ def _even(term: Term, name: str) -> bool:
     """Say whether a term is an even power of a variable, 1 among them."""
     power = term.power_of(Name(name))
     return power % 2 == 0 and term == (Term(((Name(name), power),)) if power else ONE)
+
+
+def _falling(space: SearchSpace, suspected: Suspicion) -> Suspicion:
+    """Return a suspicion with the variable itself among what stands beside its functions, where it is an amount.
+
+    Growth goes with light, or with how many there are, and falls off again by a function of that, once it is too much.
+    """
+    values = values_of_variables(space)[suspected.variable]
+    several = suspected.reason == "fractions" or suspected.terms > SEVERAL
+    if not several or values.min() <= -NEGLIGIBLE * values.max():
+        return suspected
+    own = (rest * Term(((Name(suspected.variable), 1),)) for rest in suspected.beside if rest != ONE)
+    return replace(suspected, beside=tuple(dict.fromkeys((*suspected.beside, *own))))
 
 
 def _growing(space: SearchSpace, suspected: Suspicion) -> Suspicion:
