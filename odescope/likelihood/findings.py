@@ -163,6 +163,6 @@ def _delay_hint(target: str, name: str, correlation: float) -> str:
         correlation: of the two, others taken out.
     """
     return (
-        f"what is unexplained of {target} goes with the rate of {name} (correlation {correlation:.2g}), as with"
-        " a delay between what was recorded and what acted"
+        f"what is unexplained of {target} goes with the rate of {name} (correlation {correlation:.2g}), as with a delay"
+        " between what was recorded and what acted, or where that rate acts itself, which would be one more input"
     )

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 from small_systems import System
@@ -234,7 +235,15 @@ RUNS = {
 @pytest.mark.parametrize("name", RUNS)
 def test_scores_are_json_and_agree_with_the_model(name):
     result = identified(0, **RUNS[name])
-    assert likelihood_scores(result.refinement, result.model.targets) == result.model.scores.likelihood
+    judged = result.model.scores.likelihood
+    if judged.process_noise is not None:
+        (left,), (share,) = judged.process_noise.values(), judged.unexplained.values()
+        assert left / share == pytest.approx(
+            np.sqrt(np.mean(result.signals.columns[0][result.signals.row("th_ddot")] ** 2))
+        )
+    assert likelihood_scores(result.refinement, result.model.targets) == msgspec.structs.replace(
+        judged, unexplained=None
+    )
     written = json.loads(to_json(result.model))
     assert from_json(json.dumps(written)).scores == result.model.scores
     scores = written["scores"]["likelihood"]
