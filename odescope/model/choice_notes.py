@@ -51,7 +51,7 @@ WAVES = ("periodic", "swinging", "recurring")  # reasons that ask for a sine of 
 UNCOUNTED = ("driven", "residual", *WAVES)  # reasons that no number of terms gives
 JOINT = ("pair", "sine")  # reasons that are of no variable, and of too many functions to name
 ALIKE = 0.01  # of a sum: by less recordings do not differ in it
-MANY = 3  # powers of one variable that are rarely a law
+MANY = 3  # powers of one variable that are rarely a law; of a fraction a function with two constants says as much
 FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
 
 
@@ -87,11 +87,13 @@ def of_single_terms(doubts: Doubts) -> Iterator[str]:
 
 def _stands(found: SuspicionScore) -> bool:
     """Say whether terms that are left may still imitate a function."""
+    if found.reason == "fractions":
+        return found.terms > MANY
     if found.found:
         return bool(found.terms)
     if not (found.terms or found.reason in UNCOUNTED):
         return False
-    return not found.tried or found.reason == "fractions" or found.terms >= MANY
+    return not found.tried or found.terms >= MANY
 
 
 def _of_the_forms(forms: Sequence[FormScore]) -> Iterator[str]:
@@ -127,9 +129,9 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
     what = told.format(variable=found.variable, target=found.target, low=found.low, high=found.high)
     if found.reason in WAVES:
         return f"{what}: {_forced(found)}"
-    if not found.tried:
-        return f"{what}: functions of it could not be tried; {_held_within(found)}"
     left = f"; {_held_within(found)}" if _stands(found) else ""
+    if not found.tried:
+        return f"{what}: functions of it could not be tried{left}"
     many, of_it = len(found.tried), "" if found.reason in JOINT else " of it"
     if found.found:
         gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
