@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+import msgspec
+
+from odescope.library.expression import ONE
 from odescope.library.mechanism import Mechanism
+from odescope.library.readable import readable
 from odescope.likelihood.refine import Refinement
 from odescope.model.model import Model
-from odescope.model.scores import DelayScore, HoldScore, OffsetScore
+from odescope.model.scores import DelayScore, HoldScore, OffsetScore, SuspicionScore
 from odescope.signals.delays import Delay
 
 
@@ -49,3 +53,30 @@ def offset_scores(model: Model, refinement: Refinement | None) -> dict[str, Offs
     """Return the offsets of the model's coordinates, as the likelihood has them."""
     found = {} if refinement is None else refinement.settings.offsets
     return {c.name: found[c.name] for c in model.coordinates if c.offset}
+
+
+def suspicion_scores(
+    suspicions: Sequence[SuspicionScore], model: Model, refinement: Refinement | None
+) -> tuple[SuspicionScore, ...]:
+    """Return what was suspected, with those of the functions found that the model holds, as its equations show them.
+
+    A relation whose target one product multiplies is shown divided by that: I*sqrt(G) in I*G_dot is sqrt(G) there.
+
+    Args:
+        suspicions: what was made of each.
+        model: as it is in the end.
+        refinement: what the likelihood led to.
+    """
+    if refinement is None:
+        return tuple(suspicions)
+    shown = dict[str, dict[str, str]]()
+    for number, target in enumerate(refinement.space.frame.targets):
+        alone = [r.left[0].term for r in model.relations if r.targets == (target,) and len(r.left) == 1]
+        by = alone[0].inverse if len(alone) == 1 else ONE
+        parts = (p for k in refinement.fit.present for p in refinement.space.mechanisms[k].parts)
+        terms = [p.product.term for p in parts if p.relation == number]
+        shown[target] = {readable(term): readable(term * by) for term in terms}
+    return tuple(
+        msgspec.structs.replace(s, found=tuple(shown[s.target][f] for f in s.found if f in shown[s.target]))
+        for s in suspicions
+    )

@@ -13,7 +13,13 @@ from odescope.pipeline.adopted import adopted
 from odescope.pipeline.competition import Winner
 from odescope.pipeline.evaluation import domain, provenance, scores, time_score
 from odescope.pipeline.filtering import Filtered
-from odescope.pipeline.found_settings import delay_scores, hold_scores, offset_scores, present_mechanisms
+from odescope.pipeline.found_settings import (
+    delay_scores,
+    hold_scores,
+    offset_scores,
+    present_mechanisms,
+    suspicion_scores,
+)
 from odescope.pipeline.path_models import path_scores
 from odescope.pipeline.physics import constants_of, energy_of
 from odescope.pipeline.regressed import Regressed
@@ -44,7 +50,7 @@ def judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winne
         holds=hold_scores(model, refinement),
         streamed=None if whole is None else Streamed(whole.rows, whole.chunks, sampled=len(sample.chunks)),
         forms=winner.forms,
-        suspicions=winner.suspicions,
+        suspicions=suspicion_scores(winner.suspicions, model, refinement),
         path=path_scores(refinement),
         energy=energy_of(model, signals),
         conserved=() if whole is not None else constants_of(filtered.records, signals, present),
