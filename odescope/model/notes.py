@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from math import inf
 
-from odescope.model.choice_notes import TOLD, findings, listed, of_single_terms, unsettled
+from odescope.model.choice_notes import findings, listed, of_single_terms, unsettled
 from odescope.model.free_run_notes import free_run_sentences, parting_sentences
+from odescope.model.left_out_notes import left_out_sentences
 from odescope.model.scores import (
     Conserved,
     Doubts,
@@ -28,6 +29,7 @@ OPEN = 0.1  # drift of a sum: no small leak, and no gain of a sensor that is a l
 FLOWS = 'name what flows in or out as inputs, or add reactions with the world outside, such as "-> S" and "S ->"'
 MUCH = 0.3  # of the root mean square of a target, that a model leaves: no disturbance of what was measured whole
 LITTLE = 0.005  # of it: less is told, and no reason to doubt a law
+NEXT_TO_NOTHING = 0.0005  # of it: less is not told
 HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
 BRIDGED = 0.01  # of the standard deviation of an input, that lines over its gaps are off by elsewhere
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
@@ -119,12 +121,12 @@ def notes_of(
         dependent: every candidate that was left out of a library, with those it is a combination of.
         doubts: those of the likelihood stage, where it ran.
     """
-    said = [*_left_out(dependent)]
+    said = [*left_out_sentences(dependent)]
     if scores is not None:
         said += [*findings(scores), *parting_sentences(scores.free_runs, scores.likelihood)]
         said += [*warnings_of(scores, doubts), *_of_the_data(scores)]
         if scores.likelihood is not None and doubts is not None:
-            said += [*_unexplained(scores.likelihood, doubts, True)]
+            said += [*_unexplained(scores.likelihood, doubts, True), *_of_the_budget(scores.likelihood, doubts, True)]
     return tuple(dict.fromkeys(said))
 
 
@@ -138,17 +140,6 @@ def warnings_of(scores: ModelScores | None, doubts: Doubts | None) -> tuple[str,
     if scores.likelihood is not None and doubts is not None:
         said += [*_of_the_likelihood(scores.likelihood, doubts), *scores.likelihood.hints]
     return tuple(dict.fromkeys(said))
-
-
-def _left_out(dependent: Sequence[tuple[str, Sequence[str]]]) -> Iterator[str]:
-    said = list(
-        dict.fromkeys(
-            f"these data cannot tell {term} from a combination of {', '.join(others)}" for term, others in dependent
-        )
-    )
-    yield from said[:TOLD]
-    if len(said) > TOLD:
-        yield f"and {len(said) - TOLD} more candidates that are combinations of others: see the report"
 
 
 def _lost(scores: ModelScores) -> Iterator[str]:
@@ -309,11 +300,7 @@ def _unlikely(sums: Sequence[Conserved]) -> Iterator[str]:
 def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
     if doubts.late:
         yield "the search was ended by the clock, [likelihood] seconds: another run may end elsewhere"
-    elif not judged.finished:
-        yield (
-            "the search ended with its budget: allow it more, [likelihood] budget (60 by default, each about half a"
-            " second of two cores), for what it may have missed"
-        )
+    yield from _of_the_budget(judged, doubts, False)
     if doubts.crowded:
         yield (
             "the search stopped at its largest number of terms: the library lacks what would explain the record in few"
@@ -331,11 +318,27 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
     yield from of_single_terms(doubts)
 
 
+def _of_the_budget(judged: Likelihood, doubts: Doubts, clear: bool) -> Iterator[str]:
+    """Yield that the search ended with its budget, where the model is clear or, a warning, is not."""
+    settled = judged.exact and not (doubts.thin or doubts.alike or doubts.crowded)
+    if judged.finished or doubts.late or settled != clear:
+        return
+    more = "[likelihood] budget (60 by default, each about half a second of two cores)"
+    if clear:
+        yield (
+            "the search ended with its budget, at a model that follows the record to within its noise and has no term"
+            f" in doubt; {more} lets it go on"
+        )
+    else:
+        yield f"the search ended with its budget: allow it more, {more}, for what it may have missed"
+
+
 def _unexplained(judged: Likelihood, doubts: Doubts, little: bool) -> Iterator[str]:
     """Yield what a model leaves to noise of the process, where that is little of every target, or is not."""
     left = {t: q for t, q in (judged.process_noise or {}).items() if q is not None}
     shares = judged.unexplained or {}
-    if not left or all(shares.get(t, inf) < LITTLE for t in left) != little:
+    most = max((shares.get(t, inf) for t in left), default=0.0)
+    if most < NEXT_TO_NOTHING or (most < LITTLE) != little:
         return
     sizes = ", ".join(_size(q, t, doubts.units.get(t, ""), shares.get(t)) for t, q in left.items())
     why = ""

@@ -5,7 +5,8 @@ import math
 import msgspec
 import pytest
 
-from odescope.model.notes import FLOWS, TOLD, notes_of, share, trust, uncertain, warnings_of
+from odescope.model.choice_notes import TOLD
+from odescope.model.notes import FLOWS, notes_of, share, trust, uncertain, warnings_of
 from odescope.model.scores import (
     Conserved,
     DelayScore,
@@ -62,14 +63,6 @@ def test_a_denominator_that_changes_sign_is_a_pole_in_trust_and_notes(box, poles
     scores = ModelScores(targets={"x_dot": score})
     assert any(line == "Expect poles in x_dot." for line in trust(scores)) is poles
     assert any("the denominator of x_dot vanishes" in note for note in said(scores)) is poles
-
-
-def test_candidates_left_out_are_named_once_and_not_without_end():
-    dependent = [(f"x**{k}", ("1", "x")) for k in range(TOLD + 3)]
-    notes = said(dependent=dependent * 2)
-    assert notes[0] == "these data cannot tell x**0 from a combination of 1, x"
-    assert len(notes) == TOLD + 1
-    assert notes[-1] == "and 3 more candidates that are combinations of others: see the report"
 
 
 def test_what_happened_to_the_data_is_said_in_the_order_of_the_stages():
@@ -130,6 +123,8 @@ def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():
     assert [any(part in note for note in notes) for part in ("its budget", "largest number of terms")] == [True, True]
     assert "0.5 of x_dot unexplained (root mean square of averages over 0.2 s)" in notes[2]
     of_it = msgspec.structs.replace(doubts, units={"x_dot": "mm s⁻¹"})
+    small = msgspec.structs.replace(judged, unexplained={"x_dot": 0.0004})  # 0.04 %
+    assert not any("unexplained" in n for n in said(ModelScores(likelihood=small), of_it))
     for part, per_cent, warns in ((0.01, "1.00", True), (0.0025, "0.25", False)):
         judged = msgspec.structs.replace(judged, unexplained={"x_dot": part})
         (sized,) = (n for n in said(ModelScores(likelihood=judged), of_it) if "unexplained" in n)
@@ -148,6 +143,26 @@ def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():
     assert said(ModelScores(), doubts) == ()
     late = said(ModelScores(likelihood=judged), msgspec.structs.replace(doubts, late=True))
     assert "ended by the clock" in late[0]
+
+
+@pytest.mark.parametrize(
+    ("doubt", "process_noise", "warns"),
+    [
+        ({}, None, False),
+        ({"thin": (("x*y", "y_dot", 2.3),)}, None, True),
+        ({"alike": (("x*y", "y_dot", "x"),)}, None, True),
+        ({"crowded": True}, None, True),
+        ({"window": 0.2}, {"x_dot": 0.5}, True),
+    ],
+)
+def test_that_the_budget_was_spent_is_no_warning_of_a_model_without_doubts(doubt, process_noise, warns):
+    judged = msgspec.structs.replace(JUDGED, finished=False, process_noise=process_noise)
+    scores, doubts = ModelScores(likelihood=judged), msgspec.structs.replace(NONE, **doubt)
+    (note,) = (n for n in said(scores, doubts) if "ended with its budget" in n)
+    assert (note in warnings_of(scores, doubts)) == warns
+    assert ("for what it may have missed" in note) == warns
+    done = msgspec.structs.replace(scores, likelihood=msgspec.structs.replace(judged, finished=True))
+    assert not any("budget" in n for n in said(done, doubts))
 
 
 def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
@@ -181,7 +196,7 @@ def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
     told, warned = said(scores, doubts, [("a", ("b",))]), warnings_of(scores, doubts)
     assert set(warned) < set(told)
     for part, warns in {
-        "these data cannot tell a from": False,
+        "these data cannot tell a from b": False,
         "holds several powers of x": False,
         "powers of z: log(x) was tried, none was kept in the end": False,
         "powers of w: 2 functions of it were tried, the best is worse by 7 in cost and price": False,
