@@ -37,10 +37,19 @@ def _free_runs(runs: Sequence[RunShown]) -> Iterator[str]:
     for run in runs[:LISTED]:
         which = "free run" if len(runs) == 1 else f"free run of recording {run.recording}"
         ended = f"; {run.ended}" if run.ended else ""
-        yield f"{which}: {run.valid_time:.4g} of {run.duration:.4g} s with the record{ended}\n"
+        yield f"{which}: {run.valid_time:.4g} of {_tried(run)} with the record{ended}\n"
     if len(runs) > LISTED:
         stay = sum(run.valid_time >= run.duration for run in runs)
-        yield f"free runs of all {len(runs)} recordings tried: {stay} stay with their record to its end\n"
+        whole = all(run.recorded <= run.duration for run in runs)
+        far = "to its end" if whole else "for all that was tried of it"
+        yield f"free runs of all {len(runs)} recordings tried: {stay} stay with their record {far}\n"
+
+
+def _tried(run: RunShown) -> str:
+    """Return for how long a model was run, and of how long a recording where that is but the first part."""
+    if run.recorded <= run.duration:
+        return f"{run.duration:.4g} s"
+    return f"the first {run.duration:.4g} s, of {run.recorded:.4g} s,"
 
 
 def _equations_text(report: Report, model: Model) -> str:
