@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import inf
 
 from odescope.model.scores import FreeRun, Likelihood
 
 JOINED = 0.01  # standard deviations of the states, that pieces of the model's trajectory differ by at their joints
 MANY = 4  # coordinates whose fits are told one by one
+GROWS = 30.0  # times that errors at the start have become until a run parts, from where on any law would part
+FOLLOWS = "piece joined to piece the model follows the record to within its noise"
+ADDS_UP = "what it leaves unexplained adds up"
+WHERE = "in chaos, where a swing may turn over or not, and in a machine that only its controller keeps from falling"
+FEW_STEPS = "Predictions of a few steps judge it (odescope validate: many starts)"
 
 
 def free_run_sentences(runs: Sequence[FreeRun]) -> Iterator[str]:
@@ -25,23 +31,59 @@ def free_run_sentences(runs: Sequence[FreeRun]) -> Iterator[str]:
 
 
 def parting_sentences(runs: Sequence[FreeRun], judged: Likelihood | None) -> Iterator[str]:
-    """Yield why free runs of a model that follows its record part from it, which says little against it.
+    """Yield why free runs of a model that follows its record part from it, or that nothing explains it.
 
-    That states grow without bound, or meet a pole, does say something.
+    Where errors grow by themselves that says little against a law. That states grow without bound, or meet a pole, does
+    say something. Model files from before errors were let grow say nothing of it.
 
     Args:
         runs: from the starts of the recordings.
         judged: how the likelihood judged the model, where it ran.
     """
-    lost = [run.valid_time for run in runs if not run.stays]
-    if any(run.ended for run in runs):
+    run = _parting(runs, judged)
+    if run is None or judged is None:
         return
-    if lost and judged is not None and judged.exact and judged.gap is not None and judged.gap <= JOINED:
-        yield (
-            f"piece joined to piece the model follows the record to within its noise; freely it parts from it after"
-            f" {min(lost):.2g} s, as any law does where errors grow by themselves: in chaos, and in a machine that only"
-            " its controller keeps from falling. Predictions of a few steps judge it (odescope validate: many starts)"
-        )
+    grown = "" if run.growth is None else f" ({run.growth:,.3g} times until then)"
+    if judged.process_noise:
+        if run.growth is not None:
+            more = f", and errors grow by themselves{grown}: {WHERE}" if run.growth >= GROWS else ""
+            yield f"freely the model parts from the record after {run.valid_time:.2g} s: {ADDS_UP}{more}"
+        return
+    parts = f"{FOLLOWS}; freely it parts from it after {run.valid_time:.2g} s"
+    if run.growth is None:
+        yield f"{parts}. {FEW_STEPS}"
+    elif run.growth >= GROWS:
+        yield f"{parts}, as any law does where errors grow by themselves{grown}: {WHERE}. {FEW_STEPS}"
+    else:
+        yield f"{parts}, although errors do not grow by themselves in it{grown}: that speaks against it"
+
+
+def unexplained_parting(runs: Sequence[FreeRun], judged: Likelihood | None) -> tuple[str, ...]:
+    """Return those of the sentences that speak against a model.
+
+    Args:
+        runs: from the starts of the recordings.
+        judged: how the likelihood judged the model, where it ran.
+    """
+    run = _parting(runs, judged)
+    explained = run is None or run.growth is None or run.growth >= GROWS
+    return () if explained or judged is None or judged.process_noise else tuple(parting_sentences(runs, judged))
+
+
+def _parting(runs: Sequence[FreeRun], judged: Likelihood | None) -> FreeRun | None:
+    """Return the free run that is told of those that part from a record which the model follows; None for none.
+
+    It is the one whose errors grow least, where that does not explain it, else the one that parts first.
+    """
+    lost = [run for run in runs if not run.stays]
+    if not lost or any(run.ended for run in runs) or judged is None or not judged.follows or judged.truncated:
+        return None
+    if not judged.process_noise and (judged.gap is None or judged.gap > JOINED):
+        return None
+    least = min(lost, key=lambda run: inf if run.growth is None else run.growth)
+    if least.growth is not None and least.growth < GROWS:
+        return least
+    return min(lost, key=lambda run: run.valid_time)
 
 
 def _length(run: FreeRun) -> str:

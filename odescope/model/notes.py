@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from math import inf
 
 from odescope.model.choice_notes import findings, listed, of_single_terms, unsettled
-from odescope.model.free_run_notes import free_run_sentences, parting_sentences
+from odescope.model.free_run_notes import free_run_sentences, parting_sentences, unexplained_parting
 from odescope.model.left_out_notes import left_out_sentences
 from odescope.model.scores import (
     Conserved,
@@ -18,8 +18,8 @@ from odescope.model.scores import (
     GatedScore,
     Likelihood,
     ModelScores,
-    TimeScore,
 )
+from odescope.model.time_score import TimeScore
 
 UNSIGNED = 1e-6  # of the largest power dissipated: less is rounding
 IMBALANCE = 0.1  # of the energy turned over: less is what noise of the velocities makes
@@ -134,7 +134,8 @@ def warnings_of(scores: ModelScores | None, doubts: Doubts | None) -> tuple[str,
     """Return those of the notes that say what may be wrong with a model; all others say what was found and done."""
     if scores is None:
         return ()
-    said = [*unsettled(scores.suspicions), *_lost(scores), *_unlikely(scores.conserved)]
+    said = [*unsettled(scores.suspicions), *unexplained_parting(scores.free_runs, scores.likelihood)]
+    said += [*_lost(scores), *_unlikely(scores.conserved)]
     if scores.energy is not None:
         said += [*_of_the_energy(scores.energy)]
     if scores.likelihood is not None and doubts is not None:

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import msgspec
 
+from odescope.model.time_score import TimeScore
 from odescope.recordings.coordinate import Hold
 
 Number = float | None
 NOISE_ALONE = 0.1  # of the variance of a target: where less is predicted, and nearly all of its power,
 NEARLY_ALL = 0.999  # it stays within a thirtieth of its mean
-UNEVEN = 0.8  # of the points of a grid: where fewer rows were taken, they are at no even times
 
 
 class Denominator(msgspec.Struct, frozen=True):
@@ -73,7 +73,8 @@ class FreeRun(msgspec.Struct, frozen=True, omit_defaults=True):
     """A free run from the start of a recording, counted from 1, and how long it stayed with it, in seconds.
 
     `duration` is how much was run, `recorded` the length of a recording of which that is but the first part.
-    `valid_time` is that of the coordinate which parts first.
+    `valid_time` is that of the coordinate which parts first, and `growth` how many times further off than at its start
+    a run of the model from beside that start gets until then; None where it does not part.
     """
 
     duration: float
@@ -82,6 +83,7 @@ class FreeRun(msgspec.Struct, frozen=True, omit_defaults=True):
     recording: int = 1
     recorded: Number = None
     coordinates: dict[str, CoordinateRun] = {}
+    growth: Number = None
 
     @property
     def stays(self) -> bool:
@@ -217,39 +219,6 @@ class Streamed(msgspec.Struct, frozen=True):
     rows: int
     portions: int
     sampled: int
-
-
-class TimeScore(msgspec.Struct, frozen=True):
-    """What the time stamps of the recordings were found to be like, and what was done about it.
-
-    Of `rows` rows `disordered` were sorted and `doubled` merged with others; `jitter` is the largest of clocks whose
-    stamps were smoothed, in sample periods. `missing` counts, by name, the samples of a coordinate that were not
-    measured, and the gaps they are in; `samples` how many each coordinate should have. `bridged` has, by name, the
-    longest gap of an input in samples, and how far a straight line over as many is off elsewhere, in its standard
-    deviations. `scatter` is the largest of recordings whose samples were taken off even times, in sample periods. `cut`
-    counts the gaps at which recordings were cut.
-    """
-
-    rows: int
-    disordered: int
-    doubled: int
-    jitter: float
-    samples: int
-    missing: dict[str, tuple[int, int]]
-    bridged: dict[str, tuple[int, float]] = {}
-    scatter: float = 0.0
-    cut: int = 0
-
-    @property
-    def uneven(self) -> bool:
-        """Whether rows came when it mattered, at no even times: nobody lost what is between them."""
-        return self.rows < UNEVEN * self.samples
-
-    @property
-    def lost(self) -> dict[str, tuple[int, int]]:
-        """By name, the samples of a coordinate that others have and it has not, and the gaps they are in."""
-        without = min((missing for missing, _ in self.missing.values()), default=0) if self.uneven else 0
-        return {name: (n - without, gaps) for name, (n, gaps) in self.missing.items() if n > without}
 
 
 class ModelScores(msgspec.Struct, frozen=True, omit_defaults=True):

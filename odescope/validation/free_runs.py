@@ -19,6 +19,7 @@ from odescope.validation.agreement import Pair, agreement, turned, valid_time
 
 MOST_RECORDINGS = 48  # that are run freely where nobody asked for them all
 MOST_SAMPLES = 500_000  # of these together: of longer recordings the first part is run
+OFF = 1e-3  # of the standard deviations of its states: so far off begins the run that shows whether errors grow
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,14 +101,39 @@ def free_run_score(model: Model, of: FreeRunOf, noise: Mapping[str, float], reco
     """
     found = dict(_coordinates(model, of, noise))
     duration = of.record.duration
+    valid = min((c.valid_time for c in found.values()), default=duration)
     return FreeRun(
         duration=duration,
-        valid_time=min((c.valid_time for c in found.values()), default=duration),
+        valid_time=valid,
         ended=of.run.ended,
         recording=of.number,
         recorded=recorded if recorded > duration else None,
         coordinates=found,
+        growth=None if valid >= duration or of.run.ended else growth(model, of, valid),
     )
+
+
+def growth(model: Model, of: FreeRunOf, until: float) -> float | None:
+    """Return how many times further off than at its start a run gets that begins beside a free run.
+
+    All states begin off by a thousandth of their standard deviations over the run, in which they count. None where the
+    model rests.
+
+    Args:
+        model: that was run.
+        of: the run, which did not end early.
+        until: seconds, up to when they are compared.
+    """
+    t, states = of.record.t, of.run.states
+    sizes = states.std(axis=0)
+    moves = sizes > 0.0
+    if not moves.any():
+        return None
+    count = max(int(np.searchsorted(t - t[0], until, side="right")), 2)
+    begin = DrivenRecord.of(model, of.record).part(0, count)
+    other = follow(model, begin.record.t, begin.driven, states[0] + OFF * sizes)
+    apart = (other.states - states[: len(other.t)])[:, moves] / (OFF * sizes[moves])
+    return float(np.sqrt(np.mean(apart**2, axis=1)).max())
 
 
 def _coordinates(model: Model, of: FreeRunOf, noise: Mapping[str, float]) -> Iterator[tuple[str, CoordinateRun]]:

@@ -5,8 +5,9 @@ import pytest
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.model.cautions import cautions
-from odescope.model.free_run_notes import free_run_sentences, parting_sentences
+from odescope.model.free_run_notes import free_run_sentences, parting_sentences, unexplained_parting
 from odescope.model.model import Model
+from odescope.model.notes import warnings_of
 from odescope.model.relation import Relation, RelationTerm
 from odescope.model.scores import CoordinateRun, FreeRun, Likelihood, ModelScores
 from odescope.recordings.coordinate import Coordinate, Input
@@ -32,12 +33,44 @@ def test_one_recording_is_told_in_seconds():
     assert told() == []
 
 
-def test_that_a_law_parts_from_its_record_is_excused_unless_it_runs_away():
-    judged = Likelihood(True, 1.0, 0.001, True, 1, None, (), ())
-    (sentence,) = parting_sentences([run(8.0, 0.5)], judged)
-    assert "as any law does where errors grow by themselves" in sentence
-    assert not list(parting_sentences([run(8.0, 0.5, ended="met a pole")], judged))
-    assert not list(parting_sentences([run(8.0, 8.0)], judged))
+JOINED = Likelihood(True, 1.0, 0.001, True, 1, None, (), ())
+NOISY = Likelihood(True, 1.0, 1.0, True, 1, {"x_dot": 0.1}, (), ())
+
+
+@pytest.mark.parametrize(
+    ("judged", "growth", "words"),
+    [
+        (JOINED, 100.0, "as any law does where errors grow by themselves (100 times until then): in chaos"),
+        (JOINED, 1.2, "although errors do not grow by themselves in it (1.2 times until then): that speaks against it"),
+        (JOINED, None, "after 0.5 s. Predictions of a few steps judge it"),
+        (NOISY, 100.0, "what it leaves unexplained adds up, and errors grow by themselves (100 times until then)"),
+        (NOISY, 1.2, "what it leaves unexplained adds up"),
+    ],
+)
+def test_that_a_law_parts_from_its_record_is_excused_where_errors_grow(judged, growth, words):
+    runs = [run(8.0, 0.5, growth=growth)]
+    (sentence,) = parting_sentences(runs, judged)
+    assert words in sentence
+    assert "parts from" in sentence
+    assert ("grow by themselves" in sentence) == (growth == 100.0 or (judged is JOINED and growth is not None))
+    against = growth == 1.2 and judged is JOINED
+    assert unexplained_parting(runs, judged) == ((sentence,) if against else ())
+    assert (sentence in warnings_of(ModelScores(free_runs=tuple(runs), likelihood=judged), None)) == against
+
+
+def test_no_excuse_is_made_for_what_runs_away_or_does_not_part():
+    assert not list(parting_sentences([run(8.0, 0.5, ended="met a pole", growth=100.0)], JOINED))
+    assert not list(parting_sentences([run(8.0, 8.0)], JOINED))
+    lost = Likelihood(False, 9.0, 1.0, True, 1, None, (), ())
+    assert not list(parting_sentences([run(8.0, 0.5, growth=100.0)], lost))
+
+
+def test_one_run_that_parts_without_a_reason_is_not_excused_by_others():
+    runs = [run(8.0, 0.5, growth=100.0), run(8.0, 7.0, 2, growth=1.0), run(8.0, 0.2, 3, growth=200.0)]
+    (sentence,) = parting_sentences(runs, JOINED)
+    assert "after 7 s, although errors do not grow" in sentence
+    (sentence,) = parting_sentences([runs[0], runs[2]], JOINED)
+    assert "after 0.2 s, as any law does" in sentence
 
 
 def test_of_several_recordings_it_is_told_which_is_lost_first():

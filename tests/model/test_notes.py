@@ -24,8 +24,8 @@ from odescope.model.scores import (
     Streamed,
     SuspicionScore,
     TargetScore,
-    TimeScore,
 )
+from odescope.model.time_score import TimeScore
 
 SOUND = Denominator(data=(0.5, 1.0), box=(0.4, 1.1))
 GOOD = TargetScore(0.998, 0.1, 0.997, 12.0, SOUND)

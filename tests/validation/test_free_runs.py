@@ -13,7 +13,7 @@ from odescope.model.relation import Relation, RelationTerm
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.record import Record, Records
 from odescope.validation import free_runs as tested
-from odescope.validation.free_runs import free_run_score, free_runs
+from odescope.validation.free_runs import free_run_score, free_runs, growth
 from odescope.validation.validate import MANY, validate
 
 NOISE, PERIOD = 0.01, 0.02
@@ -68,6 +68,18 @@ def test_what_acted_before_the_record_began_is_not_held_against_the_model():
     (score,) = scored(tank(delay=1.0), [record(0, 1000, delay=1.0)])
     assert score.stays
     assert score.coordinates["x"].rmse == pytest.approx(NOISE, rel=0.15)
+
+
+def test_how_errors_grow_is_told_of_runs_that_part():
+    """Of a wrong model in closed form: a start off by e is off by e exp(-decay t) after t."""
+    (true,) = scored(tank(), [record(0, 500)])
+    assert true.growth is None
+    (damped,) = scored(tank(decay=5.0), [record(0, 500)])
+    assert not damped.stays
+    assert damped.growth == pytest.approx(1.0)  # it is nowhere further off than at its start
+    unstable = tank(decay=-0.5)
+    (runs_away,) = free_runs(unstable, Records.of([record(0, 500)]))
+    assert growth(unstable, runs_away, 8.0) == pytest.approx(np.exp(0.5 * 8.0), rel=1e-3)
 
 
 def test_of_very_many_some_are_run_and_of_long_ones_the_first_part(monkeypatch):

@@ -1,0 +1,40 @@
+"""What the time stamps of recordings were found to be like."""
+
+from __future__ import annotations
+
+import msgspec
+
+UNEVEN = 0.8  # of the points of a grid: where fewer rows were taken, they are at no even times
+
+
+class TimeScore(msgspec.Struct, frozen=True):
+    """What the time stamps of the recordings were found to be like, and what was done about it.
+
+    Of `rows` rows `disordered` were sorted and `doubled` merged with others; `jitter` is the largest of clocks whose
+    stamps were smoothed, in sample periods. `missing` counts, by name, the samples of a coordinate that were not
+    measured, and the gaps they are in; `samples` how many each coordinate should have. `bridged` has, by name, the
+    longest gap of an input in samples, and how far a straight line over as many is off elsewhere, in its standard
+    deviations. `scatter` is the largest of recordings whose samples were taken off even times, in sample periods. `cut`
+    counts the gaps at which recordings were cut.
+    """
+
+    rows: int
+    disordered: int
+    doubled: int
+    jitter: float
+    samples: int
+    missing: dict[str, tuple[int, int]]
+    bridged: dict[str, tuple[int, float]] = {}
+    scatter: float = 0.0
+    cut: int = 0
+
+    @property
+    def uneven(self) -> bool:
+        """Whether rows came when it mattered, at no even times: nobody lost what is between them."""
+        return self.rows < UNEVEN * self.samples
+
+    @property
+    def lost(self) -> dict[str, tuple[int, int]]:
+        """By name, the samples of a coordinate that others have and it has not, and the gaps they are in."""
+        without = min((missing for missing, _ in self.missing.values()), default=0) if self.uneven else 0
+        return {name: (n - without, gaps) for name, (n, gaps) in self.missing.items() if n > without}
