@@ -21,10 +21,14 @@ ATOL = 1e-10  # of a state of size 1
 SAME = 1e-9  # of the shortest time between samples: kinks that are nearer to a sample are that sample
 
 _REASONS = {
-    GREW: "the states grew without bound or met a pole",
-    STIFF: "the equations became too stiff to follow",
+    GREW: "the states grew without bound or met a pole after {:.6g} s",
+    STIFF: "the equations became too stiff, or moved too fast, to be followed after {:.6g} s",
 }
-_ADVICE = {STIFF: ", or move too fast for times so far apart: give more of these in between, or a larger rtol"}
+_AT_GIVEN_TIMES = {
+    **_REASONS,
+    STIFF: "the equations became too stiff to follow after {:.6g} s, or move too fast for times so far apart: give more"
+    " of these in between, or a larger rtol",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +85,17 @@ def simulate(
     t = sample_times(t)
     driving = sampled_inputs(inputs, model.inputs, t)
     start = first_state(initial, model.states)
-    return follow(model, t, drive(model.inputs, t, driving), start, rtol, atol)
+    return follow(model, t, drive(model.inputs, t, driving), start, rtol, atol, given=True)
 
 
 def follow(
-    model: Model, t: FloatArray, driven: Drive, initial: FloatArray, rtol: float = 1e-8, atol: float | None = None
+    model: Model,
+    t: FloatArray,
+    driven: Drive,
+    initial: FloatArray,
+    rtol: float = 1e-8,
+    atol: float | None = None,
+    given: bool = False,
 ) -> Trajectory:
     """Return the free run of a model under inputs that have been laid out: `simulate` for many runs.
 
@@ -96,6 +106,7 @@ def follow(
         initial: (n,) states at t[0], in the order of `model.states`.
         rtol: relative tolerance of a step.
         atol: absolute tolerance of a step, see `simulate`.
+        given: whether whoever asks chose the times and tolerances, and may be told to choose others.
     """
     tape, edges = model.switched.tape, model.switched.edges
     equations = Equations(tape.instructions, tape.outputs, following_states(model.coordinates), edges)
@@ -103,8 +114,8 @@ def follow(
     start = np.array(initial, dtype=np.float64)
     tolerances = ATOL * small_sizes(model, start) if atol is None else np.full(len(start), float(atol))
     reached, ending = integrate(equations, driven, start, states, float(rtol), tolerances)
-    reason = _REASONS.get(ending)
-    ended = None if reason is None else f"{reason} after {t[reached - 1] - t[0]:.6g} s{_ADVICE.get(ending, '')}"
+    reason = (_AT_GIVEN_TIMES if given else _REASONS).get(ending)
+    ended = None if reason is None else reason.format(t[reached - 1] - t[0])
     return Trajectory(np.array(t[:reached], dtype=np.float64), states[:reached].copy(), model.states, ended)
 
 

@@ -6,8 +6,10 @@ from built_models import build
 from simulation_cases import DECAY, X, Y, free, lagrange
 
 from odescope.errors import InputError
-from odescope.model.simulation import simulate
+from odescope.model.driven_record import DrivenRecord
+from odescope.model.simulation import follow, simulate
 from odescope.recordings.coordinate import Coordinate
+from odescope.recordings.record import Record
 
 
 def test_a_blow_up_ends_the_run_where_it_happens():
@@ -59,6 +61,10 @@ def test_stiffness_ends_the_run_and_says_so():
     assert "too stiff to follow after 0 s" in found.ended
     assert "give more of these in between" in found.ended
     assert len(found.t) == 1
+    t = np.linspace(0.0, 1.0, 101)
+    record = Record(t, np.ones((101, 1)), ("x",), (None,))  # whose times nobody gave
+    followed = follow(stiff, t, DrivenRecord.of(stiff, record).driven, np.ones(1))
+    assert followed.ended == "the equations became too stiff, or moved too fast, to be followed after 0 s"
     mild = build([X], [], [("x_dot", "1", 1.0), (None, "x", 1e4), (None, "1", -1.0)])
     assert free(mild, np.linspace(0.0, 1.0, 101), [1.0]).states[-1, 0] == pytest.approx(1e-4, rel=1e-3)
 
