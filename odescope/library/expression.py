@@ -138,7 +138,8 @@ def signed_sum(parts: Iterable[tuple[float, str]], inverse: bool = False) -> str
     out = ""
     for coefficient, text in parts:
         size = abs(float(coefficient))
-        body = repr(size) if text == "1" else text if size == 1.0 else f"{size!r}*{text}"
+        times = text.removeprefix("1") if text.startswith("1/") else f"*{text}"
+        body = repr(size) if text == "1" else text if size == 1.0 else f"{size!r}{times}"
         if inverse and text != "1" and len(repr(size)) > MANY_DIGITS:
             over = 1.0 / size
             body = f"{text}/{over!r}" if len(repr(over)) <= FEW_DIGITS and 1.0 / over == size else body

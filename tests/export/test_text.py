@@ -2,10 +2,12 @@ import re
 
 import numpy as np
 import pytest
+from built_models import build
 from hand_models import MODELS
 
 from odescope.export.languages.latex import to_latex
 from odescope.export.languages.text import to_text
+from odescope.recordings.coordinate import Coordinate, Input
 
 FUNCTIONS = {f: getattr(np, f) for f in ("sin", "cos", "exp", "abs", "tanh")}
 
@@ -49,6 +51,18 @@ def test_digits_are_all_or_as_many_as_asked_for():
     assert "0.3333333333333333*u" in to_text(MODELS["rational"])
     assert "0.333333*u" in to_text(MODELS["rational"], 6)
     assert "0.33*u" in to_text(MODELS["rational"], 2)
+
+
+def test_what_divides_stands_below_its_coefficient():
+    terms = {"v**-1": -0.4298, "v**-2": 1.0, "u**-1*v**-1": 2.5, "u*v**-1": 0.5, "exp(3.0*v**-1)": 0.25}
+    target, rest = ("x_dot", "1", 1.0), [(None, text, c) for text, c in terms.items()]
+    model = build([Coordinate("x")], [Input("u"), Input("v")], [target, *rest])
+    (line,) = to_text(model).splitlines()
+    assert "*1/" not in line
+    for part in ("exp(3.0/v)", "0.4298/v", "- 1/v**2", "- 2.5/(u*v)", "- 0.5*u/v"):
+        assert part in line
+    variables = {"x": 1.0, "u": 0.7, "v": 0.3}
+    assert values(model, line, variables)["x_dot"] == pytest.approx(solved(model, variables)["x_dot"], rel=1e-14)
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -79,11 +79,13 @@ def test_what_people_read_reads_back_as_the_same_term(text):
         ("exp(-K/x)", "exp(-K/x)"),
         ("1/(K*x)", "1/(K*x)"),
         ("(x/K)**n*y", "y*(x/K)**n"),
+        ("exp(-3*x**-1)", "exp(-3.0/x)"),
     ],
 )
 def test_terms_are_shown_as_one_would_type_them(text, shown):
     scope = Scope.of(["x", "y"], constants=["K", "n", "v0"])
     assert readable(parse_term(text, scope)) == shown
+    assert parse_term(shown, scope) == parse_term(text, scope)
 
 
 def test_a_power_with_a_constant_for_exponent_needs_that_constant_declared():

@@ -54,7 +54,10 @@ def _terms(equation: Equation) -> list[Term]:
 def _readable(line: str, terms: Iterable[Term]) -> str:
     """Return a line with terms as a person would type them, those that name constants and quotients."""
     for term in sorted((t for t in terms if readable(t) != t.text), key=lambda t: -len(t.text)):
-        line = line.replace(term.text, readable(term))
+        typed = readable(term)
+        if typed.startswith("1/"):  # 0.43/v, not 0.43*1/v
+            line = line.replace(f"*{term.text}", typed.removeprefix("1"))
+        line = line.replace(term.text, typed)
     return line
 
 
