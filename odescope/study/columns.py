@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TypeAlias, cast
@@ -12,7 +12,7 @@ import msgspec
 
 from odescope.arrays import Table
 from odescope.errors import InputError
-from odescope.recordings.checks import units_differ
+from odescope.recordings.checks import is_degrees, units_differ
 from odescope.recordings.frames import table_names
 from odescope.recordings.headings import (
     UNITS_OF_TIME,
@@ -88,7 +88,21 @@ def converted(study: Study) -> list[str]:
     """Return which columns are in other units here than they were recorded in."""
     unit = study.data.time_unit
     times = [] if unit in (None, "s") else [told_in_seconds(unit)]
-    return times + [f"{name} was recorded in degrees: here it is in radians" for name in sorted(study.degrees)]
+    angles = [f"{name} was recorded in degrees: here it is in radians" for name in sorted(study.degrees)]
+    stay = list(_staying_in_degrees(study)) if angles else []
+    if stay:
+        verb = "stays" if len(stay) == 1 else "stay"
+        angles.append(f"{', '.join(stay)} {verb} in degrees: only coordinates that are angles are converted")
+    return [*times, *angles]
+
+
+def _staying_in_degrees(study: Study) -> Iterator[str]:
+    """Yield the inputs, and the coordinates that are no angles, that were recorded in degrees by unit or heading."""
+    coordinates = [(name, c.column, c.unit) for name, c in study.coordinates.items() if not c.angle]
+    inputs = [(n, i.column, i.unit) for n, i in study.inputs.items() if not isinstance(i.column, tuple)]
+    for name, column, unit in (*coordinates, *inputs):
+        if is_degrees(Heading.of(column or name).unit if unit is None else unit):
+            yield name
 
 
 def doubted_headings(study: Study) -> tuple[str, ...]:

@@ -1,11 +1,12 @@
 """A study and the headings of its data."""
 
+import msgspec
 import numpy as np
 import pandas as pd
 import pytest
 
 from odescope.errors import InputError
-from odescope.study.columns import doubted_headings, settled_columns, with_labels
+from odescope.study.columns import converted, doubted_headings, settled_columns, with_labels
 from odescope.study.options import Data, Driven, Measured, Study
 from odescope.study.toml import parse_study, study_toml
 
@@ -111,3 +112,20 @@ def test_labels_come_from_the_first_file_or_table(tmp_path):
 def test_the_zone_or_the_form_of_dates_is_no_unit_of_time(label):
     study = Study(data=Data(time=label), coordinates={"x": Measured()})
     assert doubted_headings(with_labels(study, (label, "x"), "run.csv")) == ()
+
+
+def test_what_stays_in_degrees_beside_a_converted_angle_is_told():
+    heading = {"heading_deg": Measured(angle=True)}
+    inputs = {
+        "rudder_deg": Driven(),
+        "wind": Driven(unit="deg"),
+        "speed": Driven(unit="m/s"),
+        "tilt_deg": Driven(unit="1"),
+    }
+    study = Study(data=Data(time="t"), coordinates=heading | {"trim_deg": Measured()}, inputs=inputs)
+    settled = with_labels(study, ("t", "heading_deg", "trim_deg", *inputs), "run.csv")
+    first, second = converted(settled)
+    assert first == "heading_deg was recorded in degrees: here it is in radians"
+    assert second == ("trim_deg, rudder_deg, wind stay in degrees: only coordinates that are angles are converted")
+    plain = msgspec.structs.replace(study, coordinates={"heading_deg": Measured()})
+    assert converted(with_labels(plain, ("t", "heading_deg", *inputs), "run.csv")) == []
