@@ -15,7 +15,7 @@ from odescope.errors import InputError, nearest
 from odescope.library.parse import parse_term
 from odescope.recordings.coordinate import Hold
 from odescope.recordings.gaps import Gaps
-from odescope.recordings.headings import Heading, find_label
+from odescope.recordings.headings import UNITS_OF_TIME, Heading, check_time_unit, find_label
 from odescope.recordings.readers import column_names, find_files
 from odescope.report.place import default_place
 from odescope.study.clock import with_time
@@ -41,6 +41,7 @@ class DataArguments:
         delays: INPUT=SECONDS of each, or INPUT=estimate.
         basis: functions that terms are products of, several in one text with commas between.
         degree: of the terms.
+        time_unit: of the column that holds the time.
     """
 
     time: str | None = None
@@ -53,6 +54,7 @@ class DataArguments:
     delays: tuple[str, ...] = ()
     basis: tuple[str, ...] = ()
     degree: int | None = None
+    time_unit: str | None = None
 
 
 def resolve(sources: Sequence[Path], given: DataArguments) -> tuple[Study, Path]:
@@ -108,9 +110,12 @@ def study_of(sources: Sequence[Path], given: DataArguments) -> Study:
         )
     if given.gaps is not None and given.gaps not in get_args(Gaps):
         raise InputError(f"--gaps {given.gaps}: expected one of {', '.join(get_args(Gaps))}")
+    if given.time_unit is not None:
+        check_time_unit(given.time_unit)
     data = Data(
         files=tuple(map(str, sources)),
         time=given.time,
+        time_unit=next((unit for unit in UNITS_OF_TIME if unit == given.time_unit), None),
         sample_period=given.sample_period,
         recording=given.recording,
         gaps=next((gaps for gaps in get_args(Gaps) if gaps == given.gaps), Data().gaps),

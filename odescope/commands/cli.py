@@ -25,6 +25,7 @@ from odescope.commands.options import (
     Sources,
     StatesFile,
     Time,
+    TimeUnitOption,
 )
 from odescope.errors import OdescopeError, Stopped
 from odescope.export.exported import export_names
@@ -104,6 +105,7 @@ def identify(
     time: Annotated[
         str | None, typer.Option(help="Column that holds the time, in seconds or as its heading says.")
     ] = None,
+    time_unit: TimeUnitOption = None,
     sample_period: SamplePeriod = None,
     coordinate: Annotated[
         list[str] | None,
@@ -131,10 +133,8 @@ def identify(
     from odescope.commands.terminal import shown
     from odescope.events import Monitor
 
-    coordinates, inputs = tuple(coordinate or ()), tuple(input_ or ())
-    given = DataArguments(
-        time, sample_period, coordinates, inputs, order, recording, gaps, tuple(delay or ()), tuple(basis or ()), degree
-    )
+    columns, delays, functions = (tuple(coordinate or ()), tuple(input_ or ())), tuple(delay or ()), tuple(basis or ())
+    given = DataArguments(time, sample_period, *columns, order, recording, gaps, delays, functions, degree, time_unit)
     with told_to(events) as tell_file:
         study, folder = resolve(sources, given)
         study = study if seconds is None else with_seconds(study, seconds)

@@ -21,6 +21,10 @@ StatesFile = Annotated[
 Time = Annotated[
     str | None, typer.Option(help="Column that holds the time.", show_default="as identified, else t or time")
 ]
+TimeUnitOption = Annotated[
+    str | None,
+    typer.Option(metavar="s|ms|us|ns|min|h|d", help="Unit of the time.", show_default="as its heading says, else s"),
+]
 SamplePeriod = Annotated[float | None, typer.Option(help="Sampling period in seconds, where no column has it.")]
 Recording = Annotated[str | None, typer.Option(help="Column that splits files into recordings.")]
 GapsOption = Annotated[

@@ -243,7 +243,7 @@ def check_seconds(records: Records) -> None:
         raise InputError(
             f"time begins at {start:.6g}{within(records.runs[0].source)}, which looks like {unit} since 1970, and"
             f' nothing says its unit: head the column "t ({unit})", or give time_unit = "{unit}" in [data] of a study,'
-            ' or "s" there if these are seconds'
+            f' or --time-unit {unit}; or "s" there if these are seconds'
         )
 
 

@@ -117,7 +117,7 @@ def doubted_headings(study: Study) -> tuple[str, ...]:
         say = say if meant is None else f'as "{meant}" if it means that, or "s" (or head the column time ({meant}))'
         said.append(
             f"the heading {own.time!r} says {word}, which is taken for no unit of time: numbers there are read as"
-            f" seconds; say which they are by time_unit in [data], {say}"
+            f" seconds; say which they are by time_unit in [data], or --time-unit, {say}"
         )
     measured = [(c.column or name, c.unit) for name, c in study.coordinates.items()]
     driven = [(i.column or name, i.unit) for name, i in study.inputs.items() if not isinstance(i.column, tuple)]

@@ -107,13 +107,32 @@ def test_arguments_make_the_study_that_they_say(logs):
         delays=("u=0.02",),
         basis=("x_dot", "u, abs(x_dot)"),
         degree=2,
+        time_unit="min",
     )
     study = study_of([Path("run1.csv"), Path("other.csv")], given)
+    assert study.data.time_unit == "min"
     assert study.data.files == ("run1.csv", "other.csv")
     assert study.data.gaps == "split"
     assert study.coordinates == {"x": Measured(cyclic=True)}
     assert study.inputs == {"u": Driven(hold="zero", delay=0.02)}
     assert study.library == Candidates(basis=("x_dot", "u", "abs(x_dot)"), degree=2)
+
+
+def test_the_unit_of_the_time_is_one_of_those_of_studies_and_goes_with_a_column(odescope):
+    log = oscillator(1000)
+    write("run.csv", {"t_min": log["t"] / 60.0, "x": log["x"], "u": log["u"]})
+    options = ("--coordinate", "x", "--input", "u", "--order", "2", "--basis", "x,x_dot,u", "--degree", "1")
+    ended = odescope("identify", "run.csv", "--time", "t_min", "--time-unit", "min", *options)
+    assert ended.code == 0, ended.err
+    assert "note: time was recorded in min: here it is in seconds" in ended.err
+    assert "taken for no unit of time" not in ended.err
+    assert is_oscillator("run")["provenance"]["time_unit"] == "min"
+    ended = odescope("identify", "run.csv", "--time", "t_min", "--time-unit", "minutes", *options)
+    assert ended.code == 2
+    assert "time_unit must be one of 's', 'ms', " in ended.err
+    ended = odescope("identify", "run.csv", "--sample-period", "0.02", "--time-unit", "min", *options)
+    assert ended.code == 2
+    assert "time_unit = 'min' goes with time, the column that holds the time" in ended.err
 
 
 def test_a_degree_without_a_basis_is_that_of_the_default_library(logs):

@@ -58,7 +58,7 @@ def test_a_unit_of_time_that_nobody_knows_is_pointed_out_until_the_study_says_wh
     (found,) = doubted_headings(with_labels(study, labels, "run.csv"))
     assert found.startswith(f"the heading {label!r} says {label[5:].strip('()')}, which is taken for no unit of time")
     meant = 'as "h" if it means that, or "s" (or head the column time (h))' if "hours" in label else "one of s, ms, us"
-    assert f"time_unit in [data], {meant}" in found
+    assert f"time_unit in [data], or --time-unit, {meant}" in found
     for unit in ("s", "h"):
         own = Study(data=Data(time=label, time_unit=unit), coordinates={"x": Measured()})
         assert doubted_headings(with_labels(own, labels, "run.csv")) == ()
