@@ -21,6 +21,10 @@ from odescope.selection.unmeasured import FOLLOWS, own_dynamics
 
 MOST_HELD_OUT = 0.9  # of a target's power: what is left elsewhere, as of a system at rest, does not tell its law
 USUAL = 2  # order of a coordinate, at most: to one whose order is higher a higher one still is no advice
+LACKING = (
+    "Either the library lacks the right terms, or something that drives the system was not recorded, or a state of it"
+    " was not measured, or there is too much noise"
+)
 
 
 class Ranking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -140,16 +144,17 @@ def require_law(problem: Problem, ranked: Ranked, options: Ranking) -> None:
     if not ranked.candidates:
         tally = "; ".join(f"{count} {reason}" for reason, count in ranked.discarded)
         count = sum(count for _, count in ranked.discarded)
-        raise NoModelError("selection", f"of {count} relations for {problem.target} none is left: {tally}")
+        raise NoModelError(
+            "selection", f"of {count} relations that were found for {problem.target} none is left: {tally}. {LACKING}"
+        )
     best = ranked.candidates[0]
     if best.explained < options.explain:
         raise NoModelError(
             "selection",
             f"the best of {len(ranked.candidates)} relations for {problem.target} predicts"
             f" {max(best.explained, 0.0):.0%} of it on"
-            f" held-out data, less than the {options.explain:.0%} asked for ([selection] explain). Either the library"
-            " lacks the right terms, or something that drives the system was not recorded, or a state of it was not"
-            f" measured, or there is too much noise{_higher_order(problem, best)}",
+            f" held-out data, less than the {options.explain:.0%} asked for ([selection] explain)."
+            f" {LACKING}{_higher_order(problem, best)}",
         )
 
 
@@ -171,13 +176,13 @@ def _higher_order(problem: Problem, best: Candidate) -> str:
 
 def _refusal(problem: Problem, support: Support, guesses: tuple[int, ...], options: Ranking) -> str:
     if not set(support) & set(problem.own):
-        return "without the target"
+        return f"without {problem.target}"
     if len(support) > options.terms:
         return f"with more than {options.terms} terms"
     if len(support) > problem.factor.rows:
         return "with a coefficient for every independent value of the record"
     if len(guesses) < options.consensus:
-        return f"found from fewer than {options.consensus} guesses"
+        return f"that fewer than {options.consensus} of the searches agree on"
     return ""
 
 
