@@ -20,6 +20,7 @@ from odescope.model.scores import (
     ModelScores,
 )
 from odescope.model.time_score import TimeScore
+from odescope.recordings.gaps import SHORTEST_RUN
 
 UNSIGNED = 1e-6  # of the largest power dissipated: less is rounding
 IMBALANCE = 0.1  # of the energy turned over: less is what noise of the velocities makes
@@ -250,6 +251,12 @@ def _of_time(found: TimeScore) -> Iterator[str]:
     if found.cut:
         at = "a gap" if found.cut == 1 else f"{found.cut} gaps"
         yield f"recordings were cut at {at}: too long to bridge, an input moved in them unseen, or gaps are split"
+    if found.short:
+        one = found.short == 1
+        yield (
+            f"{found.short} {'row was' if one else 'rows were'} left out, beside gaps at which recordings are cut, in"
+            f" pieces of fewer than {SHORTEST_RUN} samples"
+        )
     yield from lost_samples(found)
 
 

@@ -15,7 +15,8 @@ class TimeScore(msgspec.Struct, frozen=True):
     measured, and the gaps they are in; `samples` how many each coordinate should have. `bridged` has, by name, the
     longest gap of an input in samples, and how far a straight line over as many is off elsewhere, in its standard
     deviations. `scatter` is the largest of recordings whose samples were taken off even times, in sample periods. `cut`
-    counts the gaps at which recordings were cut.
+    counts the gaps at which recordings were cut, `short` the rows beside these that were left out, in pieces too
+    short to use.
     """
 
     rows: int
@@ -27,6 +28,7 @@ class TimeScore(msgspec.Struct, frozen=True):
     bridged: dict[str, tuple[int, float]] = {}
     scatter: float = 0.0
     cut: int = 0
+    short: int = 0
 
     @property
     def uneven(self) -> bool:

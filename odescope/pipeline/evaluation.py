@@ -212,8 +212,9 @@ def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequ
         bridged={i.name: gap for i in inputs if i.hold != "zero" and (gap := bridged(records, i.name))[0]},
         scatter=max(r.scatter for r in repairs),
         cut=sum(r.cut for r in repairs),
+        short=sum(r.short for r in repairs),
     )
-    repaired = found.disordered or found.doubled or found.jitter or found.scatter or found.cut
+    repaired = found.disordered or found.doubled or found.jitter or found.scatter or found.cut or found.short
     return found if repaired or found.missing or found.bridged else None
 
 

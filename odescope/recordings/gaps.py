@@ -52,9 +52,15 @@ class RawRun:
         named = record.names, record.units, record.source
         return cls(record.t, values, *named, rows, record.names, record.counts, record.repairs)
 
-    def cut(self, cuts: Sequence[IntArray]) -> Iterator[RawRun]:
-        """Yield pieces, each by the indices (n,) of its samples; the longest bears what was done to the rows."""
-        for samples, repairs in zip(cuts, borne(self.repairs, cuts), strict=True):
+    def cut(self, cuts: Sequence[IntArray], partial: bool = False) -> Iterator[RawRun]:
+        """Yield pieces, each by the indices (n,) of its samples; the longest bears what was done to the rows.
+
+        Of a run that is `partial`, cut out of a longer one, what is left out here may serve there.
+        """
+        complete = np.isfinite(self.t) & np.isfinite(self.values).all(axis=1)
+        left_out = int(complete.sum()) - sum(int(complete[samples].sum()) for samples in cuts)
+        done = self.repairs if partial else replace(self.repairs, short=self.repairs.short + left_out)
+        for samples, repairs in zip(cuts, borne(done, cuts), strict=True):
             yield replace(self.take(samples), repairs=repairs)
 
     def take(self, samples: IntArray) -> RawRun:

@@ -164,8 +164,9 @@ def _between_gaps(run: RawRun, chunk: Chunk, layout: Layout) -> Iterator[Stretch
     check_cells(run)
     run = in_order(run)
     rows = run.rows - 1
-    cuts = pieces(run, layout.gaps, cut_before or cut_after)
-    for piece, whole in zip(cuts, run.cut(cuts), strict=True):
+    partial = cut_before or cut_after
+    cuts = pieces(run, layout.gaps, partial)
+    for piece, whole in zip(cuts, run.cut(cuts, partial), strict=True):
         for own, record, points in _made_uniform(whole, layout):
             samples = piece[own]
             first, last = _own(rows[samples], points, chunk, len(record))

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from odescope.model.notes import notes_of
+from odescope.model.scores import ModelScores
 from odescope.pipeline.evaluation import time_score
 from odescope.recordings.coordinate import Coordinate, Input
 from odescope.recordings.layout import Layout
@@ -48,3 +50,18 @@ def test_how_far_samples_are_off_even_times_is_counted_once():
     assert (sampling.jitter, clock.scatter) == (0.0, 0.0)
     assert sampling.scatter == pytest.approx(np.std(off) / 0.01, rel=0.02)
     assert clock.jitter == pytest.approx(np.std(off) / 0.01, rel=0.02)
+
+
+def test_rows_behind_a_long_gap_that_are_too_few_for_a_recording_are_counted():
+    """A batch that is sampled ever more rarely: its last rows are in no record, and no range of the model is theirs."""
+    layout = Layout(time="t", columns=(("x", "x"),))
+    t = np.r_[T[:200], T[-1], 2.0 * T[-1]]
+    logs = [{"t": t, "x": np.exp(-t)}, {"t": T, "x": np.exp(-T)}]
+    records = records_from(logs, layout)
+    assert [len(run) for run in records] == [200, 2000]
+    found = time_score(records, [Coordinate("x")], [])
+    assert (found.short, found.cut) == (2, 0)
+    (note,) = notes_of(ModelScores(time=found), (), None)
+    assert note == ("2 rows were left out, beside gaps at which recordings are cut, in pieces of fewer than 16 samples")
+    logs[0] = {name: column[:200] for name, column in logs[0].items()}
+    assert time_score(records_from(logs, layout), [Coordinate("x")], []) is None
