@@ -10,6 +10,7 @@ from odescope.model.scores import FreeRun, Likelihood
 JOINED = 0.01  # standard deviations of the states, that pieces of the model's trajectory differ by at their joints
 MANY = 4  # coordinates whose fits are told one by one
 GROWS = 30.0  # times that errors at the start have become until a run parts, from where on any law would part
+TELLING = 10.0  # times: from here on whole numbers
 FOLLOWS = "piece joined to piece the model follows the record to within its noise"
 ADDS_UP = "what it leaves unexplained adds up"
 WHERE = "in chaos, where a swing may turn over or not, and in a machine that only its controller keeps from falling"
@@ -43,10 +44,11 @@ def parting_sentences(runs: Sequence[FreeRun], judged: Likelihood | None) -> Ite
     run = _parting(runs, judged)
     if run is None or judged is None:
         return
-    grown = "" if run.growth is None else f" ({run.growth:,.3g} times until then)"
+    size = run.growth or 0.0
+    grown = f" ({size:{',.0f' if size >= TELLING else '.2g'}} times until then)"
     if judged.process_noise:
         if run.growth is not None:
-            more = f", and errors grow by themselves{grown}: {WHERE}" if run.growth >= GROWS else ""
+            more = f", and errors grow by themselves{grown}, as {WHERE}" if run.growth >= GROWS else ""
             yield f"freely the model parts from the record after {run.valid_time:.2g} s: {ADDS_UP}{more}"
         return
     parts = f"{FOLLOWS}; freely it parts from it after {run.valid_time:.2g} s"
