@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from math import hypot
 
 import msgspec
 import numpy as np
@@ -25,6 +25,7 @@ from odescope.likelihood.suspicion import (
     values_of_variables,
     with_pairs,
 )
+from odescope.model.relation import Relation, RelationTerm
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
@@ -35,6 +36,7 @@ from odescope.pipeline.work import Work
 FAR_BETTER = 0.5  # of the error of free runs
 NO_WORSE = 1.1  # times the error of free runs: over stretches of one record errors differ by as much and mean nothing
 UNASKED: tuple[Reason, ...] = (*JOINT, "measured")  # reasons that nothing is told of where they are in vain
+ALIKE = 4.0  # standard errors that coefficients of one denominator in two relations differ by, at most
 LARGEST = 3  # coefficients and constants of a function, at most
 LEAST = 0.5  # units of budget: what the comparison may cost where the search before cost next to nothing
 
@@ -88,9 +90,10 @@ def _suspecting(
 def _otherwise(work: Work, refinement: Refinement, suspected: Sequence[Suspicion]) -> Iterator[tuple[Suspicion, ...]]:
     """Yield what else may be suspected where no functions were found in the place of what was.
 
-    Relations one at a time: a function of a variable has the same constants in all relations of one choice. Then all
-    variables: what a model says that does not follow the record is not even an imitation, and what has poles is near to
-    no function. What has no more terms than a function has numbers is no shorter with one.
+    Relations one at a time, where what divides them differs: a function of a variable has the same constants in all
+    relations of one choice. Then all variables: what a model says that does not follow the record is not even an
+    imitation, and what has poles is near to no function. What has no more terms than a function has numbers is no
+    shorter with one.
 
     Args:
         work: whose study says of which variables functions may be looked for.
@@ -99,13 +102,44 @@ def _otherwise(work: Work, refinement: Refinement, suspected: Sequence[Suspicion
     """
     able = {s.relation for s in suspected if s.reason == "fractions" and s.terms > LARGEST}
     if refinement.exact:
-        several = Counter(s.variable for s in suspected)
-        for one in sorted((s for s in suspected if several[s.variable] > 1), key=lambda s: -s.terms):
+        for one in sorted((s for s in suspected if _apart(refinement, s, suspected)), key=lambda s: -s.terms):
             yield with_pairs([s for s in suspected if s.relation == one.relation])
     elif not (refinement.says_all or refinement.hardly_off):
         able = set(range(len(refinement.space.frame.targets)))
     if able and not work.late:
         yield everywhere(refinement, able, work.study.suspects, work.study.parameters)
+
+
+def _apart(refinement: Refinement, one: Suspicion, suspected: Sequence[Suspicion]) -> bool:
+    """Say whether a variable is suspected in a relation and in others, none of which is divided by the same.
+
+    Args:
+        refinement: the model.
+        one: the suspicion.
+        suspected: all of them.
+    """
+    others = [s for s in suspected if s.variable == one.variable and s.relation != one.relation]
+    own = refinement.relations[one.relation]
+    return bool(others) and not any(_divided_alike(own, refinement.relations[s.relation]) for s in others)
+
+
+def _divided_alike(one: Relation, other: Relation) -> bool:
+    """Say whether two relations are divided by the same, as balances are that hold one rate."""
+    below = [{t.term: t for t in r.left} for r in (one, other)]
+    if below[0].keys() != below[1].keys():
+        return False
+    first, *rest = below[0]
+    for term in rest:
+        (a, ea), (b, eb) = (_ratio(there[term], there[first]) for there in below)
+        if abs(a - b) > ALIKE * hypot(ea, eb):
+            return False
+    return True
+
+
+def _ratio(one: RelationTerm, other: RelationTerm) -> tuple[float, float]:
+    """Return the ratio of two coefficients, and its standard error without what the two have in common."""
+    ratio = one.coefficient / other.coefficient
+    return ratio, abs(ratio) * hypot(*((t.std_error or 0.0) / t.coefficient for t in (one, other)))
 
 
 def _once(
