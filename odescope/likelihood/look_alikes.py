@@ -15,7 +15,7 @@ from odescope.likelihood.evidence import project
 from odescope.likelihood.exchange import rise
 from odescope.likelihood.expansion import Expansion
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.search import Outcome, WhiteResiduals, fitted_again
+from odescope.likelihood.search import TRIALS, Outcome, WhiteResiduals, fitted_again
 from odescope.likelihood.search_space import SearchSpace
 
 TEN_TO_ONE = 2.0 * float(np.log(10.0))  # of cost and price: less decides between no two terms
@@ -45,6 +45,7 @@ def with_simpler_terms(space: SearchSpace, outcome: Outcome) -> Outcome:
     """Return the end of a search with simpler terms in the place of look-alikes of a higher degree.
 
     What the record does not decide the degree does: the product of an input with one that hardly changes is the input.
+    A few that are foreseen in vain end it.
 
     Args:
         space: the candidates.
@@ -53,7 +54,7 @@ def with_simpler_terms(space: SearchSpace, outcome: Outcome) -> Outcome:
     here, trail = outcome.fit, list(outcome.trail)
     judge = WhiteResiduals(space, space.segments.spread * outcome.width)
     moves, refused = Moves(space, judge, outcome.width, max(outcome.scale, 1.0), trail), set[tuple[int, int]]()
-    while True:
+    while len(refused) < TRIALS and not space.budget.late:
         expansion = judge.expansion(here)
         now, new, earned = _exchanged(space, here, expansion, outcome.scale)
         near = ((earned[i, j], int(now[i]), int(new[j])) for i, j in np.argwhere(earned > -TEN_TO_ONE))
@@ -61,11 +62,12 @@ def with_simpler_terms(space: SearchSpace, outcome: Outcome) -> Outcome:
         if expansion is None or not simpler:
             break
         gain, gone, came = max(simpler)
-        refused.add((gone, came))
         trial = moves.exchanged(here, expansion, np.array([gone]), came)
         if trial is not None and moves.penalised(trial) < moves.penalised(outcome.fit) + TEN_TO_ONE:
             trail += [space.move(outcome.width, *moved, -gain, trial) for moved in (("drop", gone), ("add", came))]
             here = trial
+        else:
+            refused.add((gone, came))
     return outcome if here is outcome.fit else fitted_again(space, replace(outcome, trail=tuple(trail)), here)
 
 

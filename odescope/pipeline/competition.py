@@ -309,7 +309,7 @@ def _with_more(
     posed, higher = with_higher_degree(work, filtered, posed, regressed, rooted, functions)
     if higher is not None and higher is not rooted:
         higher, suspicions = with_suspected(work, filtered, posed, higher)
-        rooted = refinement = higher
+        refinement = higher
     angular, angles = with_angles(work, filtered, regressed, higher, bool(suspicions))
     if angular is None or higher is refinement:
         return angular, (*suspicions, *angles)

@@ -137,7 +137,7 @@ def test_of_white_torque_nothing_is_said_but_its_size():
     process = result.refinement.process
     assert set(terms(result)) == {"th_ddot", "sin(th)", "th_dot", "u"}
     assert process.unexplained[0] == pytest.approx(1.0 / math.sqrt(process.window / STEP), rel=0.3)
-    (note,) = said(result, "unexplained")
+    (note,) = said(result, "root mean square) unexplained")
     assert f"leaves {process.unexplained[0]:.2g} rad s⁻² of th_ddot (" in note
     whole = result.signals.joined()[result.signals.row("th_ddot")]
     part = 100.0 * process.unexplained[0] / np.sqrt(np.mean(whole**2))
