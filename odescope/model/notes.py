@@ -28,6 +28,7 @@ LOOSE = 1.0  # standard error over coefficient of a kinetic term that another La
 FAR = 0.5  # standard deviations of the record: free runs further off say that little is known
 OPEN = 0.1  # drift of a sum: no small leak, and no gain of a sensor that is a little off
 FLOWS = 'name what flows in or out as inputs, or add reactions with the world outside, such as "-> S" and "S ->"'
+ONE_OF_TWO = "of two states one of which was measured the law is one equation with order = 2"
 MUCH = 0.3  # of the root mean square of a target, that a model leaves: no disturbance of what was measured whole
 LITTLE = 0.005  # of it: less is told, and no reason to doubt a law
 NEXT_TO_NOTHING = 0.0005  # of it: less is not told
@@ -318,8 +319,7 @@ def _of_the_likelihood(judged: Likelihood, doubts: Doubts) -> Iterator[str]:
         yield (
             f"no standard errors: even in short segments the best model misses the record by {missed} its noise, so"
             " coefficients are the regression's; look for what the library lacks, such as dry friction or a reaction,"
-            " for a delay, or for an input or a state that was not recorded: of two states one of which was measured"
-            " the law is one equation with order = 2"
+            f" for a delay, or for an input or a state that was not recorded: {ONE_OF_TWO}"
         )
         return
     yield from _unexplained(judged, doubts, False)
@@ -351,9 +351,11 @@ def _unexplained(judged: Likelihood, doubts: Doubts, little: bool) -> Iterator[s
     sizes = ", ".join(_size(q, t, doubts.units.get(t, ""), shares.get(t)) for t, q in left.items())
     why = ""
     if much := _much(judged):
+        first = any(t.endswith("_dot") for t in much)
+        order = f" ({ONE_OF_TWO})" if first else ""
         why = (
-            f"; so much of {listed(list(much))} says that a state was not measured, what drives it not recorded, or"
-            " that it is an input itself, which belongs in [inputs]"
+            f"; so much of {listed(list(much))} says that a state was not measured{order}, what drives it not recorded,"
+            " or that it is an input itself, which belongs in [inputs]"
         )
     yield (
         f"the model leaves {sizes} unexplained (root mean square of averages over {doubts.window:.2g} s);"

@@ -137,7 +137,12 @@ def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():
     assert uncertain(ModelScores(likelihood=judged)) == (
         "uncertain: this model leaves 40.00 % of x_dot unexplained, by root mean squares"
     )
-    assert "so much of x_dot says that a state was not measured, what drives it not recorded, or" in mostly[2]
+    assert "so much of x_dot says that a state was not measured (of two states one of which was measured" in mostly[2]
+    assert "the law is one equation with order = 2), what drives it not recorded, or" in mostly[2]
+    second = msgspec.structs.replace(judged, process_noise={"x_ddot": 0.5}, unexplained={"x_ddot": 0.4})
+    assert (
+        "so much of x_ddot says that a state was not measured, what" in said(ModelScores(likelihood=second), of_it)[2]
+    )
     assert "an input itself" in mostly[2]
     assert notes[3:] == ("thin evidence, more data would decide: x*y in y_dot (2.3 standard errors)", "look")
     assert said(ModelScores(), doubts) == ()
