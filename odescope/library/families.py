@@ -38,7 +38,7 @@ OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
 ABOVE_ZERO = {"K": 0.0, "kelvin": 0.0, "°C": 273.15, "degC": 273.15, "celsius": 273.15}  # kelvins, at 0 of each unit
 RATE = "rate"  # how the constant of a sine is called, before the name of its variable
-POWER = "exponent"  # how the constant of a power is called, before the name of its variable
+RISE = "rise"  # how the constant of an exponential is called, before the name of its variable
 HALF = "half"  # how the constant of a saturation is called, before the name of its variable
 STRIBECK = "stribeck"  # how the constant of Stribeck's curve is called, before the name of the speed
 ACTIVATION = "activation"  # how the constant of Arrhenius' law is called, before the name of the temperature
@@ -57,6 +57,11 @@ class Family:
     variable: str
     term: Term
     constants: tuple[Constant, ...]
+
+    @property
+    def falls(self) -> bool:
+        """Whether it is an exponential that falls as its variable grows."""
+        return self.term.text.startswith("exp(-") and any(c.name.startswith(f"{RISE}_") for c in self.constants)
 
     def suits(self, squared: bool, position: bool) -> bool:
         """Say whether it may be in a relation: what has a square below it only where one divides what imitates it.
@@ -151,7 +156,7 @@ def families_of(
     if least < reach:
         drawn.append((f"tanh({variable}/{scale.name})", (scale,)))
     if size / OFF < reach / FLAT:
-        gentle = constant("rise", max(reach / GROWTH, size / OFF), reach / FLAT)
+        gentle = constant(RISE, max(reach / GROWTH, size / OFF), reach / FLAT)
         drawn += [(f"exp({variable}/{gentle.name})", (gentle,)), (f"exp(-{variable}/{gentle.name})", (gentle,))]
         drawn += [] if least > -NEGLIGIBLE * size else [(f"sinh({variable}/{gentle.name})", (gentle,))]
     drawn += [
@@ -179,7 +184,7 @@ def _by_sign(
     least, largest = (low, high) if high > -low else (-high, -low)
     amount, plus = (variable, "+") if high > -low else (f"(-{variable})", "-")
     if least > 0.0:
-        power = constant(POWER, *EXPONENTS)
+        power = constant("exponent", *EXPONENTS)
         yield from ((f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,)))
     elif least > -NEGLIGIBLE * largest:
         amount = f"abs({variable})"  # which noise alone takes below zero

@@ -93,7 +93,10 @@ class FunctionSpace:
         fixed = dict(zip(space.frame.constants, space.whole.constants(refinement.fit.theta), strict=True))
         choices = tuple(
             joint.get(s.reason)
-            or (*choices_of(families.get(s.variable, ()), s.beside), *_stribeck(s, refinement, values, taken))
+            or (
+                *choices_of(families.get(s.variable, ()), s.beside, s.falling),
+                *_stribeck(s, refinement, values, taken),
+            )
             for s in suspected
         )
         constants = {c.name: c for found in choices for choice in found for c in choice.constants}

@@ -11,7 +11,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant, grid_of
 from odescope.library.expression import Name, Term
-from odescope.library.families import HALF, POWER, Family
+from odescope.library.families import HALF, Family
 from odescope.library.tape import Tape, evaluate, write_tape
 from odescope.likelihood.least_within import LARGEST, Curves, least_within
 from odescope.likelihood.unexplained import unexplained
@@ -54,21 +54,22 @@ class Placed:
     values: Mapping[str, float] = field(default_factory=dict)
 
 
-def choices_of(families: Sequence[Family], beside: Sequence[Term]) -> tuple[Choice, ...]:
+def choices_of(families: Sequence[Family], beside: Sequence[Term], falling: Sequence[Term] = ()) -> tuple[Choice, ...]:
     """Return what may stand for a suspicion.
 
     A function with two constants is not multiplied by its own variable: with it the curve would be any. Nor is what
-    its constant is before, K/(K + x): x/(K + x) is the same curve then; nor a power, which is another power then.
+    its constant is before, K/(K + x): x/(K + x) is the same curve then.
 
     Args:
         families: of its variable.
         beside: what they may be multiplied by.
+        falling: what an exponential that falls may be multiplied by, too.
     """
     before = {f for f in families if any(f.term.power_of(Name(c.name)) for c in f.constants)}
-    powers = {f for f in families if any(c.name.startswith(f"{POWER}_") for c in f.constants)}
-    single = [f for f in families if len(f.constants) < 2 and f not in before | powers]
+    single = [f for f in families if len(f.constants) < 2 and f not in before]
     made = ((f, rest) for rest in beside for f in families if f in single or f.variable not in rest.names)
-    found = [Choice((f.term * rest,), f.constants) for f, rest in made]
+    more = ((f, rest) for rest in falling if rest not in beside for f in families if f.falls)
+    found = [Choice((f.term * rest,), f.constants) for f, rest in (*made, *more)]
     waves = dict[tuple[str, ...], list[Choice]]()
     for choice in found:
         if any(text in choice.terms[0].text for text in ("sin(", "cos(")):

@@ -39,7 +39,8 @@ class Suspicion:
 
     `reason` is what says so: several powers of it, a fraction of it, a term of it that drives where dry friction
     brakes, or a residual that goes with it; `beside` is what such a function may be multiplied by, `terms` how many
-    terms of the relation may be one; `squared` whether its square or a higher power divides. What is "measured" of all
+    terms of the relation may be one; `squared` whether its square or a higher power divides; `falling` is what stands
+    beside a function that falls off with an amount, the amount among it. What is "measured" of all
     variables says what a model imitates so badly that nothing is near to it. A "pair" is of no variable, but of two
     together, and a "sine" is of any that may be an angle: a relation that imitates something may hold these.
     """
@@ -50,6 +51,7 @@ class Suspicion:
     beside: tuple[Term, ...] = (ONE,)
     terms: int = 0
     squared: bool = False
+    falling: tuple[Term, ...] = ()
 
 
 def suspicions(refinement: Refinement, names: Collection[str], declared: Collection[str]) -> tuple[Suspicion, ...]:
@@ -219,7 +221,7 @@ def _even(term: Term, name: str) -> bool:
 
 
 def _falling(space: SearchSpace, suspected: Suspicion) -> Suspicion:
-    """Return a suspicion with the variable itself among what stands beside its functions, where it is an amount.
+    """Return a suspicion with what may stand beside an exponential that falls, where its variable is an amount.
 
     Growth goes with light, or with how many there are, and falls off again by a function of that, once it is too much.
     """
@@ -227,8 +229,8 @@ def _falling(space: SearchSpace, suspected: Suspicion) -> Suspicion:
     several = suspected.reason == "fractions" or suspected.terms > SEVERAL
     if not several or values.min() <= -NEGLIGIBLE * values.max():
         return suspected
-    own = (rest * Term(((Name(suspected.variable), 1),)) for rest in suspected.beside if rest != ONE)
-    return replace(suspected, beside=tuple(dict.fromkeys((*suspected.beside, *own))))
+    own = (rest * Term(((Name(suspected.variable), 1),)) for rest in suspected.beside)
+    return replace(suspected, falling=tuple(own))
 
 
 def _growing(space: SearchSpace, suspected: Suspicion) -> Suspicion:

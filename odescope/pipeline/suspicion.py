@@ -37,7 +37,9 @@ FAR_BETTER = 0.5  # of the error of free runs
 NO_WORSE = 1.1  # times the error of free runs: over stretches of one record errors differ by as much and mean nothing
 UNASKED: tuple[Reason, ...] = (*JOINT, "measured")  # reasons that nothing is told of where they are in vain
 ALIKE = 4.0  # standard errors that coefficients of one denominator in two relations differ by, at most
-LARGEST = 3  # coefficients and constants of a function, at most
+MANY = (
+    6  # terms of a fraction, twice as many as a function has numbers: fewer may be a law, as a rate of Hill and a decay
+)
 LEAST = 0.5  # units of budget: what the comparison may cost where the search before cost next to nothing
 
 
@@ -92,18 +94,17 @@ def _otherwise(work: Work, refinement: Refinement, suspected: Sequence[Suspicion
 
     Relations one at a time, where what divides them differs: a function of a variable has the same constants in all
     relations of one choice. Then all variables: what a model says that does not follow the record is not even an
-    imitation, and what has poles is near to no function. What has no more terms than a function has numbers is no
-    shorter with one.
+    imitation, and what has poles is near to no function. What has few terms may be a law itself.
 
     Args:
         work: whose study says of which variables functions may be looked for.
         refinement: the model.
         suspected: what was suspected of it.
     """
-    able = {s.relation for s in suspected if s.reason == "fractions" and s.terms > LARGEST}
+    able = {s.relation for s in suspected if s.reason == "fractions" and s.terms > MANY}
     if refinement.exact:
         for one in sorted((s for s in suspected if _apart(refinement, s, suspected)), key=lambda s: -s.terms):
-            yield with_pairs([s for s in suspected if s.relation == one.relation])
+            yield tuple(s for s in suspected if s.relation == one.relation)
     elif not (refinement.says_all or refinement.hardly_off):
         able = set(range(len(refinement.space.frame.targets)))
     if able and not work.late:
