@@ -69,9 +69,10 @@ def suspicions(refinement: Refinement, names: Collection[str], declared: Collect
         for part in space.mechanisms[k].parts:
             terms[part.relation].append(part.product)
     suspected, rate, constants = list[Suspicion](), _rates(space, terms), set(space.frame.constants)
+    values = values_of_variables(space)
     for r, products in enumerate(terms):
         found_here = (_imitation(r, products, n, constants, rate.get(n)) for n in space.frame.variables if n in names)
-        here = [_growing(space, _falling(space, s)) for s in found_here if s is not None]
+        here = [_growing(space, values, _falling(values, s)) for s in found_here if s is not None]
         driven = (n for n in _driven(space, found, r) if n in names - {s.variable for s in here})
         suspected += [*here, *(Suspicion(r, n, "driven") for n in driven)]
     leaves_more = refinement.process is not None or refinement.outcome.scale > WHITE
@@ -93,8 +94,9 @@ def everywhere(
         declared: constants that its library declares.
     """
     space = refinement.space
-    able = [n for n in space.frame.variables if n in set(names) - _of_functions(space, declared)]
-    return tuple(_growing(space, Suspicion(r, n, "measured")) for r in sorted(relations) for n in able)
+    wanted, values = set(names) - _of_functions(space, declared), values_of_variables(space)
+    able = [n for n in space.frame.variables if n in wanted]
+    return tuple(_growing(space, values, Suspicion(r, n, "measured")) for r in sorted(relations) for n in able)
 
 
 def with_pairs(suspected: Sequence[Suspicion]) -> tuple[Suspicion, ...]:
@@ -220,27 +222,30 @@ def _even(term: Term, name: str) -> bool:
     return power % 2 == 0 and term == (Term(((Name(name), power),)) if power else ONE)
 
 
-def _falling(space: SearchSpace, suspected: Suspicion) -> Suspicion:
+def _falling(values: Mapping[str, FloatArray], suspected: Suspicion) -> Suspicion:
     """Return a suspicion with what may stand beside an exponential that falls, where its variable is an amount.
 
     Growth goes with light, or with how many there are, and falls off again by a function of that, once it is too much.
     """
-    values = values_of_variables(space)[suspected.variable]
+    own = values[suspected.variable]
     several = suspected.reason == "fractions" or suspected.terms > SEVERAL
-    if not several or values.min() <= -NEGLIGIBLE * values.max():
+    if not several or own.min() <= -NEGLIGIBLE * own.max():
         return suspected
-    own = (rest * Term(((Name(suspected.variable), 1),)) for rest in suspected.beside)
-    return replace(suspected, falling=tuple(own))
+    return replace(suspected, falling=tuple(r * Term(((Name(suspected.variable), 1),)) for r in suspected.beside))
 
 
-def _growing(space: SearchSpace, suspected: Suspicion) -> Suspicion:
+def _growing(space: SearchSpace, values: Mapping[str, FloatArray], suspected: Suspicion) -> Suspicion:
     """Return a suspicion with the relation's own state among what stands beside functions, where neither has a sign.
 
     What has none often changes in proportion to itself, at a rate that is a function of it, or of something else that
     has none, as a temperature.
+
+    Args:
+        space: whose states they are.
+        values: of the variables, by name (N,).
+        suspected: of a variable.
     """
     own = space.frame.states[list(space.frame.following).index(-1 - suspected.relation)]
-    values = values_of_variables(space)
     if min(values[own].min(), values[suspected.variable].min()) <= 0.0:
         return suspected
     return replace(suspected, beside=tuple(dict.fromkeys((*suspected.beside, Term(((Name(own), 1),))))))

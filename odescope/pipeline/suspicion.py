@@ -37,9 +37,7 @@ FAR_BETTER = 0.5  # of the error of free runs
 NO_WORSE = 1.1  # times the error of free runs: over stretches of one record errors differ by as much and mean nothing
 UNASKED: tuple[Reason, ...] = (*JOINT, "measured")  # reasons that nothing is told of where they are in vain
 ALIKE = 4.0  # standard errors that coefficients of one denominator in two relations differ by, at most
-MANY = (
-    6  # terms of a fraction, twice as many as a function has numbers: fewer may be a law, as a rate of Hill and a decay
-)
+MANY = 6  # terms of a fraction, twice as many as a function has numbers: fewer may be a law
 LEAST = 0.5  # units of budget: what the comparison may cost where the search before cost next to nothing
 
 
@@ -57,10 +55,11 @@ def with_suspected(
         posed: the relations.
         refinement: the model so far, which stays as it is where nothing is better.
     """
-    wide, found, scores = _suspecting(work, filtered, posed, refinement)
-    if found is refinement or not any(s.terms for s in _suspicions(work, found)):
+    wide, found, scores = _suspecting(work, filtered, posed, refinement, _suspicions(work, refinement))
+    left = () if found is refinement else _suspicions(work, found)
+    if not any(s.terms for s in left):
         return found, scores
-    _, again, more = _suspecting(work, filtered, wide, found)
+    _, again, more = _suspecting(work, filtered, wide, found, left)
     if again is not found:
         return again, _joined(scores, more, again)
     known = {_of_what(s) for s in scores}
@@ -68,7 +67,7 @@ def with_suspected(
 
 
 def _suspecting(
-    work: Work, filtered: Filtered, posed: Posed, refinement: Refinement
+    work: Work, filtered: Filtered, posed: Posed, refinement: Refinement, suspected: Sequence[Suspicion]
 ) -> tuple[Posed, Refinement, tuple[SuspicionScore, ...]]:
     """Return the relations and the model with functions in the place of what is suspected, and what was.
 
@@ -77,8 +76,8 @@ def _suspecting(
         filtered: the records and their signals.
         posed: the relations.
         refinement: the model so far, which stays as it is where nothing is better.
+        suspected: of it, before anything else is.
     """
-    suspected = _suspicions(work, refinement)
     wide, found, scores = _once(work, filtered, posed, refinement, with_pairs(suspected))
     for others in _otherwise(work, refinement, suspected) if found is refinement else ():
         wide, found, own = _once(work, filtered, posed, refinement, others)
@@ -103,8 +102,9 @@ def _otherwise(work: Work, refinement: Refinement, suspected: Sequence[Suspicion
     """
     able = {s.relation for s in suspected if s.reason == "fractions" and s.terms > MANY}
     if refinement.exact:
-        for one in sorted((s for s in suspected if _apart(refinement, s, suspected)), key=lambda s: -s.terms):
-            yield tuple(s for s in suspected if s.relation == one.relation)
+        apart = sorted((s for s in suspected if _apart(refinement, s, suspected)), key=lambda s: -s.terms)
+        for relation in dict.fromkeys(s.relation for s in apart):
+            yield tuple(s for s in suspected if s.relation == relation)
     elif not (refinement.says_all or refinement.hardly_off):
         able = set(range(len(refinement.space.frame.targets)))
     if able and not work.late:
