@@ -38,8 +38,11 @@ def _placed(coordinates: Sequence[Coordinate]) -> tuple[tuple[Coordinate, ...], 
 
 
 def _velocities(coordinates: Sequence[Coordinate]) -> tuple[tuple[Coordinate, ...], ...]:
-    """Return the states of order 1 that may be components of a velocity: what is called x, y or z alone is a place."""
-    return _alike(c for c in coordinates if c.order == 1 and len(c.name) > 1)
+    """Return the states of order 1 that may be components of a velocity: what is called x, y or z alone is a place.
+
+    Nor is one that is cyclic, of which nothing holds the value.
+    """
+    return _alike(c for c in coordinates if c.order == 1 and len(c.name) > 1 and not c.cyclic)
 
 
 def _alike(coordinates: Iterable[Coordinate]) -> tuple[tuple[Coordinate, ...], ...]:

@@ -57,6 +57,8 @@ def test_what_only_moves_on_has_the_drag_of_its_speed_and_no_distance():
     assert spatial_potentials((x, Coordinate("y", 2))) == ()
     assert spatial_dissipation((x, y)) == spatial_dissipation(PLANE)
     assert together((x, y), 0) == {}
+    still = tuple(Coordinate(name, 1, cyclic=True) for name in ("vx", "vy"))
+    assert spatial_forces(still, [still[0].target]) == ()
     assert together((x, y), 1) == together(PLANE, 1)
 
 
