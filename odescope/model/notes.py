@@ -351,8 +351,7 @@ def _unexplained(judged: Likelihood, doubts: Doubts, little: bool) -> Iterator[s
     sizes = ", ".join(_size(q, t, doubts.units.get(t, ""), shares.get(t)) for t, q in left.items())
     why = ""
     if much := _much(judged):
-        first = any(t.endswith("_dot") for t in much)
-        order = f" ({ONE_OF_TWO})" if first else ""
+        order = f" ({ONE_OF_TWO})" if any(t.endswith("_dot") for t in much) else ""
         why = (
             f"; so much of {listed(list(much))} says that a state was not measured{order}, what drives it not recorded,"
             " or that it is an input itself, which belongs in [inputs]"

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from odescope.model.choice_notes import TOLD
-from odescope.model.notes import FLOWS, notes_of, share, trust, uncertain, warnings_of
+from odescope.model.notes import FLOWS, notes_of, share, trust, warnings_of
 from odescope.model.scores import (
     Conserved,
     DelayScore,
@@ -128,15 +128,11 @@ def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():
     for part, per_cent, warns in ((0.01, "1.00", True), (0.0025, "0.25", False)):
         judged = msgspec.structs.replace(judged, unexplained={"x_dot": part})
         (sized,) = (n for n in said(ModelScores(likelihood=judged), of_it) if "unexplained" in n)
-        assert uncertain(ModelScores(likelihood=judged)) == ""
         assert f"leaves 0.5 mm s⁻¹ of x_dot ({per_cent} % of its root mean square) unexplained" in sized
         assert sized.endswith("standard errors allow for it")
         assert (sized in warnings_of(ModelScores(likelihood=judged), of_it)) == warns
     judged = msgspec.structs.replace(judged, unexplained={"x_dot": 0.4})
     mostly = said(ModelScores(likelihood=judged), of_it)
-    assert uncertain(ModelScores(likelihood=judged)) == (
-        "uncertain: this model leaves 40.00 % of x_dot unexplained, by root mean squares"
-    )
     assert "so much of x_dot says that a state was not measured (of two states one of which was measured" in mostly[2]
     assert "the law is one equation with order = 2), what drives it not recorded, or" in mostly[2]
     second = msgspec.structs.replace(judged, process_noise={"x_ddot": 0.5}, unexplained={"x_ddot": 0.4})
@@ -339,46 +335,6 @@ def test_trust_rests_on_free_runs_over_what_is_held_out():
     )
     bare = msgspec.structs.replace(path_of(1, 0)[0], spread=0.0)
     assert trust(ModelScores(path=(bare,)))[0].endswith("of the record off.")
-
-
-def likelihood_of(follows, process_noise):
-    return Likelihood(follows, 1.0, 0.0, True, 1, process_noise, (), ())
-
-
-@pytest.mark.parametrize(
-    ("follows", "process_noise", "error", "r2", "words"),
-    [
-        (True, None, 0.01, 0.99, ""),
-        (True, None, 0.9, 0.99, ""),  # chaos
-        (True, {"x_dot": 0.1}, 0.1, 0.2, ""),
-        (True, {"x_dot": 0.1}, 0.8, 0.99, "off by 0.8 times the standard deviation of the record"),
-        (False, None, 0.01, 0.99, "does not follow the record"),
-        (None, None, None, 0.8, ""),
-        (None, None, None, 0.3, "30.00 % of the variance of x_dot"),
-    ],
-)
-def test_an_uncertain_model_is_said_to_be_so_in_one_sentence(follows, process_noise, error, r2, words):
-    path = () if error is None else (PathScore(3, error, 0.0, None, None, True),)
-    judged = None if follows is None else likelihood_of(follows, process_noise)
-    found = uncertain(ModelScores({"x_dot": TargetScore(r2_held_out=r2)}, likelihood=judged, path=path))
-    assert found.startswith("uncertain: ") if words else found == ""
-    assert words in found
-    assert "\n" not in found
-
-
-@pytest.mark.parametrize(
-    ("drift", "process_noise", "said"),
-    [(0.3, {"x_dot": 0.1}, True), (0.03, {"x_dot": 0.1}, False), (0.3, None, False), (None, {"x_dot": 0.1}, False)],
-)
-def test_reactions_that_lack_a_feed_are_uncertain_where_the_record_asks_for_noise(drift, process_noise, said):
-    kept = (Conserved("A + B", (), True, drift),)
-    found = uncertain(ModelScores(likelihood=likelihood_of(True, process_noise), conserved=kept))
-    assert found.startswith("uncertain: these reactions would keep A + B constant") == said
-    assert ('"-> S"' in found) == said
-
-
-def test_a_model_without_scores_is_not_called_uncertain():
-    assert uncertain(None) == ""
 
 
 def test_rows_at_uneven_times_are_not_told_missing_and_cells_that_are_are():

@@ -1,0 +1,64 @@
+"""The sentence that says before the equations why a model is uncertain as a whole."""
+
+import msgspec
+import pytest
+
+from odescope.model.notes import uncertain
+from odescope.model.scores import Conserved, Likelihood, ModelScores, PathScore, TargetScore
+
+
+def likelihood_of(follows, process_noise):
+    return Likelihood(follows, 1.0, 0.0, True, 1, process_noise, (), ())
+
+
+@pytest.mark.parametrize(
+    ("follows", "process_noise", "error", "r2", "words"),
+    [
+        (True, None, 0.01, 0.99, ""),
+        (True, None, 0.9, 0.99, ""),  # chaos
+        (True, {"x_dot": 0.1}, 0.1, 0.2, ""),
+        (True, {"x_dot": 0.1}, 0.8, 0.99, "off by 0.8 times the standard deviation of the record"),
+        (False, None, 0.01, 0.99, "does not follow the record"),
+        (None, None, None, 0.8, ""),
+        (None, None, None, 0.3, "30.00 % of the variance of x_dot"),
+    ],
+)
+def test_an_uncertain_model_is_said_to_be_so_in_one_sentence(follows, process_noise, error, r2, words):
+    path = () if error is None else (PathScore(3, error, 0.0, None, None, True),)
+    judged = None if follows is None else likelihood_of(follows, process_noise)
+    found = uncertain(ModelScores({"x_dot": TargetScore(r2_held_out=r2)}, likelihood=judged, path=path))
+    assert found.startswith("uncertain: ") if words else found == ""
+    assert words in found
+    assert "\n" not in found
+
+
+@pytest.mark.parametrize(
+    ("drift", "process_noise", "said"),
+    [(0.3, {"x_dot": 0.1}, True), (0.03, {"x_dot": 0.1}, False), (0.3, None, False), (None, {"x_dot": 0.1}, False)],
+)
+def test_reactions_that_lack_a_feed_are_uncertain_where_the_record_asks_for_noise(drift, process_noise, said):
+    kept = (Conserved("A + B", (), True, drift),)
+    found = uncertain(ModelScores(likelihood=likelihood_of(True, process_noise), conserved=kept))
+    assert found.startswith("uncertain: these reactions would keep A + B constant") == said
+    assert ('"-> S"' in found) == said
+
+
+def test_a_model_without_scores_is_not_called_uncertain():
+    assert uncertain(None) == ""
+
+
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        ({"x_dot": 0.01}, ""),
+        ({"x_dot": 0.3}, ""),
+        ({"x_dot": 0.4}, "uncertain: this model leaves 40.00 % of x_dot unexplained, by root mean squares"),
+        (
+            {"x_dot": 0.4, "y_dot": 0.1, "z_dot": 0.9},
+            "uncertain: this model leaves 40.00 % of x_dot and 90.00 % of z_dot unexplained, by root mean squares",
+        ),
+    ],
+)
+def test_a_model_that_leaves_much_of_a_target_is_uncertain(parts, said):
+    judged = msgspec.structs.replace(likelihood_of(True, dict.fromkeys(parts, 1.0)), unexplained=parts)
+    assert uncertain(ModelScores(likelihood=judged)) == said
