@@ -13,12 +13,12 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, robust_deviation, true_ranges
 from odescope.errors import NoModelError
-from odescope.recordings.between_samples import looks_held
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, Stretch
 from odescope.signals.appearance import appearance
 from odescope.signals.differentiators import Differentiator, derivatives_like
-from odescope.signals.filling import filled
+from odescope.signals.filling import BANDS, LEFT, filled
+from odescope.signals.kinks import about_jumps, kinks
 from odescope.signals.relative_noise import FAR, recording_levels, usual_deviations
 from odescope.signals.taken_out import taken_out
 
@@ -32,10 +32,8 @@ PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
 ROUNDS = 8
 MANY = 300  # samples of a log, which is then fast beside its motion
-SIDE = 4  # samples on one side of a kink, through which a line is drawn,
-KINK = 0.35  # and of what a sample is off the filtered signal, that it may be off that line,
-AROUND = 3  # samples on either side of where a held input jumps,
-BENT = 2.0  # and times as far off either that a sample may be there
+KINK = 0.35  # of what a sample is off the filtered signal, that it may be off the line of others at a kink
+BENT = 2.0  # times as far off either that a sample may be about where a held input jumps
 IN_A_ROW = 4  # spikes: of two beside each other the nearer to the others is clipped first
 SHARP = 0.4  # of what a spike is off, that it is at least off the mean of the two samples beside it
 NEIGHBOURS = (1, 2, 3, 4, 5, 7, 9)  # samples away, on either side: of four spikes in a row most say what the others are
@@ -92,18 +90,16 @@ def _robustly_filtered(
     measured = [run.counted(coordinate.name) > 0.0 for run in records]
     taken, smooth = list[tuple[float, float]](), recorded
     for _ in range(rounds):
-        found = differentiator.derivatives(clipped, records.runs[0].sample_period, coordinate.order)
-        smooth = [s[0] for s in found.values]
+        cutoff, smooth = _filtered(clipped, measured, records.runs[0].sample_period, coordinate, differentiator)
         left = [(y - s)[n] for y, s, n in zip(recorded, smooth, measured, strict=True)]
         levels = recording_levels(left)
-        rest = np.concatenate([r / level for r, level in zip(left, levels, strict=True)])
-        bound = BEND * robust_deviation(rest)
+        bound = BEND * robust_deviation(np.concatenate([r / level for r, level in zip(left, levels, strict=True)]))
         if bound == 0.0:  # more than half of the samples are on the filtered signal: nothing says what is usual
             break
-        taken.append((found.cutoff, bound))
+        taken.append((cutoff, bound))
         if growing:
-            width = usual_deviations(rest, np.concatenate([s[n] for s, n in zip(smooth, measured, strict=True)]))
-            grown = [BEND * level * width(s) for s, level in zip(smooth, levels, strict=True)]
+            width = usual_deviations(left, [s[n] for s, n in zip(smooth, measured, strict=True)])
+            grown = [BEND * wide for wide in width(smooth)]
         else:
             grown = [np.full(len(s), level * bound) for s, level in zip(smooth, levels, strict=True)]
         again = [_clipped(y, s, b) for y, s, b in zip(recorded, smooth, grown, strict=True)]
@@ -112,6 +108,33 @@ def _robustly_filtered(
         if moved < 0.01 * bound:
             break
     return tuple(taken), smooth
+
+
+def _filtered(
+    clipped: Sequence[FloatArray],
+    measured: Sequence[BoolArray],
+    period: float,
+    coordinate: Coordinate,
+    differentiator: Differentiator,
+) -> tuple[float, list[FloatArray]]:
+    """Return the cutoff, and the filtered signal (N,) of every record.
+
+    Between samples of which there are few stands what was filled in: the cutoff that seems best there goes through
+    every sample, and nothing is left to tell a wrong one by. It is no higher than half of their band.
+
+    Args:
+        clipped: (N,) the samples of every record.
+        measured: (N,) which of them were.
+        period: of the samples, in seconds.
+        coordinate: what was measured.
+        differentiator: filters it.
+    """
+    found = differentiator.derivatives(clipped, period, coordinate.order)
+    highest = float(np.mean(np.concatenate(measured))) / (BANDS * period)
+    if all(map(np.all, measured)) or found.cutoff <= highest:
+        return found.cutoff, [s[0] for s in found.values]
+    like = derivatives_like(differentiator, highest, clipped, [False] * len(clipped), period, coordinate.order)
+    return highest, [s[0] for s in like]
 
 
 def _without_spikes(recorded: Sequence[FloatArray]) -> list[FloatArray]:
@@ -186,7 +209,7 @@ def gate_outliers(records: Records, coordinates: Sequence[Coordinate], different
         NoModelError: so many samples are far off that none is usual.
     """
     inputs = [name for name in records.names if name not in {c.name for c in coordinates}]
-    jumps = [_about_jumps(run, inputs) for run in records]
+    jumps = [about_jumps(run, inputs) for run in records]
     gone = list[dict[str, BoolArray]]({} for _ in records)
     for c in coordinates:
         measured = [run.counted(c.name) > 0.0 for run in records]
@@ -203,15 +226,6 @@ def gate_outliers(records: Records, coordinates: Sequence[Coordinate], different
     if not any(gone):
         return records
     return filled(Records.of(map(taken_out, records, gone)), coordinates, differentiator)
-
-
-def _about_jumps(run: Record, inputs: Sequence[str]) -> BoolArray:
-    """Return which samples (N,) are about where a held input jumps, so that what follows it has a kink."""
-    jumps = np.zeros(len(run), dtype=np.bool_)
-    for column in filter(looks_held, map(run.column, inputs)):
-        jumps |= np.diff(column, prepend=column[0]) != 0.0
-    found: BoolArray = np.convolve(jumps, np.ones(2 * AROUND), mode="full")[AROUND : AROUND + len(run)] > 0.0
-    return found
 
 
 def _far(
@@ -239,36 +253,8 @@ def _far(
     more = [np.where(j, BENT, 1.0) for j in jumps]
     far = [np.abs(r) > limit * m for r, limit, m in zip(rest, limits, more, strict=True)]
     near = [KINK * m * np.abs(r) for r, m in zip(rest, more, strict=True)]
-    kinks = map(_kinks, recorded, near, far, measured)
-    return [s | (f & ~k) for s, f, k in zip(saturated, far, kinks, strict=True)]
-
-
-def _kinks(y: FloatArray, near: FloatArray, far: BoolArray, measured: BoolArray) -> BoolArray:
-    """Return which samples (N,) far from the filtered signal lie on the line of those before or after them.
-
-    There the signal has a kink, as where an input jumps, which a filter rounds; a wrong sample is off either line.
-
-    Args:
-        y: (N,) the samples of one record.
-        near: (N,) how near to such a line is on it.
-        far: (N,) which samples are far from the filtered signal.
-        measured: (N,) whether they were.
-    """
-    found = np.zeros(len(y), dtype=np.bool_)
-    usual, asked = np.flatnonzero(measured & ~far), np.flatnonzero(measured & far)
-    if len(usual) < SIDE:
-        return found
-    after = np.searchsorted(usual, asked)
-    for first in (after - SIDE, after):
-        there = (first >= 0) & (first + SIDE <= len(usual))
-        at = usual[first[there][:, None] + np.arange(SIDE)]
-        away = (at - asked[there][:, None]).astype(float)
-        centred = away - away.mean(axis=1, keepdims=True)
-        slope = (centred * y[at]).sum(axis=1) / (centred**2).sum(axis=1)
-        line = y[at].mean(axis=1) - slope * away.mean(axis=1)
-        on_line = np.abs(y[asked[there]] - line) < near[asked[there]]
-        found[asked[there]] |= on_line & (np.abs(away).max(axis=1) <= 2 * SIDE)
-    return found
+    bent = map(kinks, recorded, near, far, measured)
+    return [s | (f & ~k) for s, f, k in zip(saturated, far, bent, strict=True)]
 
 
 def _residuals(
@@ -297,12 +283,13 @@ def _residuals(
     if not taken:
         return bound, [np.full(len(r), np.inf) for r in rest], rest
     measured = [run.counted(coordinate.name) > 0.0 for run in records]
-    levels = recording_levels([r[n] for r, n in zip(rest, measured, strict=True)])
-    alike = [r / level for r, level in zip(rest, levels, strict=True)]
-    there = [np.concatenate([v[n] for v, n in zip(values, measured, strict=True)]) for values in (alike, smooth)]
-    width, least = usual_deviations(*there), steps * float(np.sqrt(np.mean(motion**2)))
-    far = zip(smooth, levels, strict=True)
-    return bound, [np.maximum(FAR * level * width(s), max(FAR * level * bound / BEND, least)) for s, level in far], rest
+    left, there = ([v[n] for v, n in zip(values, measured, strict=True)] for values in (rest, smooth))
+    width, least = usual_deviations(left, there), steps * float(np.sqrt(np.mean(motion**2)))
+    # A filter takes its share of the noise with it: two parameters a period of its cutoff.
+    taken_with = 2.0 * taken[-1][0] * records.runs[0].sample_period * sum(map(len, rest)) / sum(map(len, left))
+    far = FAR / np.sqrt(max(1.0 - taken_with, LEFT))
+    each = zip(width(smooth), recording_levels(left), strict=True)
+    return bound, [np.maximum(far * np.maximum(wide, level * bound / BEND), least) for wide, level in each], rest
 
 
 def _left_signal(rest: Sequence[FloatArray]) -> float:

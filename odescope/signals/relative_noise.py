@@ -110,32 +110,45 @@ def recording_levels(rest: Sequence[FloatArray]) -> list[float]:
     return levels
 
 
-def usual_deviations(rest: FloatArray, smooth: FloatArray) -> Callable[[FloatArray], FloatArray]:
+def usual_deviations(
+    rest: Sequence[FloatArray], smooth: Sequence[FloatArray]
+) -> Callable[[Sequence[FloatArray]], list[FloatArray]]:
     """Return what gives the usual deviation of readings, which may grow with the signal, whatever outliers are among.
 
-    That is no less than where they all have the same: a signal that is filtered badly where it is near zero shows no
-    outliers there.
+    Recordings may have levels of their own beside: those of what is left when growth is divided out, as one in which
+    the signal is small is quieter for that alone. The deviation is no less than without growth: a signal that is
+    filtered badly where it is near zero shows no outliers there.
 
     Args:
-        rest: (n,) readings less the filtered signal.
+        rest: (n,) readings of each recording less the filtered signal.
         smooth: (n,) that signal.
     """
-    same, mean = robust_deviation(rest), float(np.mean(smooth**2))
+    mean = max(float(np.mean(np.concatenate(smooth) ** 2)), 1e-300)
 
     def scale(share: float, signal: FloatArray) -> FloatArray:
         found: FloatArray = np.sqrt(share + (1.0 - share) * signal**2 / mean)
         return found
 
-    least, best = np.inf, 1.0
-    for share in (1.0, *SHARES) if same > 0.0 and mean > 0.0 else ():
-        by = scale(share, smooth)
-        each = np.abs(rest) / by
-        deviation = max(robust_deviation(rest / by), 1e-300)
+    def told(share: float) -> tuple[float, list[float]]:
+        by = [scale(share, s) for s in smooth]
+        levels = recording_levels([r / b for r, b in zip(rest, by, strict=True)])
+        wide = np.concatenate([level * b for level, b in zip(levels, by, strict=True)])
+        each = np.concatenate(rest) / wide
+        deviation = robust_deviation(each)
         # Laplace's density, which few outliers move little, and these cut off.
-        found = 2.0 * (len(rest) * np.log(np.mean(np.minimum(each, FAR * deviation))) + np.sum(np.log(by)))
-        if found < least - (0.0 if share == 1.0 else SURE if best == 1.0 else 0.0):
-            least, best = found, share
-    if best == 1.0:
-        return lambda signal: np.full(len(signal), same)
-    grown = robust_deviation(rest / scale(best, smooth))
-    return lambda signal: np.maximum(same, grown * scale(best, signal))
+        off = float(np.mean(np.minimum(np.abs(each), FAR * max(deviation, 1e-300))))
+        unlikely = 2.0 * (len(each) * np.log(max(off, 1e-300)) + float(np.sum(np.log(wide))))
+        return unlikely, [deviation * level for level in levels]
+
+    least, same = told(1.0)
+    best, grown = 1.0, same
+    for share in SHARES if min(same) > 0.0 else ():
+        unlikely, deviations = told(share)
+        if unlikely < least - (SURE if best == 1.0 else 0.0):
+            least, best, grown = unlikely, share, deviations
+
+    def usual(signals: Sequence[FloatArray]) -> list[FloatArray]:
+        each = zip(same, grown, signals, strict=True)
+        return [np.maximum(constant, own * scale(best, signal)) for constant, own, signal in each]
+
+    return usual

@@ -48,7 +48,7 @@ def test_a_reading_that_was_not_taken_says_nothing():
 def test_few_outliers_are_no_noise_that_grows():
     signal, rest = decay(1000), np.random.default_rng(1).standard_normal(1000)
     rest[:6] = 40.0  # where the signal is largest
-    wide = usual_deviations(rest, signal)(signal)
+    (wide,) = usual_deviations([rest], [signal])([signal])
     assert np.ptp(wide) == 0.0
     assert wide[0] == pytest.approx(1.0, rel=0.1)
 
@@ -56,9 +56,9 @@ def test_few_outliers_are_no_noise_that_grows():
 def test_usual_deviations_grow_with_a_signal_whose_noise_does_and_never_fall_below_those_of_all():
     signal = decay(1000)
     rest = 0.05 * signal * np.random.default_rng(2).standard_normal(1000)
-    wide = usual_deviations(rest, signal)(signal)
+    (wide,) = usual_deviations([rest], [signal])([signal])
     assert wide[0] == pytest.approx(0.5, rel=0.2)
-    assert wide.min() == usual_deviations(rest, np.ones(1000))(signal)[0]
+    assert wide.min() == usual_deviations([rest], [np.ones(1000)])([signal])[0][0]
 
 
 @pytest.mark.parametrize("seed", range(4))
