@@ -10,7 +10,8 @@ from odescope.arrays import BoolArray, FloatArray, IntArray
 from odescope.recordings.between_samples import looks_held
 from odescope.recordings.record import Record
 
-SIDE = 4  # samples on one side of a kink, through which a line is drawn
+SIDE = 3  # samples on one side of a kink, through which a line is drawn
+NEAR = 8  # usual distances of samples, at most, to the farthest of them
 AROUND = 3  # samples on either side of where a held input jumps: a kink is likely there
 
 
@@ -60,7 +61,7 @@ def _lines(y: FloatArray, usual: IntArray, asked: IntArray, points: int) -> Floa
         points: samples of a line.
     """
     found, after = np.full((2, len(asked)), np.nan), np.searchsorted(usual, asked)
-    reach = 2 * SIDE * float(np.median(np.diff(usual)))
+    reach = NEAR * float(np.median(np.diff(usual)))
     for line, first in zip(found, (after - points, after), strict=True):
         there = np.flatnonzero((first >= 0) & (first + points <= len(usual)))
         at = usual[first[there][:, None] + np.arange(points)]
