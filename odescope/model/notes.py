@@ -249,6 +249,9 @@ def _of_time(found: TimeScore) -> Iterator[str]:
             f"samples were taken off even times by {100.0 * found.scatter:.2g} % of a sample period (standard"
             " deviation): each counts at the nearest of these, moved there along a smooth curve"
         )
+    if found.clocked:
+        verb = "changes" if len(found.clocked) == 1 else "change"
+        yield f"{listed(found.clocked)} {verb} at even times alone, whenever read: held from one of these to the next"
     if found.cut:
         at = "a gap" if found.cut == 1 else f"{found.cut} gaps"
         yield f"recordings were cut at {at}: too long to bridge, an input moved in them unseen, or gaps are split"

@@ -16,7 +16,7 @@ class TimeScore(msgspec.Struct, frozen=True):
     longest gap of an input in samples, and how far a straight line over as many is off elsewhere, in its standard
     deviations. `scatter` is the largest of recordings whose samples were taken off even times, in sample periods. `cut`
     counts the gaps at which recordings were cut, `short` the rows beside these that were left out, in pieces too
-    short to use.
+    short to use. `clocked` inputs change at even times alone, whenever they were read.
     """
 
     rows: int
@@ -29,6 +29,7 @@ class TimeScore(msgspec.Struct, frozen=True):
     scatter: float = 0.0
     cut: int = 0
     short: int = 0
+    clocked: tuple[str, ...] = ()
 
     @property
     def uneven(self) -> bool:

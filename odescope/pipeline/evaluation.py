@@ -213,6 +213,7 @@ def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequ
         scatter=max(r.scatter for r in repairs),
         cut=sum(r.cut for r in repairs),
         short=sum(r.short for r in repairs),
+        clocked=tuple(i.name for i in inputs if any(i.name in r.clocked for r in repairs)),
     )
     repaired = found.disordered or found.doubled or found.jitter or found.scatter or found.cut or found.short
     return found if repaired or found.missing or found.bridged else None

@@ -18,12 +18,13 @@ from odescope.study.options import Study
 def first_holds(records: Records, study: Study) -> tuple[Input, ...]:
     """Return the inputs of a study; one whose hold is open begins as held where every record shows it, else linear.
 
-    A record in which it does not change shows nothing.
+    A record in which it does not change shows nothing. What changes by a clock of its own is held from tick to tick.
     """
     found = []
     for i in study.driven():
-        moving = [column for run in records if np.ptp(column := run.column(i.name)) > 0.0]
-        seen = study.inputs[i.name].hold == "auto" and moving and all(map(looks_held, moving))
+        moving = [run for run in records if np.ptp(run.column(i.name)) > 0.0]
+        held = (i.name in run.repairs.clocked or looks_held(run.column(i.name)) for run in moving)
+        seen = study.inputs[i.name].hold == "auto" and moving and all(held)
         found.append(msgspec.structs.replace(i, hold="zero") if seen else i)
     return tuple(found)
 

@@ -22,7 +22,7 @@ class Repairs:
     with it; `jitter` is that of a regular clock whose stamps were smoothed, its standard deviation in sample periods;
     `scatter` is how far samples that were taken off even times are from these, likewise. `cut` counts the gaps at which
     the run was cut into several; the first of these bears what was done to its rows. `short` rows lay beside gaps in
-    pieces too short to use, and were left out.
+    pieces too short to use, and were left out. `clocked` inputs change at even times alone, whenever they were read.
     """
 
     rows: int = 0
@@ -32,6 +32,7 @@ class Repairs:
     scatter: float = 0.0
     cut: int = 0
     short: int = 0
+    clocked: frozenset[str] = frozenset()
 
 
 UNREPAIRED = Repairs()

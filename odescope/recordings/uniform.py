@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
 from odescope.recordings.between_samples import looks_held, on_polygon, unseen_steps
 from odescope.recordings.clock import EXACT_PERIODS, read_clock, ticks_coarsely, whole_steps
+from odescope.recordings.command_clock import by_clock, clock_phase, last_ticks
 from odescope.recordings.gaps import GAP_PERIODS, RawRun
 from odescope.recordings.local_spline import fit_smooth
 from odescope.recordings.lost_rows import sample_numbers
@@ -61,12 +63,22 @@ def uniform(
         read = replace(run.repairs, jitter=float(np.std(run.t - grid)) / period)
         return on_grid(replace(run, repairs=read), grid, grid, numbers, held, inputs)
     stamps = read_clock(run, held, inputs)
+    commands = [run.values[:, run.names.index(name)] for name in run.names if name in inputs]
+    phase = None if stamps.jitter else clock_phase((stamps.t - stamps.origin) / stamps.period, commands)
+    if phase is not None:  # the grid is that of the clock by which the inputs change
+        stamps = replace(stamps, origin=stamps.origin + phase * stamps.period)
     points = np.rint((stamps.t - stamps.origin) / stamps.period).astype(np.int64)
     first = int(points[0])
     grid = stamps.origin + stamps.period * np.arange(first, int(points[-1]) + 1, dtype=np.float64)
     off = 0.0 if stamps.jitter else float(np.std(stamps.t - grid[points - first])) / stamps.period
     run = replace(run, repairs=replace(run.repairs, jitter=stamps.jitter, scatter=off))
-    return on_grid(run, stamps.t, grid, points - first, held, inputs)
+    if phase is None:
+        return on_grid(run, stamps.t, grid, points - first, held, inputs)
+    tick = last_ticks((stamps.t - stamps.origin) / stamps.period, 0.0) - first
+    clocked = {name: by_clock(tick, run.values[:, run.names.index(name)], len(grid)) for name in inputs}
+    by_ticks = {name: values for name, values in clocked.items() if values is not None}
+    run = replace(run, repairs=replace(run.repairs, clocked=frozenset(by_ticks)))
+    return on_grid(run, stamps.t, grid, points - first, held, inputs, by_ticks)
 
 
 def on_grid(
@@ -76,6 +88,7 @@ def on_grid(
     points: IntArray,
     held: frozenset[str],
     inputs: frozenset[str] = frozenset(),
+    by_ticks: Mapping[str, FloatArray] | None = None,
 ) -> tuple[Record, IntArray]:
     """Return the record of samples that belong to some points of a grid (see `uniform`), and these points.
 
@@ -88,6 +101,7 @@ def on_grid(
         points: (n,) the point of each, not falling.
         held: names of the columns that keep a value until the next one.
         inputs: names of the columns that run in lines from sample to sample, if they do not look held.
+        by_ticks: (N,) inputs that are known on the grid.
     """
     measured = ~np.isnan(run.values)
     weights = np.where(measured, 1.0 if run.counts is None else run.counts, 0.0)
@@ -98,7 +112,9 @@ def on_grid(
         there = np.flatnonzero(measured[:, k])
         own = t[there], run.values[there, k], weights[there, k]
         counts[:, k] = np.bincount(points[there], own[2], len(grid))
-        if name in held or (name in inputs and looks_held(own[1])):
+        if by_ticks is not None and name in by_ticks:
+            values[:, k] = by_ticks[name]
+        elif name in held or (name in inputs and looks_held(own[1])):
             values[:, k] = _held(*own[:2], grid)
             steps = unseen_steps(points[there], own[1])
             for gap in np.flatnonzero(steps).tolist():
