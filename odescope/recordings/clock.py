@@ -8,7 +8,7 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, IntArray, robust_deviation
 from odescope.recordings.gaps import GAP_PERIODS, RawRun
-from odescope.recordings.local_spline import fit_smooth
+from odescope.recordings.local_spline import fit_between, fit_smooth
 from odescope.recordings.lost_rows import sample_numbers
 
 EXACT_PERIODS = 1e-6  # deviations below this are the rounding of the clock's last digits
@@ -97,16 +97,27 @@ def _evener(t: FloatArray, other: FloatArray, y: FloatArray) -> float:
     """
     misfits = []
     for time in (t, other):
-        windows = np.lib.stride_tricks.sliding_window_view(time, LOCAL)
-        away = np.delete(windows, LOCAL // 2, axis=1) - windows[:, LOCAL // 2, None]
-        between = away[:, :, None] - away[:, None, :]
-        np.einsum("ijj->ij", between)[:] = -away  # so that the product holds the numerator of a weight, too
-        weights = np.prod(-away, axis=1)[:, None] / np.prod(between, axis=2)
-        near = np.delete(np.lib.stride_tricks.sliding_window_view(y, LOCAL), LOCAL // 2, axis=1)
-        off = y[LOCAL // 2 : -(LOCAL // 2)] - np.sum(weights * near, axis=1)
+        off, weights = off_cubics(time, y)
         misfits.append(float(np.mean(off**2 / (1.0 + np.sum(weights**2, axis=1)))))
     least = EXACT_PERIODS**2 * float(np.var(y)) + 1e-300
     return 0.5 * len(y) * float(np.log((misfits[1] + least) / (misfits[0] + least)))
+
+
+def off_cubics(t: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far samples (n - 4,) are off cubics through two before and two after each, and the weights of these.
+
+    Args:
+        t: (n,) increasing, five or more.
+        y: (n,) samples.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(t, LOCAL)
+    away = np.delete(windows, LOCAL // 2, axis=1) - windows[:, LOCAL // 2, None]
+    between = away[:, :, None] - away[:, None, :]
+    np.einsum("ijj->ij", between)[:] = -away  # so that the product holds the numerator of a weight, too
+    weights: FloatArray = np.prod(-away, axis=1)[:, None] / np.prod(between, axis=2)
+    near = np.delete(np.lib.stride_tricks.sliding_window_view(y, LOCAL), LOCAL // 2, axis=1)
+    off: FloatArray = y[LOCAL // 2 : -(LOCAL // 2)] - np.sum(weights * near, axis=1)
+    return off, weights
 
 
 def read_clock(run: RawRun, rough: frozenset[str], inputs: frozenset[str] = frozenset()) -> Stamps:
@@ -207,8 +218,9 @@ def _told_by_values(
         motion = smooth.derivative()(at) * (t - regular)[near]
         noise = max(float(rest @ rest), 1e-300)
         if run.names[k] not in silent:
-            shown += float(rest @ motion) / noise
-            motions += float(motion @ motion) / noise
+            seen = motion - fit_between(at, motion, smooth)(at)  # the curve itself follows the rest of it
+            shown += float(rest @ seen) / noise
+            motions += float(seen @ seen) / noise
         misfit = [(run.values[there, k] - smooth(time[there])) ** 2 for time in (regular, t)]
         gain[there] += (misfit[0] - misfit[1]) / noise
     return (shown / motions if motions > 0.0 else 0.0), gain

@@ -39,6 +39,38 @@ def fit_smooth(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSplin
     return _fitted(t, values, weights, spacing)[0]
 
 
+def fit_between(t: FloatArray, values: FloatArray, like: BSpline) -> BSpline:
+    """Return the spline of least squares of other values (n,) at the same times, with the same knots."""
+    from scipy.interpolate import make_lsq_spline
+
+    return make_lsq_spline(t, values, like.t, like.k)
+
+
+def fit_beside(
+    t: FloatArray, values: FloatArray, weights: FloatArray, beside: FloatArray
+) -> tuple[BSpline, FloatArray]:
+    """Return a cubic spline and the coefficients (r,) of what is not smooth, which add up to the samples.
+
+    Args:
+        t: (n,) strictly increasing.
+        values: (n,) samples.
+        weights: (n,) over the variance of each.
+        beside: (n, r) what the samples may hold beside a smooth function.
+    """
+    best = fit_smooth(t, values, weights), np.zeros(beside.shape[1]), np.inf
+    for spacing in (s for s in SPACINGS if len(t) >= max(2 * s, FEW)):
+        root, columns = np.sqrt(weights), np.column_stack([values, beside])
+        rest = np.column_stack([c - _fitted(t, c, weights, spacing)[0](t) for c in columns.T]) * root[:, None]
+        size = np.maximum(np.sqrt(np.sum(rest[:, 1:] ** 2, axis=0)), 1e-300)
+        share = np.linalg.lstsq(rest[:, 1:] / size, rest[:, 0], rcond=1e-6)[0] / size
+        spline, _ = _fitted(t, values - beside @ share, weights, spacing)
+        left = float(np.sum((rest[:, 0] - rest[:, 1:] @ share) ** 2))
+        score = left / max(len(t) - len(spline.c) - len(share), 1) ** 2
+        if score < best[2]:
+            best = spline, share, score
+    return best[0], best[1]
+
+
 def _line(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSpline:
     from scipy.interpolate import BSpline
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +10,10 @@ import numpy as np
 from odescope.arrays import FloatArray, IntArray
 from odescope.errors import InputError
 from odescope.recordings.between_samples import looks_held, on_polygon, unseen_steps
-from odescope.recordings.clock import EXACT_PERIODS, read_clock, ticks_coarsely, whole_steps
-from odescope.recordings.command_clock import by_clock, clock_phase, last_ticks
+from odescope.recordings.clock import EXACT_PERIODS, Stamps, read_clock, ticks_coarsely, whole_steps
+from odescope.recordings.command_clock import by_clock, command_clock, integrals
 from odescope.recordings.gaps import GAP_PERIODS, RawRun
-from odescope.recordings.local_spline import fit_smooth
+from odescope.recordings.local_spline import fit_beside, fit_smooth
 from odescope.recordings.lost_rows import sample_numbers
 from odescope.recordings.record import Record, within
 from odescope.recordings.repeats import stale
@@ -63,19 +63,20 @@ def uniform(
         read = replace(run.repairs, jitter=float(np.std(run.t - grid)) / period)
         return on_grid(replace(run, repairs=read), grid, grid, numbers, held, inputs)
     stamps = read_clock(run, held, inputs)
-    commands = [run.values[:, run.names.index(name)] for name in run.names if name in inputs]
-    phase = None if stamps.jitter else clock_phase((stamps.t - stamps.origin) / stamps.period, commands)
-    if phase is not None:  # the grid is that of the clock by which the inputs change
-        stamps = replace(stamps, origin=stamps.origin + phase * stamps.period)
+    commands = {name: run.values[:, run.names.index(name)] for name in run.names if name in inputs}
+    clock = command_clock((run.t - stamps.origin) / stamps.period, tuple(commands.values()))
+    if clock is not None:  # stamps that show the clock by which inputs change are right, and its ticks are the grid
+        tick, period = clock
+        stamps = Stamps(run.t, stamps.origin + tick * stamps.period, period * stamps.period)
     points = np.rint((stamps.t - stamps.origin) / stamps.period).astype(np.int64)
     first = int(points[0])
     grid = stamps.origin + stamps.period * np.arange(first, int(points[-1]) + 1, dtype=np.float64)
     off = 0.0 if stamps.jitter else float(np.std(stamps.t - grid[points - first])) / stamps.period
     run = replace(run, repairs=replace(run.repairs, jitter=stamps.jitter, scatter=off))
-    if phase is None:
+    if clock is None:
         return on_grid(run, stamps.t, grid, points - first, held, inputs)
-    tick = last_ticks((stamps.t - stamps.origin) / stamps.period, 0.0) - first
-    clocked = {name: by_clock(tick, run.values[:, run.names.index(name)], len(grid)) for name in inputs}
+    begun = np.floor((stamps.t - stamps.origin) / stamps.period).astype(np.int64) - first
+    clocked = {name: by_clock(begun, values, len(grid)) for name, values in commands.items()}
     by_ticks = {name: values for name, values in clocked.items() if values is not None}
     run = replace(run, repairs=replace(run.repairs, clocked=frozenset(by_ticks)))
     return on_grid(run, stamps.t, grid, points - first, held, inputs, by_ticks)
@@ -120,7 +121,8 @@ def on_grid(
             for gap in np.flatnonzero(steps).tolist():
                 values[steps[gap] : points[there[gap + 1]], k] = own[1][gap + 1]
         else:
-            values[:, k] = _assigned(*own, grid, points[there])
+            commands = () if name in inputs or by_ticks is None else tuple(by_ticks.values())
+            values[:, k] = _assigned(*own, grid, points[there], commands)
             if name in inputs:
                 between = _between_coarse(*own[:2], grid) if _coarse(own[0], grid) else values[:, k]
                 values[:, k] = _in_lines(*own[:2], grid, np.where(counts[:, k] > 0.0, np.nan, between))
@@ -132,10 +134,23 @@ def on_grid(
     return record, points - first
 
 
-def _assigned(t: FloatArray, values: FloatArray, weights: FloatArray, grid: FloatArray, points: IntArray) -> FloatArray:
+def _assigned(
+    t: FloatArray,
+    values: FloatArray,
+    weights: FloatArray,
+    grid: FloatArray,
+    points: IntArray,
+    commands: Sequence[FloatArray] = (),
+) -> FloatArray:
     """Return a column (N,) on a grid: at each point the mean of the samples (n,) that belong to it, moved there.
 
-    `weights` (n,) says how many samples each is the mean of.
+    Args:
+        t: (n,) when they were taken.
+        values: (n,) samples.
+        weights: (n,) how many samples each is the mean of.
+        grid: (N,) uniform.
+        points: (n,) the point of each.
+        commands: (N,) inputs that are held from each point to the next, at which the column has kinks.
     """
     there = np.bincount(points, weights, len(grid))
     if there.all() and np.array_equal(t, grid[points]):
@@ -143,7 +158,7 @@ def _assigned(t: FloatArray, values: FloatArray, weights: FloatArray, grid: Floa
     # Time counts in periods from the first point: that of a clock that counts from 1970 is too coarse for a spline.
     scale = (len(grid) - 1) / (grid[-1] - grid[0])
     at, where = (t - grid[0]) * scale, (grid - grid[0]) * scale
-    smooth = fit_smooth(at, values, weights)
+    smooth = _smooth(at, values, weights, commands)
     # Between samples that are far apart beside others that are close, and beyond such ones, a cubic may go anywhere.
     least, most = values.min() - np.ptp(values), values.max() + np.ptp(values)
     curve = np.clip(smooth(np.clip(where, at[0] - 1.0, at[-1] + 1.0)), least, most)
@@ -152,6 +167,17 @@ def _assigned(t: FloatArray, values: FloatArray, weights: FloatArray, grid: Floa
         moved[k] = moved[k - 1] if values[k] == values[k - 1] else moved[k + 1]
     total = np.bincount(points, weights * moved, len(grid))
     return np.where(there > 0.0, total / np.maximum(there, 1.0), curve)
+
+
+def _smooth(
+    at: FloatArray, values: FloatArray, weights: FloatArray, commands: Sequence[FloatArray]
+) -> Callable[[FloatArray], FloatArray]:
+    """Return a function through samples that is smooth but for what inputs make of it, see `_assigned`."""
+    if not commands:
+        smooth: Callable[[FloatArray], FloatArray] = fit_smooth(at, values, weights)
+        return smooth
+    spline, share = fit_beside(at, values, weights, integrals(commands, at))
+    return lambda where: np.asarray(spline(where) + integrals(commands, where) @ share)
 
 
 def _coarse(t: FloatArray, grid: FloatArray) -> bool:
