@@ -40,7 +40,13 @@ def fit_smooth(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSplin
 
 
 def fit_between(t: FloatArray, values: FloatArray, like: BSpline) -> BSpline:
-    """Return the spline of least squares of other values (n,) at the same times, with the same knots."""
+    """Return the spline of least squares of other values, with the knots of one that is known.
+
+    Args:
+        t: (n,) strictly increasing, those of the other.
+        values: (n,) what it is to be near.
+        like: whose knots it has.
+    """
     from scipy.interpolate import make_lsq_spline
 
     return make_lsq_spline(t, values, like.t, like.k)

@@ -62,6 +62,17 @@ def uniform(
     if ticks:
         read = replace(run.repairs, jitter=float(np.std(run.t - grid)) / period)
         return on_grid(replace(run, repairs=read), grid, grid, numbers, held, inputs)
+    return _off_even_times(run, held, inputs)
+
+
+def _off_even_times(run: RawRun, held: frozenset[str], inputs: frozenset[str]) -> tuple[Record, IntArray]:
+    """Return the record of samples whose stamps lie on no grid, on the one that suits these or a clock of the inputs.
+
+    Args:
+        run: see `uniform`.
+        held: names of the columns that keep a value until the next one.
+        inputs: names of the columns that are commanded.
+    """
     stamps = read_clock(run, held, inputs)
     commands = {name: run.values[:, run.names.index(name)] for name in run.names if name in inputs}
     clock = command_clock((run.t - stamps.origin) / stamps.period, tuple(commands.values()))
