@@ -108,10 +108,10 @@ def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold, width: float) -> 
             best, gain = _best_joined(trials, usual, width, None if delayed or usual != now else (space, found))
         elif late and not _better_joined(trials[best], trials[usual], width):
             best = usual
-        if late and best != "zero" and (delayed or now == "zero"):
-            held, running = _tried(space, found, j, at_once, "zero"), _tried(space, found, j, later, best)
-            if held is not None and running is not None and _says_as_much(held, running, width):
-                best, trials["zero"] = "zero", held
+    if late and best != "zero" and (now == "zero" or delayed or np.isin(late, trials[best][1].present).any()):
+        held, running = _tried(space, found, j, at_once, "zero"), _tried(space, found, j, later, best)
+        if held is not None and running is not None and _says_as_much(held, running, width):
+            best, trials["zero"] = "zero", held
     gains = dict(choice.gains)
     if gain is None and best != "linear" and "linear" in trials:
         (_, linear), (there, fitted) = trials["linear"], trials[best]
@@ -225,9 +225,9 @@ def _better_joined(best: Trial, usual: Trial, width: float) -> bool:
 
 
 def _says_as_much(held: Trial, running: Trial, width: float) -> bool:
-    """Say whether an input that is held and at once is no worse in joined segments than one that runs on and is late.
+    """Say whether an input that is held and at once is no worse than one that runs on and is late.
 
-    Half a sample late is what a held input is to one that runs linearly: there the hold alone says as much.
+    That is asked in joined segments, if the model holds in them. Half a sample late is what a held input is to one that runs linearly: there the hold alone says as much.
 
     Args:
         held: in segments of their own.
