@@ -227,7 +227,8 @@ def _better_joined(best: Trial, usual: Trial, width: float) -> bool:
 def _says_as_much(held: Trial, running: Trial, width: float) -> bool:
     """Say whether an input that is held and at once is no worse than one that runs on and is late.
 
-    That is asked in joined segments, if the model holds in them. Half a sample late is what a held input is to one that runs linearly: there the hold alone says as much.
+    That is asked in joined segments, if the model holds in them. Half a sample late is what a held input is to one that
+    runs linearly: there the hold alone says as much.
 
     Args:
         held: in segments of their own.

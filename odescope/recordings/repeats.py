@@ -6,10 +6,24 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray, true_ranges
 
+PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 LONGEST = 3  # equal samples in a row: more are of what rests, or of a sensor that is slow
 WIDE = 20.0  # least steps that a value moves by before and after it is repeated: what creeps moves by one
 NEAR = 10  # least steps: how often values differ by up to so many tells how often they are the same by chance
 FEW = 3.0  # repeats beside that, and times as many as by chance, that are none
+
+
+def stays_at_end(y: FloatArray) -> BoolArray:
+    """Return which samples (n,) are at an end of their range, where so many in a row are that they are no chance.
+
+    Args:
+        y: (n,) samples, in order.
+    """
+    found = np.zeros(len(y), dtype=np.bool_)
+    for end in (y.min(), y.max()):
+        if any(stop - first >= PLATEAU for first, stop in true_ranges(y == end)):
+            found |= y == end
+    return found
 
 
 def stale(y: FloatArray) -> BoolArray:

@@ -16,7 +16,7 @@ from odescope.recordings.gaps import GAP_PERIODS, RawRun
 from odescope.recordings.local_spline import fit_beside, fit_smooth
 from odescope.recordings.lost_rows import sample_numbers
 from odescope.recordings.record import Record, within
-from odescope.recordings.repeats import stale
+from odescope.recordings.repeats import stale, stays_at_end
 
 
 def uniform(
@@ -176,6 +176,8 @@ def _assigned(
     moved = values - smooth(at) + curve[points] if not np.array_equal(t, grid[points]) else values
     for k in np.flatnonzero(stale(values)).tolist():  # what was not measured anew repeats its neighbour here, too
         moved[k] = moved[k - 1] if values[k] == values[k - 1] else moved[k + 1]
+    stays = stays_at_end(values)  # and what is at the end of the sensor's range is there whenever it was read
+    moved[stays] = values[stays]
     total = np.bincount(points, weights * moved, len(grid))
     return np.where(there > 0.0, total / np.maximum(there, 1.0), curve)
 

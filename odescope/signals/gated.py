@@ -10,9 +10,10 @@ import numpy as np
 from odescope.arrays import BoolArray, FloatArray, IntArray, true_ranges
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Records
+from odescope.recordings.repeats import PLATEAU
 from odescope.signals.differentiators import Differentiator
 from odescope.signals.filling import filled
-from odescope.signals.outliers import PLATEAU, gate_outliers
+from odescope.signals.outliers import gate_outliers
 from odescope.signals.placeholders import placeholders, without_placeholders
 from odescope.signals.slow_sensors import without_repeats
 

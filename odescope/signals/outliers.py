@@ -15,6 +15,7 @@ from odescope.arrays import BoolArray, FloatArray, robust_deviation, true_ranges
 from odescope.errors import NoModelError
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records, Stretch
+from odescope.recordings.repeats import PLATEAU
 from odescope.signals.appearance import appearance
 from odescope.signals.differentiators import Differentiator, derivatives_like
 from odescope.signals.filling import BANDS, LEFT, filled
@@ -28,7 +29,6 @@ PULLED = 0.25  # of what it is off, that a wrong sample is at least off a filter
 MOST = 0.5  # of the samples of a coordinate: where more are far off, none is usual
 USUAL = 0.95  # of the steps between samples that differ are no leaps of outliers
 COUNTS = 1.5  # of a sensor: what runs into the end of its range comes by more a sample
-PLATEAU = 5  # equal samples at the end of a sensor's range that are no chance
 BEND = 3.0  # standard deviations beyond which a residual counts no more than this
 ROUNDS = 8
 MANY = 300  # samples of a log, which is then fast beside its motion
@@ -328,7 +328,8 @@ def _at_ends(y: FloatArray, low: float, high: float) -> BoolArray:
         for first, stop in true_ranges(y == end):
             around = np.concatenate([pace[max(first - 2, 0) : first], pace[stop - 1 : stop + 1]])
             if stop - first >= PLATEAU and len(around) and around.mean() > least:
-                far[first:stop] = True
+                far |= y == end  # where the sensor is seen to end, shorter stays are no readings either
+                break
     return far
 
 
