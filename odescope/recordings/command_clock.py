@@ -33,6 +33,8 @@ def command_clock(at: FloatArray, inputs: Sequence[FloatArray]) -> tuple[float, 
         return None
     middle, span = 0.5 * (at[0] + at[-1]), at[-1] - at[0]
     pairs = [_pairs(at - middle, values) for values in inputs]
+    if not any(equal.any() for _, _, equal in pairs):
+        return None
 
     def best(settings: FloatArray) -> tuple[FloatArray, float]:
         gained = [

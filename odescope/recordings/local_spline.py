@@ -47,9 +47,8 @@ def fit_between(t: FloatArray, values: FloatArray, like: BSpline) -> BSpline:
         values: (n,) what it is to be near.
         like: whose knots it has.
     """
-    from scipy.interpolate import make_lsq_spline
-
-    return make_lsq_spline(t, values, like.t, like.k)
+    weights = np.ones(len(t))
+    return _line(t, values, weights) if like.k < DEGREE else _through(t, values, weights, like.t)
 
 
 def fit_beside(
@@ -104,14 +103,28 @@ def _apart(knots: FloatArray, ends: tuple[float, float], distance: float) -> Flo
 
 def _fitted(t: FloatArray, values: FloatArray, weights: FloatArray, spacing: int) -> tuple[BSpline, float]:
     """Return the spline with a knot every `spacing` samples, and its cross-validation score."""
-    from scipy.interpolate import BSpline
-    from scipy.linalg import solveh_banded
-
     first, last = float(t[0]), float(t[-1])
     inner = _apart(
         t[spacing : len(t) - spacing + 1 : spacing], (first, last), APART * spacing * (last - first) / (len(t) - 1)
     )
     knots = np.concatenate([np.repeat(first, DEGREE + 1), inner, np.repeat(last, DEGREE + 1)])
+    spline = _through(t, values, weights, knots)
+    rest = float(np.sum(weights * (values - spline(t)) ** 2))
+    return spline, rest / max(len(t) - len(spline.c), 1) ** 2
+
+
+def _through(t: FloatArray, values: FloatArray, weights: FloatArray, knots: FloatArray) -> BSpline:
+    """Return the cubic spline of least squares with these knots.
+
+    Args:
+        t: (n,) strictly increasing.
+        values: (n,) samples.
+        weights: (n,) over the variance of each.
+        knots: those at the ends four times.
+    """
+    from scipy.interpolate import BSpline
+    from scipy.linalg import solveh_banded
+
     count = len(knots) - DEGREE - 1
     basis = BSpline.design_matrix(t, knots, DEGREE)
     rows = basis.data.reshape(len(t), DEGREE + 1)
@@ -122,6 +135,4 @@ def _fitted(t: FloatArray, values: FloatArray, weights: FloatArray, spacing: int
         for k in range(DEGREE + 1 - i):
             gram[k] += np.bincount(place + i, weights * rows[:, i] * rows[:, i + k], count)
     gram[0] *= 1.0 + RIDGE
-    spline = BSpline(knots, solveh_banded(gram, right, lower=True), DEGREE)
-    rest = float(np.sum(weights * (values - spline(t)) ** 2))
-    return spline, rest / max(len(t) - count, 1) ** 2
+    return BSpline(knots, solveh_banded(gram, right, lower=True), DEGREE)
