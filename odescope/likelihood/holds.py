@@ -109,8 +109,9 @@ def _chosen(choice: HoldChoice, j: int, name: str, seen: Hold, width: float) -> 
         elif late and not _better_joined(trials[best], trials[usual], width):
             best = usual
     if late and best != "zero" and (now == "zero" or delayed or np.isin(late, trials[best][1].present).any()):
-        held, running = _tried(space, found, j, at_once, "zero"), _tried(space, found, j, later, best)
-        if held is not None and running is not None and _says_as_much(held, running, width):
+        held = _tried(space, found, j, at_once, "zero")
+        running, prompt = (_tried(space, found, j, structure, best) for structure in (later, at_once))
+        if held is not None and running is not None and _says_as_much(held, running, prompt, width):
             best, trials["zero"] = "zero", held
     gains = dict(choice.gains)
     if gain is None and best != "linear" and "linear" in trials:
@@ -224,17 +225,21 @@ def _better_joined(best: Trial, usual: Trial, width: float) -> bool:
     return better is None or worse is None or fall(better, worse) > DEAREST
 
 
-def _says_as_much(held: Trial, running: Trial, width: float) -> bool:
+def _says_as_much(held: Trial, running: Trial, prompt: Trial | None, width: float) -> bool:
     """Say whether an input that is held and at once is no worse than one that runs on and is late.
 
-    That is asked in joined segments, if the model holds in them. Half a sample late is what a held input is to one that
-    runs linearly: there the hold alone says as much.
+    Half a sample late is what a held input is to one that runs linearly: there the hold alone says as much. That is
+    asked in joined segments. Where the model does not hold in them, its misfit is no white noise: the delay must then
+    be beyond doubt, if without it the hold is.
 
     Args:
         held: in segments of their own.
         running: the other.
+        prompt: the other without its delay.
         width: of the defects.
     """
+    if not np.isfinite(width):
+        return prompt is not None and fall(held, prompt) > DEAREST and not _credible(running, held)
     simple, other = _joined(held, width), _joined(running, width)
     return simple is not None and other is not None and fall(simple, other) > 0.0
 

@@ -126,6 +126,8 @@ def _better(held: Contender, lines: Contender) -> bool:
 
 
 def _gain(held: Contender, lines: Contender) -> float | None:
-    """Return what holding gains in log-likelihood, None where that does not compare."""
-    gain = None if held.refinement is None else held.refinement.gained_over(lines.refinement)
+    """Return what holding gains in log-likelihood, None where that does not compare, as under noise of the process."""
+    if held.refinement is None or lines.refinement is None or lines.refinement.process is not None:
+        return None
+    gain = held.refinement.gained_over(lines.refinement)
     return None if gain is None else 0.5 * gain

@@ -279,3 +279,21 @@ def test_a_slow_input_that_comes_late_may_as_well_be_held_and_come_half_a_sample
     error = result.model.scores.delays["u"].std_error
     assert result.model.inputs[0].delay == pytest.approx(0.0375, abs=error)
     assert 0.2 * PERIOD < error < 0.5 * PERIOD
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
+def test_a_held_input_beside_a_drift_that_was_not_recorded_is_not_told_as_late(seed):
+    rng, count, period, parts = np.random.default_rng(seed), 440, 0.25, 50
+    u = np.convolve(rng.standard_normal(count + 12), np.hanning(13), "valid")
+    u, x = u / u.std(), np.zeros(count)
+    for k in range(count - 1):
+        x[k + 1] = x[k]
+        for part in range(parts):
+            drift = 0.1 * np.sin(2.0 * np.pi * 1.3 * (k + part / parts) / count)
+            x[k + 1] += period / parts * (-0.5 * x[k + 1] + 2.0 * u[k] + drift)
+    log = {"t": period * np.arange(count), "x": x + 0.003 * x.std() * rng.standard_normal(count), "u": u}
+    found = identify(Study(coordinates={"x": Measured()}, inputs={"u": Driven()}, data=Data(time="t")), log).model
+    assert found.inputs[0].hold == "zero"
+    assert abs(found.inputs[0].delay) < 0.1 * period  # half of the hold is what a line through the samples needs
+    gain = {t.text: -t.coefficient for t in found.relations[0].terms}["u"]
+    assert gain == pytest.approx(2.0, rel=0.01)
