@@ -13,7 +13,8 @@ GROWS = 30.0  # times that errors at the start have become until a run parts, fr
 TELLING = 10.0  # times: from here on whole numbers
 FOLLOWS = "piece joined to piece the model follows the record to within its noise"
 ADDS_UP = "what it leaves unexplained adds up"
-WHERE = "in chaos, where a swing may turn over or not, and in a machine that only its controller keeps from falling"
+KEPT = "in a machine that only its controller keeps from falling"
+WHERE = f"in chaos, where a swing may turn over or not, and {KEPT}"
 FEW_STEPS = "Predictions of a few steps judge it (odescope validate: many starts)"
 
 
@@ -34,8 +35,8 @@ def free_run_sentences(runs: Sequence[FreeRun]) -> Iterator[str]:
 def parting_sentences(runs: Sequence[FreeRun], judged: Likelihood | None) -> Iterator[str]:
     """Yield why free runs of a model that follows its record part from it, or that nothing explains it.
 
-    Where errors grow by themselves that says little against a law. That states grow without bound, or meet a pole, does
-    say something. Model files from before errors were let grow say nothing of it.
+    Where errors grow by themselves that says little against a law, whether its states then run away or not; that they
+    run away where errors do not grow does say something. Model files from before errors were let grow say nothing of it.
 
     Args:
         runs: from the starts of the recordings.
@@ -44,18 +45,19 @@ def parting_sentences(runs: Sequence[FreeRun], judged: Likelihood | None) -> Ite
     run = _parting(runs, judged)
     if run is None or judged is None:
         return
+    where, then = (KEPT, " and then runs away") if run.ended else (WHERE, "")
     size = run.growth or 0.0
     grown = f" ({size:{',.0f' if size >= TELLING else '.2g'}} times until then)"
     if judged.process_noise:
         if run.growth is not None:
-            more = f", and errors grow by themselves{grown}, as {WHERE}" if run.growth >= GROWS else ""
-            yield f"freely the model parts from the record after {run.valid_time:.2g} s: {ADDS_UP}{more}"
+            more = f", and errors grow by themselves{grown}, as {where}" if run.growth >= GROWS else ""
+            yield f"freely the model parts from the record after {run.valid_time:.2g} s{then}: {ADDS_UP}{more}"
         return
-    parts = f"{FOLLOWS}; freely it parts from it after {run.valid_time:.2g} s"
+    parts = f"{FOLLOWS}; freely it parts from it after {run.valid_time:.2g} s{then}"
     if run.growth is None:
         yield f"{parts}. {FEW_STEPS}"
     elif run.growth >= GROWS:
-        yield f"{parts}, as any law does where errors grow by themselves{grown}: {WHERE}. {FEW_STEPS}"
+        yield f"{parts}, as any law does where errors grow by themselves{grown}: {where}. {FEW_STEPS}"
     else:
         yield f"{parts}, although errors do not grow by themselves in it{grown}: that speaks against it"
 
@@ -75,13 +77,17 @@ def unexplained_parting(runs: Sequence[FreeRun], judged: Likelihood | None) -> t
 def _parting(runs: Sequence[FreeRun], judged: Likelihood | None) -> FreeRun | None:
     """Return the free run that is told of those that part from a record which the model follows; None for none.
 
-    It is the one whose errors grow least, where that does not explain it, else the one that parts first.
+    Where runs ended early it is the one of these whose errors grow most, and none where they do not. Else it is the one
+    whose errors grow least, where that does not explain it, else the one that parts first.
     """
     lost = [run for run in runs if not run.stays]
-    if not lost or any(run.ended for run in runs) or judged is None or not judged.follows or judged.truncated:
+    if not lost or judged is None or not judged.follows or judged.truncated:
         return None
     if not judged.process_noise and (judged.gap is None or judged.gap > JOINED):
         return None
+    if ended := [run for run in runs if run.ended]:
+        most = max(ended, key=lambda run: run.growth or 0.0)
+        return most if (most.growth or 0.0) >= GROWS else None
     least = min(lost, key=lambda run: inf if run.growth is None else run.growth)
     if least.growth is not None and least.growth < GROWS:
         return least

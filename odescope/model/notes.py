@@ -95,9 +95,10 @@ def _trust(scores: ModelScores) -> Iterator[str]:
     for step in scores.path:
         if step.chosen and step.error is not None:
             apart = "" if not step.spread else f" ({step.spread:.2g} from stretch to stretch)"
+            off = f"is {step.error:.2g} standard deviations of the record off{apart}"
             yield (
-                f"Fitted without the held-out stretches and run freely over them, it is {step.error:.2g} standard"
-                f" deviations of the record off{apart}."
+                "Fitted without the held-out stretches and run freely over them, it"
+                f" {'loses the record' if step.lost else off}."
             )
     yield from free_run_sentences(scores.free_runs)
     if poles := _poles(scores):

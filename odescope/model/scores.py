@@ -12,6 +12,7 @@ from odescope.recordings.coordinate import Hold
 
 Number = float | None
 NOISE_ALONE = 0.1  # of the variance of a target: where less is predicted, and nearly all of its power,
+LOST = 0.95  # standard deviations: errors of free runs count as 1 at most, and this is three
 NEARLY_ALL = 0.999  # it stays within a thirtieth of its mean
 
 
@@ -297,6 +298,11 @@ class PathScore(msgspec.Struct, frozen=True):
     def standard_errors(self) -> float | None:
         """How many standard errors what was dropped stood away from zero."""
         return None if self.statistic is None or self.statistic < 0.0 else float(self.statistic**0.5)
+
+    @property
+    def lost(self) -> bool:
+        """Whether free runs went so far off that their error is no number to be read: it saturates at 1."""
+        return self.error is not None and self.error > LOST
 
 
 class EnergyScore(msgspec.Struct, frozen=True):

@@ -21,12 +21,12 @@ ATOL = 1e-10  # of a state of size 1
 SAME = 1e-9  # of the shortest time between samples: kinks that are nearer to a sample are that sample
 
 _REASONS = {
-    GREW: "the states grew without bound or met a pole after {:.6g} s",
-    STIFF: "the equations became too stiff, or moved too fast, to be followed after {:.6g} s",
+    GREW: "the states grew without bound or met a pole after {:.4g} s",
+    STIFF: "the equations became too stiff, or moved too fast, to be followed after {:.4g} s",
 }
 _AT_GIVEN_TIMES = {
     **_REASONS,
-    STIFF: "the equations became too stiff to follow after {:.6g} s, or move too fast for times so far apart: give more"
+    STIFF: "the equations became too stiff to follow after {:.4g} s, or move too fast for times so far apart: give more"
     " of these in between, or a larger rtol",
 }
 

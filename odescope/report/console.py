@@ -70,8 +70,12 @@ def _equations_text(report: Report, model: Model) -> str:
 
 
 def _held_out(step: PathScore) -> str:
+    if step.error is None:
+        return ""
+    if step.lost:
+        return "free-run error, held out: 1, the largest that counts: free runs lose the record\n"
     apart = f" ± {step.spread:.2g}" if step.spread else ""
-    return "" if step.error is None else f"free-run error, held out: {step.error:.2g}{apart} standard deviations\n"
+    return f"free-run error, held out: {step.error:.2g}{apart} standard deviations\n"
 
 
 def _shown(table: object) -> str:

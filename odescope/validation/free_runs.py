@@ -109,27 +109,28 @@ def free_run_score(model: Model, of: FreeRunOf, noise: Mapping[str, float], reco
         recording=of.number,
         recorded=recorded if recorded > duration else None,
         coordinates=found,
-        growth=None if valid >= duration or of.run.ended else growth(model, of, valid),
+        growth=None if valid >= duration else growth(model, of, valid),
     )
 
 
 def growth(model: Model, of: FreeRunOf, until: float) -> float | None:
     """Return how many times further off than at its start a run gets that begins beside a free run.
 
-    All states begin off by a thousandth of their standard deviations over the run, in which they count. None where the
+    All states begin off by a thousandth of their standard deviations until then, in which they count. None where the
     model rests.
 
     Args:
         model: that was run.
-        of: the run, which did not end early.
-        until: seconds, up to when they are compared.
+        of: the run.
+        until: seconds, up to when they are compared; no later than it ended.
     """
-    t, states = of.record.t, of.run.states
+    t = of.record.t
+    count = max(int(np.searchsorted(t - t[0], until, side="right")), 2)
+    states = of.run.states[:count]
     sizes = states.std(axis=0)
     moves = sizes > 0.0
     if not moves.any():
         return None
-    count = max(int(np.searchsorted(t - t[0], until, side="right")), 2)
     begin = DrivenRecord.of(model, of.record).part(0, count)
     other = follow(model, begin.record.t, begin.driven, states[0] + OFF * sizes)
     apart = (other.states - states[: len(other.t)])[:, moves] / (OFF * sizes[moves])

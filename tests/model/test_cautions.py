@@ -59,10 +59,22 @@ def test_that_a_law_parts_from_its_record_is_excused_where_errors_grow(judged, g
 
 
 def test_no_excuse_is_made_for_what_runs_away_or_does_not_part():
-    assert not list(parting_sentences([run(8.0, 0.5, ended="met a pole", growth=100.0)], JOINED))
+    for growth in (None, 20.0):
+        assert not list(parting_sentences([run(8.0, 0.5, ended="met a pole", growth=growth)], JOINED))
     assert not list(parting_sentences([run(8.0, 8.0)], JOINED))
     lost = Likelihood(False, 9.0, 1.0, True, 1, None, (), ())
     assert not list(parting_sentences([run(8.0, 0.5, growth=100.0)], lost))
+
+
+@pytest.mark.parametrize("judged", [JOINED, NOISY])
+def test_what_runs_away_where_errors_grow_may_be_kept_in_place_by_a_controller(judged):
+    runs = [run(8.0, 0.25, growth=20.0, ended="met a pole"), run(8.0, 0.5, 2, growth=1234.5, ended="met a pole")]
+    (sentence,) = parting_sentences([*runs, run(8.0, 0.75, 3, growth=1.0)], judged)
+    assert "after 0.5 s and then runs away" in sentence
+    assert "grow by themselves (1,234 times until then)" in sentence
+    assert "in a machine that only its controller keeps from falling" in sentence
+    assert "in chaos" not in sentence
+    assert unexplained_parting(runs, judged) == ()
 
 
 def test_one_run_that_parts_without_a_reason_is_not_excused_by_others():

@@ -335,6 +335,8 @@ def test_trust_rests_on_free_runs_over_what_is_held_out():
     )
     bare = msgspec.structs.replace(path_of(1, 0)[0], spread=0.0)
     assert trust(ModelScores(path=(bare,)))[0].endswith("of the record off.")
+    (line,) = trust(ModelScores(path=(msgspec.structs.replace(bare, error=1.0, spread=6.3e-6),)))
+    assert line == "Fitted without the held-out stretches and run freely over them, it loses the record."
 
 
 def test_rows_at_uneven_times_are_not_told_missing_and_cells_that_are_are():

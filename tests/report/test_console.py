@@ -2,7 +2,8 @@
 
 import pytest
 
-from odescope.report.console import LISTED, _free_runs
+from odescope.model.scores import PathScore
+from odescope.report.console import LISTED, _free_runs, _held_out
 from odescope.report.data import RunShown
 
 
@@ -20,6 +21,14 @@ def shown(recording, duration, valid, recorded=None, ended=""):
 )
 def test_a_free_run_is_told_with_how_much_was_tried(run, line):
     assert list(_free_runs([run])) == [line]
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [(0.5, "0.5 ± 6.3e-06 standard deviations\n"), (1.0, "1, the largest that counts: free runs lose the record\n")],
+)
+def test_an_error_at_its_bound_is_told_as_none(error, told):
+    assert _held_out(PathScore(3, error, 6.3e-6, None, None, True)) == f"free-run error, held out: {told}"
 
 
 @pytest.mark.parametrize(("recorded", "far"), [(8.0, "to its end"), (80.0, "for all that was tried of it")])

@@ -80,6 +80,10 @@ def test_how_errors_grow_is_told_of_runs_that_part():
     unstable = tank(decay=-0.5)
     (runs_away,) = free_runs(unstable, Records.of([record(0, 500)]))
     assert growth(unstable, runs_away, 8.0) == pytest.approx(np.exp(0.5 * 8.0), rel=1e-3)
+    falls = tank(decay=-40.0)
+    (lost,) = scored(falls, [record(0, 500)])
+    assert lost.ended
+    assert lost.growth == pytest.approx(np.exp(40.0 * lost.valid_time), rel=1e-3)
 
 
 def test_of_very_many_some_are_run_and_of_long_ones_the_first_part(monkeypatch):
