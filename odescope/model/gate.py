@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.errors import NoModelError
 from odescope.model.model import Model
-from odescope.model.notes import gated_sentence
+from odescope.model.gated_notes import gated_sentence
 from odescope.model.scores import GatedRange, GatedScore
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.periods import sampled_alike
@@ -20,6 +21,7 @@ from odescope.signals.gated import REASONS, Reasons, gated_records
 from odescope.signals.outliers import MANY
 
 TOLD = 3  # ranges of time, of one reason
+FINE = 0.01  # of a sample period: to so much times are told
 EVEN = 1e-3  # of a period: what steps may differ by that a clock which counts from 1970 rounds
 
 
@@ -73,24 +75,28 @@ def _bridged(run: Record, coordinates: Sequence[Coordinate]) -> Record:
 def gated_scores(records: Records, reasons: Reasons) -> dict[str, tuple[GatedScore, ...]]:
     """Return how many samples of each coordinate were gated for each reason, and in which ranges of time.
 
+    Times are those of the log, but for dates, which count from the first row of each recording.
+
     Args:
         records: whose samples they are.
         reasons: why each was gated.
     """
-    scores = {}
+    scores, dated = {}, any(run.dated for run in records)
+    times = [run.t - (run.t[0] if dated else 0.0) for run in records]
+    digits = math.ceil(-math.log10(FINE * min(run.sample_period for run in records)))
     for name, found in reasons.items():
         told = []
         for k, reason in enumerate(REASONS, start=1):
-            times = [run.t[f == k] - run.t[0] for run, f in zip(records, found, strict=True)]
-            if total := sum(map(len, times)):
-                told.append(GatedScore(reason, total, *_ranges(times)))
+            gone = [t[f == k] for t, f in zip(times, found, strict=True)]
+            if total := sum(map(len, gone)):
+                told.append(GatedScore(reason, total, *_ranges(gone, digits), dated))
         if told:
             scores[name] = tuple(told)
     return scores
 
 
-def _ranges(times: Sequence[FloatArray]) -> tuple[tuple[GatedRange, ...], int]:
-    """Return the fullest ranges of times (n,) a record, in order, and how many others there are.
+def _ranges(times: Sequence[FloatArray], digits: int) -> tuple[tuple[GatedRange, ...], int]:
+    """Return the fullest ranges of times (n,) a record, in order, to some decimals, and how many others there are.
 
     The times of a record are parted at the longest steps of all, so that few ranges come of it.
     """
@@ -98,7 +104,7 @@ def _ranges(times: Sequence[FloatArray]) -> tuple[tuple[GatedRange, ...], int]:
     cuts = max(TOLD - sum(len(t) > 0 for t in times), 0)
     longest = steps[cuts] if len(steps) > cuts else 0.0
     parts = [
-        GatedRange(k, float(part[0]), float(part[-1]), len(part))
+        GatedRange(k, round(float(part[0]), digits), round(float(part[-1]), digits), len(part))
         for k, t in enumerate(times, start=1)
         for part in np.split(t, np.flatnonzero(np.diff(t) > longest) + 1)
         if len(part)

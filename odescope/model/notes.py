@@ -10,12 +10,12 @@ from math import inf
 
 from odescope.model.choice_notes import findings, listed, of_single_terms, unsettled
 from odescope.model.free_run_notes import free_run_sentences, parting_sentences, unexplained_parting
+from odescope.model.gated_notes import gated_sentence
 from odescope.model.left_out_notes import left_out_sentences
 from odescope.model.scores import (
     Conserved,
     Doubts,
     EnergyScore,
-    GatedScore,
     Likelihood,
     ModelScores,
 )
@@ -36,13 +36,6 @@ HALF = 0.5  # of the variance of a target: a regression that predicts less is no
 BRIDGED = 0.01  # of the standard deviation of an input, that lines over its gaps are off by elsewhere
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
 TELLING = 5.0  # log-likelihood: smooth inputs that gain less by being band-limited are as good as linear
-REASONS = {
-    "saturated": ("is saturated", "are saturated"),
-    "repeated": ("repeats the one before", "repeat the one before"),
-    "late": ("was read late", "were read late"),
-    "outlier": ("is an outlier", "are outliers"),
-    "placeholder": ("stands for no reading", "stand for no reading"),
-}
 
 
 def trust(scores: ModelScores | None) -> tuple[str, ...]:
@@ -212,26 +205,6 @@ def _over_linear(gain: float | None) -> str:
     if gain < 1.0:
         return "; linear and later, which takes a delay more, is as likely"
     return f": {gain:,.0f} in log-likelihood over linear"
-
-
-def gated_sentence(name: str, found: Sequence[GatedScore]) -> str:
-    """Return how many samples of a coordinate do not count, and why."""
-    count, why = sum(g.samples for g in found), listed([_gated(g) for g in found])
-    return (
-        f"1 sample of {name} does not count: {why}" if count == 1 else f"{count} samples of {name} do not count: {why}"
-    )
-
-
-def _gated(found: GatedScore) -> str:
-    """Return in words how many samples were gated for one reason, and when they were taken."""
-    one, several = REASONS.get(found.reason, (found.reason, found.reason))
-    several_recordings = any(part.recording > 1 for part in found.ranges)
-    told = []
-    for part in found.ranges:
-        at = f"{part.begin:.6g} s" if part.samples == 1 else f"{part.begin:.6g} to {part.end:.6g} s"
-        told.append(f"{at} of recording {part.recording}" if several_recordings else at)
-    told += [f"{found.more} more ranges"] if found.more else []
-    return f"{found.samples} {one if found.samples == 1 else several} ({', '.join(told)})"
 
 
 def _of_time(found: TimeScore) -> Iterator[str]:

@@ -193,7 +193,10 @@ class HoldScore(msgspec.Struct, frozen=True):
 
 
 class GatedRange(msgspec.Struct, frozen=True):
-    """A range of time with samples that do not count, in seconds from the start of a recording, counted from 1."""
+    """A range of time in a recording, counted from 1, with samples that do not count.
+
+    It is in seconds by the clock of the log, to a hundredth of a sample period; of dates from the recording's first row.
+    """
 
     recording: int
     begin: float
@@ -205,13 +208,14 @@ class GatedScore(msgspec.Struct, frozen=True):
     """Samples of a coordinate that do not count, for one reason.
 
     `reason` is "saturated", "repeated", "late", "outlier" or "placeholder" (a number where nothing was read). `ranges`
-    holds those with most samples, `more` counts the others.
+    holds those with most samples, `more` counts the others; they are `dated` where the log holds dates.
     """
 
     reason: str
     samples: int
     ranges: tuple[GatedRange, ...]
     more: int
+    dated: bool = False
 
 
 class Streamed(msgspec.Struct, frozen=True):

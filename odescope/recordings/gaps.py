@@ -31,7 +31,7 @@ class RawRun:
 
     Shapes: t (N,), values (N, c); rows (N,) counts the file's data rows from 1; `labels` are the columns' names in
     the file, which messages use; counts (N, c) of how many samples each value is the mean, None for 1 throughout;
-    `repairs` says what was done to the rows.
+    `repairs` says what was done to the rows, `dated` whether times are dates (see `Record`).
     """
 
     t: FloatArray
@@ -43,6 +43,7 @@ class RawRun:
     labels: tuple[str, ...]
     counts: FloatArray | None = None
     repairs: Repairs = UNREPAIRED
+    dated: bool = False
 
     @classmethod
     def of(cls, record: Record) -> RawRun:
@@ -50,7 +51,7 @@ class RawRun:
         values = record.values if record.counts is None else np.where(record.counts > 0.0, record.values, np.nan)
         rows = np.arange(1, len(record) + 1)
         named = record.names, record.units, record.source
-        return cls(record.t, values, *named, rows, record.names, record.counts, record.repairs)
+        return cls(record.t, values, *named, rows, record.names, record.counts, record.repairs, record.dated)
 
     def cut(self, cuts: Sequence[IntArray], partial: bool = False) -> Iterator[RawRun]:
         """Yield pieces, each by the indices (n,) of its samples; the longest bears what was done to the rows.

@@ -49,7 +49,8 @@ class Record:
 
     Shapes: t (N,), values (N, c), one name and one unit a column; counts (N, c) how many measured samples stand behind
     each value, None for 1 throughout: where it is 0 nothing was measured and the value is filled in, where it is 2 the
-    value is the mean of two. `source` says in messages where it came from, `repairs` what was done to its rows.
+    value is the mean of two. `source` says in messages where it came from, `repairs` what was done to its rows. The
+    times of one that is `dated` are dates or clocks, in seconds since 1970; others are by the clock of whoever logged.
 
     Raises:
         InputError: shapes that do not fit, fewer than 2 samples, a value that is not finite, time that does not
@@ -63,6 +64,7 @@ class Record:
     source: str = ""
     counts: FloatArray | None = None
     repairs: Repairs = UNREPAIRED
+    dated: bool = False
 
     def __post_init__(self) -> None:
         names = tuple(self.names)

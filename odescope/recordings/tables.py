@@ -123,6 +123,7 @@ def _raw_runs(
     factors = [np.pi / 180.0 if name in layout.degrees else 1.0 for name in layout.names]
     values = np.column_stack([found[column] for _, column in layout.columns]) * factors
     time = None if layout.time is None else row_seconds(columns, layout, source)
+    dated = layout.time is not None and is_dates(columns[layout.time])
     units = dict(layout.units) | dict.fromkeys(layout.degrees, "rad")
     counted = np.arange(len(values), dtype=np.float64) * (layout.sample_period or 0.0)
     for label, rows in groups:
@@ -134,6 +135,7 @@ def _raw_runs(
             source=_source(source, layout, label),
             rows=before + rows + 1,
             labels=tuple(column for _, column in layout.columns),
+            dated=dated,
         )
 
 

@@ -118,7 +118,7 @@ def on_grid(
     measured = ~np.isnan(run.values)
     weights = np.where(measured, 1.0 if run.counts is None else run.counts, 0.0)
     if len(points) == len(grid) and measured.all() and np.array_equal(t, grid):
-        return Record(grid, run.values, run.names, run.units, run.source, run.counts, run.repairs), points
+        return Record(grid, run.values, run.names, run.units, run.source, run.counts, run.repairs, run.dated), points
     values, counts = np.empty((len(grid), len(run.names))), np.empty((len(grid), len(run.names)))
     for k, name in enumerate(run.names):
         there = np.flatnonzero(measured[:, k])
@@ -139,7 +139,8 @@ def on_grid(
                 values[:, k] = _in_lines(*own[:2], grid, np.where(counts[:, k] > 0.0, np.nan, between))
     some = counts > 0.0
     first, stop = int(some.argmax(axis=0).max()), len(grid) - int(some[::-1].argmax(axis=0).max())
-    record = Record(grid, values, run.names, run.units, run.source, counts, run.repairs).part(first, stop)
+    whole = Record(grid, values, run.names, run.units, run.source, counts, run.repairs, run.dated)
+    record = whole.part(first, stop)
     if np.all(counts[first:stop] == 1.0):
         record = replace(record, counts=None)
     return record, points - first

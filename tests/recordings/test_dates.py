@@ -116,3 +116,14 @@ def test_dates_are_no_variable(cells):
     table = {"time": np.array(cells), "x": np.arange(40.0)}
     with pytest.raises(InputError, match=r"'t' is the time as a variable, .* add a column with the seconds"):
         records_from(table, Layout(time="time", columns=(("x", "x"), ("t", "time"))))
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.2])
+def test_a_record_knows_whether_its_times_are_dates(jitter):
+    rng = np.random.default_rng(0)
+    t = 1.7e9 + np.arange(100) + jitter * rng.uniform(-1.0, 1.0, 100)
+    dates = np.array(np.rint(1e3 * t), dtype=np.int64).astype("datetime64[ms]")
+    layout = Layout(time="time", columns=(("x", "x"),))
+    for times, dated in ((t, False), (dates, True), (to_text(t, False), True)):
+        (run,) = records_from({"time": np.asarray(times), "x": np.sin(0.1 * t)}, layout)
+        assert (run.dated, run.part(0, 10).dated) == (dated, dated)
