@@ -36,7 +36,8 @@ def parting_sentences(runs: Sequence[FreeRun], judged: Likelihood | None) -> Ite
     """Yield why free runs of a model that follows its record part from it, or that nothing explains it.
 
     Where errors grow by themselves that says little against a law, whether its states then run away or not; that they
-    run away where errors do not grow does say something. Model files from before errors were let grow say nothing of it.
+    run away where errors do not grow does say something. Model files from before errors were let grow say nothing of
+    it.
 
     Args:
         runs: from the starts of the recordings.

@@ -10,8 +10,8 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.errors import NoModelError
-from odescope.model.model import Model
 from odescope.model.gated_notes import gated_sentence
+from odescope.model.model import Model
 from odescope.model.scores import GatedRange, GatedScore
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.periods import sampled_alike

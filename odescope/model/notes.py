@@ -6,7 +6,7 @@ They are worded here, below all who say them: a model in a notebook, the likelih
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import inf
+from math import inf, log
 
 from odescope.model.choice_notes import findings, listed, of_single_terms, unsettled
 from odescope.model.free_run_notes import free_run_sentences, parting_sentences, unexplained_parting
@@ -35,6 +35,7 @@ NEXT_TO_NOTHING = 0.0005  # of it: less is not told
 HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
 BRIDGED = 0.01  # of the standard deviation of an input, that lines over its gaps are off by elsewhere
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
+TEN_TO_ONE = log(10.0)  # log-likelihood: by less a record hardly decides
 TELLING = 5.0  # log-likelihood: smooth inputs that gain less by being band-limited are as good as linear
 
 
@@ -199,12 +200,13 @@ def _acting(hold: str) -> str:
 
 
 def _over_linear(gain: float | None) -> str:
-    """Return what a hold gains in log-likelihood; linear inputs may gain as much by a delay, at the price of that."""
+    """Return what a hold gains in log-likelihood; lines through its samples may gain as much by acting later."""
     if gain is None:
         return ""
     if gain < 1.0:
-        return "; linear and later, which takes a delay more, is as likely"
-    return f": {gain:,.0f} in log-likelihood over linear"
+        return ", or runs linearly and acts half a sample later: the record does not decide"
+    hardly = ", by which the record hardly decides" if gain < TEN_TO_ONE else ""
+    return f": {gain:,.{1 if hardly else 0}f} in log-likelihood over linear{hardly}"
 
 
 def _of_time(found: TimeScore) -> Iterator[str]:

@@ -83,7 +83,15 @@ def test_what_happened_to_the_data_is_said_in_the_order_of_the_stages():
     ("gain", "line"),
     [
         (412.4, "u is held between samples: 412 in log-likelihood over linear"),
-        (-3.0, "u is held between samples; linear and later, which takes a delay more, is as likely"),
+        (2.4, "u is held between samples: 2 in log-likelihood over linear"),
+        (
+            1.42,
+            "u is held between samples: 1.4 in log-likelihood over linear, by which the record hardly decides",
+        ),
+        (
+            -3.0,
+            "u is held between samples, or runs linearly and acts half a sample later: the record does not decide",
+        ),
         (None, "u is held between samples"),
     ],
 )
