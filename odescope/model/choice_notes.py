@@ -10,6 +10,7 @@ from odescope.model.scores import (
     Doubts,
     FormScore,
     ModelScores,
+    Number,
     PathScore,
     SuspicionScore,
     VersionScore,
@@ -139,12 +140,17 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
         said = REPLACED.get(found.reason, f"{what}: {{found}} instead")
         said = said.format(target=found.target, found=listed(found.found), variable=found.variable)
         return f"{said}{gain}{tried}{left}"
-    lost = "none is better" if not found.gain else "none was kept in the end"
-    if found.gain is not None and found.gain < 0.0:
-        lost = f"the best is worse by {-found.gain:,.0f} in cost and price"
-        lost = lost if math.isfinite(found.gain) else "with none of them can the record be followed"
     tried = f"{many} functions{of_it} were tried" if many > 1 else f"{found.tried[0]} was tried"
-    return f"{what}: {tried}, {lost}{left}"
+    return f"{what}: {tried}, {_no_better(found.gain, many)}{left}"
+
+
+def _no_better(gain: Number, many: int) -> str:
+    """Return how functions did of which none is in the model, the best of them with such a gain at first."""
+    if gain == -math.inf:
+        return "with none of them can the record be followed"
+    lost = f"{'none is' if many > 1 else 'it is not'} better{' in the end' if gain and gain > 0.0 else ''}"
+    by = f", the best is worse by {-gain:,.0f} in cost and price" if gain is not None and gain <= -1.0 else ""
+    return f"{lost} than the model's own terms{by}"
 
 
 def _forced(found: SuspicionScore) -> str:

@@ -35,3 +35,19 @@ def test_what_is_left_beside_a_function_in_place_of_a_fraction_is_one_too():
     (short,), (long,) = (said(ModelScores(suspicions=(score,))) for score in told.values())
     assert short == "x_ddot has tan(x) in place of a fraction in x, worth 21 of cost and price (2 functions competed)"
     assert long.startswith(f"{short}; if these terms imitate another function")
+
+
+@pytest.mark.parametrize(
+    ("gain", "told"),
+    [
+        (-17260.4, "none is better than the model's own terms, the best is worse by 17,260 in cost and price"),
+        (-0.3, "none is better than the model's own terms"),  # by 0 is nothing to read
+        (None, "none is better than the model's own terms"),
+        (12.0, "none is better in the end than the model's own terms"),
+        (float("-inf"), "with none of them can the record be followed"),
+    ],
+)
+def test_functions_that_do_not_win_are_told_beside_the_terms_that_do(gain, told):
+    found = SuspicionScore("x_dot", "x", "powers", 2, 0.1, 2.0, tried=("log(x)", "sqrt(x)"), found=(), gain=gain)
+    (note,) = said(ModelScores(suspicions=(found,)))
+    assert note == f"x_dot holds several powers of x: 2 functions of it were tried, {told}"

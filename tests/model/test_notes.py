@@ -207,8 +207,8 @@ def test_what_was_done_is_told_and_what_may_be_wrong_is_a_warning_among_it():
     for part, warns in {
         "these data cannot tell a from b": False,
         "holds several powers of x": False,
-        "powers of z: log(x) was tried, none was kept in the end": False,
-        "powers of w: 2 functions of it were tried, the best is worse by 7 in cost and price": False,
+        "powers of z: log(x) was tried, it is not better in the end than the model's own terms": False,
+        "powers of w: 2 functions of it were tried, none is better than the model's own terms, the": False,
         "powers of v: 2 functions of it were tried, with none of them can the record be followed": False,
         "holds y in a denominator": False,
         "vanishes between": True,
