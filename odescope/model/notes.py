@@ -229,8 +229,10 @@ def _of_time(found: TimeScore) -> Iterator[str]:
         verb = "changes" if len(found.clocked) == 1 else "change"
         yield f"{listed(found.clocked)} {verb} at even times alone, whenever read: held from one of these to the next"
     if found.cut:
-        at = "a gap" if found.cut == 1 else f"{found.cut} gaps"
-        yield f"recordings were cut at {at}: too long to bridge, an input moved in them unseen, or gaps are split"
+        why = 'to be split (gaps = "split" in [data])' if found.split else "too long to bridge"
+        reasons = {why: found.cut - found.unseen, "in which what an input did is not known": found.unseen}
+        at = [f"{'a gap' if count == 1 else f'{count} gaps'} {why}" for why, count in reasons.items() if count]
+        yield f"recordings were cut at {' and at '.join(at)}"
     if found.short:
         one = found.short == 1
         yield (

@@ -15,8 +15,9 @@ class TimeScore(msgspec.Struct, frozen=True):
     measured, and the gaps they are in; `samples` how many each coordinate should have. `bridged` has, by name, the
     longest gap of an input in samples, and how far a straight line over as many is off elsewhere, in its standard
     deviations. `scatter` is the largest of recordings whose samples were taken off even times, in sample periods. `cut`
-    counts the gaps at which recordings were cut, `short` the rows beside these that were left out, in pieces too
-    short to use. `clocked` inputs change at even times alone, whenever they were read.
+    counts the gaps at which recordings were cut, `unseen` those of them that were for what an input did in them; the
+    others were too long, or all were to be `split`. `short` counts the rows beside these that were left out, in pieces
+    too short to use. `clocked` inputs change at even times alone, whenever they were read.
     """
 
     rows: int
@@ -30,6 +31,8 @@ class TimeScore(msgspec.Struct, frozen=True):
     cut: int = 0
     short: int = 0
     clocked: tuple[str, ...] = ()
+    unseen: int = 0
+    split: bool = False
 
     @property
     def uneven(self) -> bool:

@@ -185,13 +185,16 @@ def require_model(model: Model, follows: bool, exact: bool) -> None:
         )
 
 
-def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequence[Input]) -> TimeScore | None:
+def time_score(
+    records: Records, coordinates: Sequence[Coordinate], inputs: Sequence[Input], split: bool = False
+) -> TimeScore | None:
     """Return what was wrong with the time of recordings; None where nothing was.
 
     Args:
         records: as they were read.
         coordinates: what was measured.
         inputs: what drove it.
+        split: whether recordings were to be cut at all gaps.
     """
     repairs = [run.repairs for run in records]
     due = [_due(run) for run in records]
@@ -212,6 +215,8 @@ def time_score(records: Records, coordinates: Sequence[Coordinate], inputs: Sequ
         bridged={i.name: gap for i in inputs if i.hold != "zero" and (gap := bridged(records, i.name))[0]},
         scatter=max(r.scatter for r in repairs),
         cut=sum(r.cut for r in repairs),
+        unseen=sum(r.unseen for r in repairs),
+        split=split,
         short=sum(r.short for r in repairs),
         clocked=tuple(i.name for i in inputs if any(i.name in r.clocked for r in repairs)),
     )

@@ -38,13 +38,14 @@ def judged(study: Study, filtered: Filtered, regressed: Regressed, winner: Winne
     model, refinement = winner.model, winner.refinement
     signals, sample, whole = filtered.signals, filtered.sample, regressed.whole
     told = scores(model, signals, *adopted(regressed.searches, model), refinement, study.random.seed)
+    acting = [i for i in model.inputs if i.name in model.held]
     present = present_mechanisms(model, refinement)
     told = msgspec.structs.replace(
         told,
         left_out=filtered.left_out,
         outliers=filtered.outliers,
         gated=gated_scores(filtered.undelayed, filtered.gated),
-        time=time_score(sample.records, study.measured(), model.inputs),
+        time=time_score(sample.records, study.measured(), acting, study.data.gaps == "split"),
         delays=delay_scores(filtered.delays, model, refinement),
         offsets=offset_scores(model, refinement),
         holds=hold_scores(model, refinement),

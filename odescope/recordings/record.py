@@ -21,8 +21,9 @@ class Repairs:
     `disordered` rows came before an earlier one and were sorted; `doubled` ones had the time of another and were merged
     with it; `jitter` is that of a regular clock whose stamps were smoothed, its standard deviation in sample periods;
     `scatter` is how far samples that were taken off even times are from these, likewise. `cut` counts the gaps at which
-    the run was cut into several; the first of these bears what was done to its rows. `short` rows lay beside gaps in
-    pieces too short to use, and were left out. `clocked` inputs change at even times alone, whenever they were read.
+    the run was cut into several, `unseen` those of them that are no long ones, but what an input did in them is not
+    known; the first of these bears what was done to its rows. `short` rows lay beside gaps in pieces too short to use,
+    and were left out. `clocked` inputs change at even times alone, whenever they were read.
     """
 
     rows: int = 0
@@ -31,6 +32,7 @@ class Repairs:
     jitter: float = 0.0
     scatter: float = 0.0
     cut: int = 0
+    unseen: int = 0
     short: int = 0
     clocked: frozenset[str] = frozenset()
 

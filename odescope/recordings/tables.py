@@ -76,7 +76,8 @@ def _made_uniform(run: RawRun, layout: Layout) -> Iterator[tuple[IntArray, Recor
     unwrapped = unwrap(run, layout.angles.intersection(run.names))
     record, points = uniform(unwrapped, layout.jitter, layout.held, layout.inputs)
     parts = known(run, points, layout.inputs)
-    for samples, repairs in zip(parts, borne(record.repairs, parts), strict=True):
+    done = replace(record.repairs, unseen=len(parts) - 1)
+    for samples, repairs in zip(parts, borne(done, parts), strict=True):
         first, last = np.clip(points[samples[[0, -1]]], 0, len(record) - 1).tolist()
         yield samples, replace(record.part(first, last + 1), repairs=repairs), points[samples] - first
 

@@ -355,6 +355,20 @@ def test_rows_at_uneven_times_are_not_told_missing_and_cells_that_are_are():
 
 
 @pytest.mark.parametrize(
+    ("cut", "unseen", "split", "at"),
+    [
+        (1, 0, False, "a gap too long to bridge"),
+        (2, 2, False, "2 gaps in which what an input did is not known"),
+        (3, 1, False, "2 gaps too long to bridge and at a gap in which what an input did is not known"),
+        (3, 0, True, '3 gaps to be split (gaps = "split" in [data])'),
+    ],
+)
+def test_recordings_are_cut_for_reasons_that_apply(cut, unseen, split, at):
+    time = TimeScore(100, 0, 0, 0.0, 120, {}, cut=cut, unseen=unseen, split=split)
+    assert said(ModelScores(time=time)) == (f"recordings were cut at {at}",)
+
+
+@pytest.mark.parametrize(
     ("longest", "off", "warned"),
     [(20, 0.04, "u lacks up to 20 samples in a row"), (1, 0.04, "u lacks single samples"), (20, 0.002, "")],
 )

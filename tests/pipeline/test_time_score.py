@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from odescope import Data, Driven, Measured, Study, identify
 from odescope.model.notes import notes_of
 from odescope.model.scores import ModelScores
 from odescope.pipeline.evaluation import time_score
@@ -65,3 +66,28 @@ def test_rows_behind_a_long_gap_that_are_too_few_for_a_recording_are_counted():
     assert note == ("2 rows were left out, beside gaps at which recordings are cut, in pieces of fewer than 16 samples")
     logs[0] = {name: column[:200] for name, column in logs[0].items()}
     assert time_score(records_from(logs, layout), [Coordinate("x")], []) is None
+
+
+def test_a_gap_that_is_too_long_is_told_from_one_in_which_an_input_moved():
+    layout = Layout(time="t", columns=(("x", "x"), ("u", "u")), inputs=frozenset("u"))
+    log = {"t": T, "x": np.exp(-T), "u": np.sin(20.0 * T)}
+    cut = [np.delete(column, np.r_[900:1000, 1500:1520]) for column in log.values()]
+    records = records_from(dict(zip(log, cut, strict=True)), layout)
+    found = time_score(records, [Coordinate("x")], [], split=False)
+    assert (found.cut, found.unseen, found.split) == (2, 1, False)
+    assert time_score(records, [Coordinate("x")], [], split=True).split
+
+
+def test_what_an_input_did_in_its_gaps_is_told_of_those_that_the_equations_hold():
+    rng = np.random.default_rng(1)
+    drive, aux = np.cumsum(rng.standard_normal((2, len(T))), axis=1)
+    x = np.zeros(len(T))
+    for k in range(len(T) - 1):  # x' = u - x, u in lines
+        x[k + 1] = x[k] * np.exp(-0.01) + 0.005 * (drive[k] + drive[k + 1])
+    log = {"t": T, "x": x + 1e-3 * rng.standard_normal(len(T)), "u": drive, "aux": aux}
+    for name in ("u", "aux"):
+        log[name] = np.where(np.arange(len(T)) % 500 == 250, np.nan, log[name])
+    study = Study(data=Data(time="t"), coordinates={"x": Measured()}, inputs={"u": Driven(), "aux": Driven()})
+    model = identify(study, log).model
+    assert "aux" not in model.held
+    assert set(model.scores.time.bridged) == {"u"}
