@@ -22,7 +22,7 @@ from odescope.model.scores import (
 from odescope.model.time_score import TimeScore
 from odescope.recordings.gaps import SHORTEST_RUN
 
-UNSIGNED = 1e-6  # of the largest power dissipated: less is rounding
+UNSIGNED = 1e-3  # of the largest power dissipated: less is what errors of the coefficients make
 IMBALANCE = 0.1  # of the energy turned over: less is what noise of the velocities makes
 LOOSE = 1.0  # standard error over coefficient of a kinetic term that another Lagrangian could do without
 FAR = 0.5  # standard deviations of the record: free runs further off say that little is known

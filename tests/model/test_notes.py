@@ -258,6 +258,7 @@ def test_the_form_that_was_preferred_is_said_with_how_each_did():
 )
 def test_energies_are_spoken_of_only_where_something_is_wrong(changed, words):
     assert said(ModelScores(energy=SOUND_ENERGY)) == ()
+    assert said(ModelScores(energy=msgspec.structs.replace(SOUND_ENERGY, least_dissipation=-0.0009))) == ()
     (line,) = said(ModelScores(energy=msgspec.structs.replace(SOUND_ENERGY, **changed)))
     assert words in line
 
