@@ -377,13 +377,13 @@ class SearchSpace:
         holds = {} if driven is None else dict(zip(self.frame.inputs, driven.holds, strict=True))
         return settings_of(*self._as_found(found, covariance), self.frame.constants, holds)
 
+    @np.errstate(invalid="ignore")  # of coefficients of which the data say nothing: their variances are infinite
     def _with_numbers(self, found: Fit, covariance: FloatArray) -> tuple[list[Mechanism], FloatArray, FloatArray]:
         """Return what `_as_found` does, with numbers for constants, and coefficients that are not centred."""
         present, theta, whole = self._as_found(found, covariance)
         values = values_of(present, theta, whole, self.frame.constants)
         centring, known = self.frame.centring, {name: v for name, v in values.items() if v is not None}
-        sizes = centring.sizes(present, known)
-        slopes = centring.slopes(present, self.frame.constants, known)
+        sizes, slopes = centring.sizes(present, known), centring.slopes(present, self.frame.constants, known)
         change = sizes[:, None] * (np.eye(len(present)) + theta[:, None] * slopes)
         return [mechanism_at(m, values) for m in present], sizes * theta, change @ whole @ change.T
 

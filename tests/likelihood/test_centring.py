@@ -141,3 +141,14 @@ def test_a_fit_of_a_centred_term_is_the_fit_of_the_term_with_a_statistic_that_sa
     # Of the rate at no temperature little is known: whether there is a reaction is known well.
     assert max(plain.wald[0], 1.0) < 0.05 * found.wald[0]
     assert it.sureness_of(found, found.covariance)[1] == pytest.approx(np.sqrt(found.wald[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize("centred", [True, False])
+def test_coefficients_of_which_the_data_say_nothing_are_stated_without_a_word_of_numpy(centred):
+    space = batch(centred)
+    begin = Start(np.array([1.0, RATE]), {"E": ENERGY})
+    found = space.begin(begin.among(space.mechanisms, space.frame), 0.01 * space.segments.spread)
+    covariance = found.covariance.copy()
+    covariance[0, 0] = np.inf
+    (relation,) = space.relations_of(found, covariance)
+    assert relation.terms[1].std_error is None
