@@ -21,7 +21,7 @@ from odescope.signals.gated import REASONS, Reasons, gated_records
 from odescope.signals.outliers import MANY
 
 TOLD = 3  # ranges of time, of one reason
-FINE = 0.01  # of a sample period: to so much times are told
+FINE = 0.01  # of a sample period: to about so much times are told
 EVEN = 1e-3  # of a period: what steps may differ by that a clock which counts from 1970 rounds
 
 
@@ -83,7 +83,7 @@ def gated_scores(records: Records, reasons: Reasons) -> dict[str, tuple[GatedSco
     """
     scores, dated = {}, any(run.dated for run in records)
     times = [run.t - (run.t[0] if dated else 0.0) for run in records]
-    digits = math.ceil(-math.log10(FINE * min(run.sample_period for run in records)))
+    digits = round(-math.log10(FINE * min(run.sample_period for run in records)))
     for name, found in reasons.items():
         told = []
         for k, reason in enumerate(REASONS, start=1):

@@ -195,7 +195,7 @@ class HoldScore(msgspec.Struct, frozen=True):
 class GatedRange(msgspec.Struct, frozen=True):
     """A range of time in a recording, counted from 1, with samples that do not count.
 
-    It is in seconds by the clock of the log, to a hundredth of a sample period; of dates from the first row of
+    It is in seconds by the clock of the log, to about a hundredth of a sample period; of dates from the first row of
     the recording.
     """
 

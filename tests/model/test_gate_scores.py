@@ -54,3 +54,10 @@ def test_what_is_regularly_apart_is_one_range():
 
 def test_nothing_is_said_of_a_coordinate_that_counts_throughout():
     assert scores([], []) == {}
+
+
+def test_what_a_fitted_clock_adds_to_the_last_digits_is_not_told():
+    t = 0.05 * (1.0 - 2e-6) * np.arange(COUNT)
+    records = Records.of(Record(t, np.sin(t)[:, None], ("x",)))
+    (score,) = gated_scores(records, {"x": (4 * (np.arange(COUNT) == 838),)})["x"]
+    assert score.ranges[0].begin == 41.9
