@@ -62,18 +62,20 @@ def fit_beside(
         weights: (n,) over the variance of each.
         beside: (n, r) what the samples may hold beside a smooth function.
     """
-    best = fit_smooth(t, values, weights), np.zeros(beside.shape[1]), np.inf
-    for spacing in (s for s in SPACINGS if len(t) >= max(2 * s, FEW)):
-        root, columns = np.sqrt(weights), np.column_stack([values, beside])
-        rest = np.column_stack([c - _fitted(t, c, weights, spacing)[0](t) for c in columns.T]) * root[:, None]
+    if len(t) < FEW:
+        return _line(t, values, weights), np.zeros(beside.shape[1])
+
+    def fitted(kept: slice, spacing: int) -> tuple[BSpline, float, FloatArray]:
+        x, y, w, u = t[kept], values[kept], weights[kept], beside[kept]
+        rest = np.column_stack([c - _fitted(x, c, w, spacing)[0](x) for c in (y, *u.T)]) * np.sqrt(w)[:, None]
         size = np.maximum(np.sqrt(np.sum(rest[:, 1:] ** 2, axis=0)), 1e-300)
         share = np.linalg.lstsq(rest[:, 1:] / size, rest[:, 0], rcond=1e-6)[0] / size
-        spline, _ = _fitted(t, values - beside @ share, weights, spacing)
-        left = float(np.sum((rest[:, 0] - rest[:, 1:] @ share) ** 2))
-        score = left / max(len(t) - len(spline.c) - len(share), 1) ** 2
-        if score < best[2]:
-            best = spline, share, score
-    return best[0], best[1]
+        return *_fitted(x, y - u @ share, w, spacing), share
+
+    tried = slice(0, TRIED)
+    spacings = [s for s in SPACINGS if len(t[tried]) >= 2 * s]
+    spline, _, share = fitted(slice(None), min(spacings, key=lambda s: fitted(tried, s)[1]))
+    return spline, share
 
 
 def _line(t: FloatArray, values: FloatArray, weights: FloatArray) -> BSpline:
