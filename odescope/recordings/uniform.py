@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -83,13 +84,11 @@ def _off_even_times(run: RawRun, held: frozenset[str], inputs: frozenset[str]) -
     first = int(points[0])
     grid = stamps.origin + stamps.period * np.arange(first, int(points[-1]) + 1, dtype=np.float64)
     off = 0.0 if stamps.jitter else float(np.std(stamps.t - grid[points - first])) / stamps.period
-    run = replace(run, repairs=replace(run.repairs, jitter=stamps.jitter, scatter=off))
-    if clock is None:
-        return on_grid(run, stamps.t, grid, points - first, held, inputs)
     begun = np.floor((stamps.t - stamps.origin) / stamps.period).astype(np.int64) - first
-    clocked = {name: by_clock(begun, values, len(grid)) for name, values in commands.items()}
+    clocked = {name: by_clock(begun, u, len(grid)) for name, u in commands.items()} if clock else {}
     by_ticks = {name: values for name, values in clocked.items() if values is not None}
-    run = replace(run, repairs=replace(run.repairs, clocked=frozenset(by_ticks)))
+    done = replace(run.repairs, jitter=stamps.jitter, scatter=off, clocked=frozenset(by_ticks))
+    run = replace(run, repairs=done)
     return on_grid(run, stamps.t, grid, points - first, held, inputs, by_ticks)
 
 
@@ -100,7 +99,7 @@ def on_grid(
     points: IntArray,
     held: frozenset[str],
     inputs: frozenset[str] = frozenset(),
-    by_ticks: Mapping[str, FloatArray] | None = None,
+    by_ticks: Mapping[str, FloatArray] = MappingProxyType({}),
 ) -> tuple[Record, IntArray]:
     """Return the record of samples that belong to some points of a grid (see `uniform`), and these points.
 
@@ -124,7 +123,7 @@ def on_grid(
         there = np.flatnonzero(measured[:, k])
         own = t[there], run.values[there, k], weights[there, k]
         counts[:, k] = np.bincount(points[there], own[2], len(grid))
-        if by_ticks is not None and name in by_ticks:
+        if name in by_ticks:
             values[:, k] = by_ticks[name]
         elif name in held or (name in inputs and looks_held(own[1])):
             values[:, k] = _held(*own[:2], grid)
@@ -132,7 +131,7 @@ def on_grid(
             for gap in np.flatnonzero(steps).tolist():
                 values[steps[gap] : points[there[gap + 1]], k] = own[1][gap + 1]
         else:
-            commands = () if name in inputs or by_ticks is None else tuple(by_ticks.values())
+            commands = () if name in inputs else tuple(by_ticks.values())
             values[:, k] = _assigned(*own, grid, points[there], commands)
             if name in inputs:
                 between = _between_coarse(*own[:2], grid) if _coarse(own[0], grid) else values[:, k]
