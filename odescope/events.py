@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +31,13 @@ class Progress(Event):
     done: int
     total: int
     seconds_left: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class DelaysEstimated(Event):
+    """How many seconds each input acts late whose delay was estimated before regression, by its name."""
+
+    delays: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)

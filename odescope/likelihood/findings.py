@@ -15,6 +15,7 @@ from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import MOST_TERMS, THIN
 from odescope.model.scores import Correlation, Doubts, Interval, Likelihood, Limit, Number, Step
+from odescope.signals.estimate import Signals
 
 CORRELATED = 0.5  # least correlation of two estimates that is listed
 
@@ -45,6 +46,34 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> Likelih
         correlations=_correlations(refinement, refinement.evidence),
         limits=_limits(refinement, refinement.evidence),
     )
+
+
+def unexplained_shares(refinement: Refinement, signals: Signals) -> dict[str, float]:
+    """Return what noise of the process takes up of each target, as a share of its root mean square; empty without it.
+
+    Args:
+        refinement: whose model it is.
+        signals: the targets as they were measured.
+    """
+    shares = dict[str, float]()
+    if refinement.process is None:
+        return shares
+    for target, left in zip(signals.targets, refinement.process.unexplained.tolist(), strict=True):
+        squares = np.concatenate([columns[signals.row(target)] ** 2 for columns in signals.columns])
+        whole = float(np.sqrt(squares.mean()))
+        if np.isfinite(left) and whole > 0.0:
+            shares[target] = left / whole
+    return shares
+
+
+def left_by(refinement: Refinement, signals: Signals) -> float:
+    """Return the share that noise of the process takes up, of the target of which that is most; infinite without it.
+
+    Args:
+        refinement: whose model it is.
+        signals: the targets as they were measured.
+    """
+    return max(unexplained_shares(refinement, signals).values(), default=np.inf)
 
 
 def _trail(refinement: Refinement) -> tuple[Step, ...]:

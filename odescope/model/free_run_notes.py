@@ -75,6 +75,17 @@ def unexplained_parting(runs: Sequence[FreeRun], judged: Likelihood | None) -> t
     return () if explained or judged is None or judged.process_noise else tuple(parting_sentences(runs, judged))
 
 
+def grows_by_itself(runs: Sequence[FreeRun], judged: Likelihood | None) -> bool:
+    """Say whether free runs part from a record that the model follows, and errors that grow by themselves explain it.
+
+    Args:
+        runs: from the starts of the recordings.
+        judged: how the likelihood judged the model, where it ran.
+    """
+    run = _parting(runs, judged)
+    return run is not None and run.growth is not None and run.growth >= GROWS
+
+
 def _parting(runs: Sequence[FreeRun], judged: Likelihood | None) -> FreeRun | None:
     """Return the free run that is told of those that part from a record which the model follows; None for none.
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from math import inf, log
 
 from odescope.model.choice_notes import findings, listed, of_single_terms, unsettled
-from odescope.model.free_run_notes import free_run_sentences, parting_sentences, unexplained_parting
+from odescope.model.free_run_notes import free_run_sentences, grows_by_itself, parting_sentences, unexplained_parting
 from odescope.model.gated_notes import gated_sentence
 from odescope.model.left_out_notes import left_out_sentences
 from odescope.model.scores import (
@@ -29,6 +29,7 @@ FAR = 0.5  # standard deviations of the record: free runs further off say that l
 OPEN = 0.1  # drift of a sum: no small leak, and no gain of a sensor that is a little off
 FLOWS = 'name what flows in or out as inputs, or add reactions with the world outside, such as "-> S" and "S ->"'
 ONE_OF_TWO = "of two states one of which was measured the law is one equation with order = 2"
+MINOR = 0.1  # of the root mean square of every target: noise of the process that leaves a model most of the say
 MUCH = 0.3  # of the root mean square of a target, that a model leaves: no disturbance of what was measured whole
 LITTLE = 0.005  # of it: less is told, and no reason to doubt a law
 NEXT_TO_NOTHING = 0.0005  # of it: less is not told
@@ -49,7 +50,8 @@ def uncertain(scores: ModelScores | None) -> str:
 
     A model that does not follow the record is, and so is one that only follows it with process noise and leaves much to
     that, or whose reactions keep what the record does not, or whose free runs over what it was not fitted to go far
-    off. Those of a chaotic system do for any law, which its likelihood answers for where that follows without.
+    off. Those of a chaotic system do for any law: its likelihood answers for one that follows without such noise, or
+    with little of it where errors grow by themselves.
     """
     if scores is None:
         return ""
@@ -65,8 +67,8 @@ def uncertain(scores: ModelScores | None) -> str:
     lacking = [c.sum for c in scores.conserved if c.drift is not None and c.drift > OPEN]
     if noisy and lacking:
         return f"uncertain: these reactions would keep {listed(lacking)} constant, but the record does not: {FLOWS}"
-    for step in scores.path:
-        if noisy and step.chosen and step.error is not None and step.error > FAR:
+    for step in scores.path if noisy and not _parts_as_any(scores) else ():
+        if step.chosen and step.error is not None and step.error > FAR:
             return (
                 f"uncertain: run freely over what it was not fitted to, this model is off by {step.error:.2g} times the"
                 " standard deviation of the record"
@@ -79,6 +81,13 @@ def uncertain(scores: ModelScores | None) -> str:
     if judged is None and least is not None and least[1] < HALF:
         return f"uncertain: on held-out data this model predicts {share(least[1])} of the variance of {least[0]}"
     return ""
+
+
+def _parts_as_any(scores: ModelScores) -> bool:
+    """Say whether a model leaves little to noise of the process and parts from its record where any law would."""
+    judged = scores.likelihood
+    shares = {} if judged is None or judged.unexplained is None else judged.unexplained
+    return max(shares.values(), default=1.0) < MINOR and grows_by_itself(scores.free_runs, judged)
 
 
 def _trust(scores: ModelScores) -> Iterator[str]:

@@ -16,7 +16,7 @@ from odescope.errors import NoModelError
 from odescope.events import Event, Monitor
 from odescope.likelihood.holds import DEAREST
 from odescope.model.scores import HoldScore
-from odescope.pipeline.competition import SPREAD, Contender, best_of
+from odescope.pipeline.contender import SPREAD, Contender, best_of
 from odescope.pipeline.forcing import OfRecords
 from odescope.pipeline.inputs import first_holds
 from odescope.recordings.gaps import GAP_PERIODS

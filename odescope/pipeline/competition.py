@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -11,15 +11,15 @@ import numpy as np
 
 from odescope.errors import InputError, NoModelError
 from odescope.events import Note
-from odescope.likelihood.held_out import free_run_error
-from odescope.likelihood.path import LOST
-from odescope.likelihood.refine import WELL, Refinement
+from odescope.likelihood.findings import left_by
+from odescope.likelihood.refine import Refinement
 from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
 from odescope.model.scores import FormScore, SuspicionScore
 from odescope.pipeline.angular import with_angles
 from odescope.pipeline.common_denominators import with_common_denominators
 from odescope.pipeline.constants import constants_of, substitute, substituted_at
+from odescope.pipeline.contender import HARDLY, Contender, best_of, contender_of, leave_little
 from odescope.pipeline.degree import with_higher_degree
 from odescope.pipeline.divided_friction import with_divided_friction
 from odescope.pipeline.drag import with_drag
@@ -29,7 +29,7 @@ from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
 from odescope.pipeline.joint_models import adopt, determined
 from odescope.pipeline.modulated import with_modulated
-from odescope.pipeline.physics import energy_of
+from odescope.pipeline.one_by_one import with_terms_of_mechanisms
 from odescope.pipeline.radiation import radiated, with_radiation
 from odescope.pipeline.reciprocals import with_reciprocals
 from odescope.pipeline.regressed import Regressed
@@ -46,10 +46,7 @@ from odescope.recordings.checks import degrees_hints
 from odescope.recordings.record import Records
 from odescope.signals.estimate import Signals
 from odescope.signals.first_order import second_order_hints
-from odescope.study.library_options import Form
 from odescope.study.options import LeftOut
-
-SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
 
 
 def regress(work: Work, prepared: Prepared, filtered: Filtered) -> Regressed:
@@ -88,55 +85,6 @@ class NoLaw(NoModelError):
         super().__init__(stage, message)
         self.records = records
         self.refinement = refinement
-
-
-@dataclass(frozen=True, eq=False)
-class Contender:
-    """A form with its model, and how that does."""
-
-    form: Form
-    model: Model
-    refinement: Refinement | None
-    left_out: LeftOut
-    coefficients: int
-    free_run: float
-    inertial: bool = True  # whether its kinetic energy is positive over the data, if it has one
-
-    @property
-    def misfit(self) -> float:
-        """Residual variance over that of the noise."""
-        return np.inf if self.refinement is None else float(self.refinement.outcome.scale)
-
-    @property
-    def follows(self) -> bool:
-        """Whether it follows the record, with process noise if need be."""
-        return self.refinement is not None and self.refinement.follows
-
-    @property
-    def exact(self) -> bool:
-        """Whether it follows the record to within its noise."""
-        return self.refinement is not None and self.refinement.exact
-
-    @property
-    def clear(self) -> bool:
-        """Whether it follows the record to within its noise, and no term of it is in doubt."""
-        return self.refinement is not None and self.refinement.clear
-
-    @property
-    def says_all(self) -> bool:
-        """Whether what it leaves to noise of the process is white: what lacks in a law would show between blocks."""
-        return self.refinement is not None and self.refinement.says_all
-
-    def likelier_than(self, other: Contender) -> bool:
-        """Say whether it is for sure likelier than another that follows the record, noise of the process counted."""
-        gained = None if self.refinement is None else self.refinement.gained_over(other.refinement)
-        return gained is not None and gained > 0.0
-
-    def score(self, chosen: bool) -> FormScore:
-        """Return how it did."""
-        misfit = self.misfit if np.isfinite(self.misfit) else None
-        follows = None if self.refinement is None else self.follows
-        return FormScore(self.form, self.coefficients, self.free_run, misfit, follows, chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,27 +139,27 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         for text in chain.from_iterable(doubts):
             work.monitor.tell(Note(text, warns=True))
     contenders, lost, suspicions = list[Contender](), list[Refinement](), tuple[SuspicionScore, ...]()
-    forms = _posed(work, prepared, filtered, regressed)
-    for posed in forms:
+    for posed in _posed(work, prepared, filtered, regressed):
+        signals = filtered.signals
         done = [c.refinement for c in contenders if c.refinement is not None]
         if posed.form == "relations" and done:
-            asis = [] if regressed.model is None else [_contender(posed, regressed.model, None, done, filtered.signals)]
-            if _leave_little(contenders, asis):
+            asis = [] if regressed.model is None else [contender_of(posed, regressed.model, None, done, signals)]
+            if leave_little(contenders, asis):
                 contenders += asis
                 continue
         if posed.form == "relations" and prepared.mechanisms and not work.late:
-            regressed = _with_names(with_springs_and_dampers(work, filtered, regressed))
+            regressed = with_springs_and_dampers(work, filtered, regressed)
+            regressed = _with_names(with_terms_of_mechanisms(work, filtered, regressed, contenders))
             posed = _relations(work, prepared, filtered, regressed)
         posed, refinement = _refined(work, filtered, posed, regressed)
         if posed.form == "relations" and work.study.suspects and not work.late:
             refinement, suspicions = _with_more(work, filtered, posed, regressed, refinement)
-        own = partial(_regressed, posed, regressed, filtered.signals)
-        model, refinement = adopt(own, refinement, filtered.signals)
-        filtered = replace(filtered, signals=under_found_holds(filtered.signals, refinement))
+        own = partial(_regressed, posed, regressed, signals)
+        model, refinement = adopt(own, refinement, signals)
+        filtered = replace(filtered, signals=under_found_holds(signals, refinement))
         if model is not None:
-            contender = _contender(posed, model, refinement, done, filtered.signals)
-            # Of what regression finds no law in, process noise explains anything: it has to run freely, too.
-            if regressed.failure is None or contender.exact or (contender.follows and contender.free_run < LOST):
+            contender = contender_of(posed, model, refinement, done, filtered.signals)
+            if regressed.failure is None or contender.says_something:
                 contenders.append(contender)
             elif refinement is not None:
                 lost.append(refinement)
@@ -224,26 +172,6 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
     best = best_of(contenders)
     scores = tuple(c.score(c is best) for c in contenders) if len(contenders) > 1 else ()
     return Winner(best, scores, suspicions if best.form == "relations" else (), regressed)
-
-
-def _leave_little(contenders: Sequence[Contender], asis: Sequence[Contender]) -> bool:
-    """Say whether mechanisms follow the record and leave relations little to find.
-
-    These then compete as regression has them, unless these already run better, or, where it has none, mechanisms do not
-    run well. Noise of the process carries free runs away from any law: where it is white, there is nothing left to
-    find, too. A Lagrangian with negative inertia is none: forces that do no work, as of a magnet or a flywheel, are no
-    mechanisms.
-
-    Args:
-        contenders: the mechanisms.
-        asis: the relations as regression has them, if it has some.
-    """
-    bar = min((a.free_run for a in asis), default=WELL)
-    least = bar if asis and bar < WELL else np.inf  # what runs well, and better, needs no such noise
-    return any(
-        c.inertial and (c.clear or (c.says_all and c.free_run <= SPREAD * least) or (c.follows and c.free_run <= bar))
-        for c in contenders
-    )
 
 
 def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed) -> tuple[Posed, Refinement | None]:
@@ -262,14 +190,16 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
         if (begun := small(work, filtered, regressed)) is not None:
             return begun
     flowing = flows(work, filtered, regressed) if relations else None
-    if flowing is not None and conclusive(flowing[1]):
+    if flowing is not None and conclusive(flowing[1], filtered.signals):
         return flowing
     refinement = refine_form(work, filtered, posed)
     if work.late:
         return posed, refinement
     if flowing is not None and evidently_better(flowing[1], refinement):
         return flowing
-    for better in {"relations": (with_sums,), "lagrangian": (with_moving_supports, with_drag)}.get(posed.form, ()):
+    little = refinement is not None and left_by(refinement, filtered.signals) < HARDLY
+    moving = () if little else (with_moving_supports, with_drag)
+    for better in {"relations": (with_sums,), "lagrangian": moving}.get(posed.form, ()):
         posed, refinement = better(work, filtered, posed, refinement)
     return posed, refinement
 
@@ -338,24 +268,6 @@ def _relations(work: Work, prepared: Prepared, filtered: Filtered, regressed: Re
     return relations_form(work.study, (regressed, *regressed.elsewhere), again)
 
 
-def best_of(contenders: Sequence[Contender]) -> Contender:
-    """Return the one to keep: by likelihood among those that follow the record to its noise, else by free runs.
-
-    A kinetic energy that is not positive counts only where nothing else follows the record so. Free runs that all leave
-    the record, as those of what is balanced by a controller do, say nothing: likelihood with process noise decides.
-    """
-    exact = [c for c in contenders if c.exact and c.inertial] or [c for c in contenders if c.exact]
-    likely = {c: c.refinement.outcome.deviance for c in exact if c.refinement is not None}
-    blocks = {c.refinement.space.segments.block for c in exact if c.refinement is not None}
-    if len(blocks) == 1:  # else averages of other numbers of samples, whose densities do not compare
-        return min(likely, key=likely.__getitem__)
-    able = exact or [c for c in contenders if c.follows] or list(contenders)
-    if all(c.free_run >= LOST for c in able):
-        able = [c for c in able if all(c is o or c.likelier_than(o) for o in able)] or able
-    least = min(c.free_run for c in able)
-    return min((c for c in able if c.free_run <= SPREAD * least), key=lambda c: (c.coefficients, c.free_run))
-
-
 def _regressed(posed: Posed, regressed: Regressed, signals: Signals) -> Model | None:
     """Return the model that regression proposes in a form, where it determines the targets."""
     theta = posed.proposal
@@ -371,27 +283,3 @@ def _regressed(posed: Posed, regressed: Regressed, signals: Signals) -> Model | 
     except InputError:  # a relation that holds no target
         return None
     return model if determined(model, signals) else None
-
-
-def _contender(
-    posed: Posed, model: Model, refinement: Refinement | None, others: Sequence[Refinement], signals: Signals
-) -> Contender:
-    """Return a form with how it does on free runs.
-
-    Args:
-        posed: the form.
-        model: its model.
-        refinement: what the likelihood led to; without it the model of the regression runs on the data of the others.
-        others: what the likelihood led to in other forms.
-        signals: what the models were found in.
-    """
-    energy = energy_of(model, signals)
-    inertial = energy is None or energy.least_inertia is None or energy.least_inertia > 0.0
-    if refinement is not None:
-        count = len(refinement.fit.free)
-        return Contender(posed.form, model, refinement, posed.left_out, count, refinement.free_run_error, inertial)
-    theta = posed.starts[0].coefficients if posed.proposal is None else posed.proposal
-    spaces = [other.space.among(posed.mechanisms) for other in others[:1]]
-    error = float(np.sqrt(free_run_error(spaces[0], theta))) if spaces else np.inf
-    count = int(np.count_nonzero(theta)) - len(model.relations)
-    return Contender(posed.form, model, None, posed.left_out, count, error, inertial)

@@ -10,7 +10,7 @@ import numpy as np
 
 from odescope.arrays import BoolArray
 from odescope.errors import NoModelError
-from odescope.likelihood.findings import doubts, likelihood_scores
+from odescope.likelihood.findings import doubts, likelihood_scores, unexplained_shares
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Json, Model
@@ -106,13 +106,8 @@ def _denominator(data: Sequence[float], box: Sequence[float]) -> Denominator:
 
 def _judged(refinement: Refinement, signals: Signals) -> Likelihood:
     """Return how the likelihood judged a model, with the share of each target that this leaves unexplained."""
-    judged, shares = likelihood_scores(refinement, signals.targets), dict[str, float]()
-    for target, left in (judged.process_noise or {}).items():
-        squares = np.concatenate([columns[signals.row(target)] ** 2 for columns in signals.columns])
-        whole = float(np.sqrt(squares.mean()))
-        if left is not None and whole > 0.0:
-            shares[target] = left / whole
-    return msgspec.structs.replace(judged, unexplained=shares or None)
+    shares = unexplained_shares(refinement, signals)
+    return msgspec.structs.replace(likelihood_scores(refinement, signals.targets), unexplained=shares or None)
 
 
 def doubts_of(model: Model, refinement: Refinement | None) -> Doubts | None:

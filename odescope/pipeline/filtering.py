@@ -13,6 +13,7 @@ import numpy as np
 
 from odescope.arrays import Table
 from odescope.errors import InputError, NoModelError
+from odescope.events import DelaysEstimated
 from odescope.library.candidates import Library
 from odescope.library.expression import Term
 from odescope.model.model import Model
@@ -214,6 +215,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
             delays = _delays(work, records, libraries, wanted)
             if study.likelihood.enabled:
                 delays = {name: _in_samples(d, records.runs[0].sample_period) for name, d in delays.items()}
+        work.monitor.tell(DelaysEstimated({name: d.seconds for name, d in delays.items()}))
         inputs = tuple(with_delays(inputs, {name: d.seconds for name, d in delays.items()}))
     lead = max((abs(i.delay) for i in inputs), default=0.0) or None
     with work.stage("signals"):

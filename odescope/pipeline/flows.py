@@ -11,7 +11,9 @@ from itertools import combinations, product
 from odescope.events import Progress
 from odescope.library.expression import Atom, Call, Term
 from odescope.library.pairs import signed_root
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.findings import left_by
+from odescope.likelihood.refine import WELL, Refinement
+from odescope.model.notes import MINOR
 from odescope.model.relation import Relation
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
@@ -27,6 +29,7 @@ from odescope.pipeline.wider import (
     with_extra,
 )
 from odescope.pipeline.work import Work
+from odescope.signals.estimate import Signals
 
 
 def flows(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, Refinement] | None:
@@ -58,19 +61,26 @@ def flows(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
         posed, refinement = searched_with(wide, filtered, found, None)
         if refinement is not None and (best is None or evidently_better(refinement, best[1])):
             best = posed, refinement
-        if best is not None and conclusive(best[1]):
+        if best is not None and conclusive(best[1], filtered.signals):
             break
     return best
 
 
-def conclusive(refinement: Refinement) -> bool:
+def conclusive(refinement: Refinement, signals: Signals) -> bool:
     """Say whether a model leaves nothing to look for: flows that follow the record with no term in doubt.
 
-    Or what they leave to noise of the process is white.
+    Or what they leave to noise of the process is white, or little, and free runs stay near: what disturbs a tank for
+    hours, as rain or a leak, is no white noise.
+
+    Args:
+        refinement: whose model it is.
+        signals: the targets as they were measured.
     """
-    follows = (refinement.exact and refinement.outcome.sure) or refinement.says_all
     rooted = [r for r in refinement.relations if _roots(r)]
-    return follows and bool(rooted) and all(map(_of_flows, rooted))
+    if not rooted or not all(map(_of_flows, rooted)):
+        return False
+    little = refinement.free_run_error < WELL and left_by(refinement, signals) < MINOR
+    return (refinement.exact and refinement.outcome.sure) or refinement.says_all or little
 
 
 def _of_flows(relation: Relation) -> bool:

@@ -20,7 +20,8 @@ from odescope.likelihood.periodic import Forcing, periodic
 from odescope.likelihood.refine import Refinement
 from odescope.model.choice_notes import unsettled
 from odescope.model.scores import SuspicionScore
-from odescope.pipeline.competition import Contender, NoLaw
+from odescope.pipeline.competition import NoLaw
+from odescope.pipeline.contender import Contender
 from odescope.pipeline.suspicion import replaces
 from odescope.recordings.coordinate import TIME, free_name, state_names
 from odescope.recordings.record import Records

@@ -30,7 +30,8 @@ from odescope.model.simulation import Trajectory
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.adopted import Adopted, adopted
 from odescope.pipeline.coarse_inputs import with_held_cells
-from odescope.pipeline.competition import Contender, compete, regress
+from odescope.pipeline.competition import compete, regress
+from odescope.pipeline.contender import Contender
 from odescope.pipeline.evaluation import doubts_of, free_run_scores, require_model
 from odescope.pipeline.filtering import Filtered, estimate, prepare, settled
 from odescope.pipeline.forcing import with_forcing, without
@@ -342,11 +343,7 @@ def _identified(
     regressed = regress(work, prepared, filtered)
 
     def result(
-        seen: Filtered,
-        model: Model,
-        refinement: Refinement | None,
-        left_out: LeftOut = (),
-        runs: tuple[FreeRunOf, ...] = (),
+        seen: Filtered, model: Model, refinement: Refinement | None, out: LeftOut = (), runs: tuple[FreeRunOf, ...] = ()
     ) -> Identification:
         searches, chosen = adopted(regressed.searches, model)
         return Identification(
@@ -359,7 +356,7 @@ def _identified(
             refinement,
             work.seconds,
             work.memory,
-            left_out,
+            out,
             filtered.inputs,
             filtered.gated,
             runs,

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import msgspec
 
 from odescope.errors import NoModelError
-from odescope.events import Event, Monitor, Progress
+from odescope.events import DelaysEstimated, Event, Monitor, Progress
 from odescope.likelihood.path import TELLING
-from odescope.pipeline.competition import Contender
+from odescope.pipeline.contender import Contender
 from odescope.pipeline.forcing import without
 from odescope.study.options import Study
 
@@ -53,7 +54,8 @@ def with_late_inputs(
     looked_for = {name: msgspec.structs.replace(study.inputs[name], delay="estimate") for name in late}
     estimated = msgspec.structs.replace(study, inputs={**study.inputs, **looked_for})
     with suppress(NoModelError):
-        result, contender = run(estimated, replace(monitor, tell=without(monitor, in_vain, [])))
+        tell = partial(_unless_none_is_late, without(monitor, in_vain, []))
+        result, contender = run(estimated, replace(monitor, tell=tell))
         # An input that is shifted at will imitates a state that lacks: noise of the process would take the rest.
         if contender.exact:
             return result, contender
@@ -63,6 +65,17 @@ def with_late_inputs(
         assert failure is not None
         raise failure
     return first
+
+
+def _unless_none_is_late(tell: Callable[[Event], None], event: Event) -> None:
+    """Tell an event; that no input acts late ends what would only find again what was found before.
+
+    Raises:
+        NoModelError: that is what it tells.
+    """
+    if isinstance(event, DelaysEstimated) and not any(event.delays.values()):
+        raise NoModelError("delays", "no input acts late")
+    tell(event)
 
 
 def _late_and_far(contender: Contender) -> bool:

@@ -12,7 +12,7 @@ import msgspec
 from odescope.errors import InputError, NoModelError
 from odescope.events import Monitor, Progress, unheard
 from odescope.export.languages.text import equation_lines
-from odescope.pipeline.competition import Contender
+from odescope.pipeline.contender import Contender
 from odescope.pipeline.joint_models import Search
 from odescope.study.options import Driven, Study
 

@@ -11,7 +11,7 @@ import msgspec
 from odescope.errors import InputError, NoModelError
 from odescope.events import Event, Monitor
 from odescope.model.scores import VersionScore
-from odescope.pipeline.competition import Contender, best_of
+from odescope.pipeline.contender import Contender, best_of
 from odescope.study.options import Study
 
 Result = TypeVar("Result")

@@ -12,7 +12,7 @@ from test_forms import CART, assert_cart, columns, with_library
 from odescope.commands.demo import simulate_log
 from odescope.errors import NoModelError
 from odescope.likelihood.search import LikelihoodSearch
-from odescope.pipeline import competition, forms, stages
+from odescope.pipeline import competition, contender, forms, stages
 from odescope.pipeline.identification import identify
 from odescope.study.options import Driven
 
@@ -46,7 +46,7 @@ def test_relations_that_regression_has_not_found_are_searched_only_beside_poor_m
         penalties = found.outcome.penalties if clear else np.full_like(found.outcome.penalties, np.inf)
         return replace(found, outcome=replace(found.outcome, penalties=penalties))
 
-    monkeypatch.setattr(competition, "WELL", well)
+    monkeypatch.setattr(contender, "WELL", well)
     monkeypatch.setattr(stages, "propose", nothing)
     monkeypatch.setattr(competition, "refine_form", refined)
     result = identify(with_library(CART, suspect=False), columns(log))

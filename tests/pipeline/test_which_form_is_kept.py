@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from odescope.likelihood.path import LOST
-from odescope.pipeline.competition import Contender, best_of
+from odescope.pipeline.contender import Contender, best_of
 
 
 def contender(form, coefficients, free_run, cost):
@@ -39,3 +39,20 @@ def test_likelihood_decides_where_every_free_run_leaves_the_record(errors, costs
 def test_of_forms_that_run_as_well_the_one_of_fewer_coefficients_is_kept():
     forms = [contender("lagrangian", 7, 0.10, 0.0), contender("relations", 3, 0.105, 50.0)]
     assert best_of(forms).form == "relations"
+
+
+@pytest.mark.parametrize(("coefficients", "kept"), [(5, "relations"), (6, "relations"), (7, "lagrangian")])
+def test_an_energy_that_is_not_told_from_nothing_gives_way_to_what_says_as_much(coefficients, kept):
+    segments = SimpleNamespace(block=1)
+
+    def exact(form, count, deviance, loose):
+        refinement = SimpleNamespace(
+            exact=True,
+            follows=True,
+            outcome=SimpleNamespace(deviance=deviance),
+            space=SimpleNamespace(segments=segments),
+        )
+        return Contender(form, None, refinement, None, count, 0.03, loose=loose)
+
+    forms = [exact("lagrangian", 6, 0.0, True), exact("relations", coefficients, 5.0, False)]
+    assert best_of(forms).form == kept
