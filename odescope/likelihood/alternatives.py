@@ -18,6 +18,7 @@ from odescope.library.product import Product
 from odescope.library.readable import readable
 from odescope.likelihood.add_and_drop import GAIN
 from odescope.likelihood.beginnings import EVIDENT
+from odescope.likelihood.budget import Budget
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.function_space import FEW
 from odescope.likelihood.held_out import thinned
@@ -193,7 +194,9 @@ class _Work(Sharing):
         before, after = (cost_with_process_noise(space, t) for t in (self.padded(process.fit.theta), fit.theta))
         return before - after if np.isfinite(before) else None
 
-    def told(self, fit: Fit, outcome: Outcome | None, gain: float | None, plain: int) -> Alternative:
+    def told(
+        self, fit: Fit, outcome: Outcome | None, gain: float | None, plain: int, budgets: Sequence[Budget]
+    ) -> Alternative:
         """Return what came of it.
 
         Args:
@@ -201,6 +204,7 @@ class _Work(Sharing):
             outcome: of the search with them, where there was one.
             gain: over the model without.
             plain: number of its candidates; what else may be present are settings.
+            budgets: of which it was found.
         """
         mechanisms, constants = self.space.mechanisms, self.space.frame.constants
         chosen = self.everywhere(fit)
@@ -217,6 +221,7 @@ class _Work(Sharing):
             gain=gain,
             least=self.least_gain(fit),
             tried=self.tried,
+            spent=sum(b.spent for b in dict.fromkeys(budgets)),
         )
 
     @property
@@ -257,16 +262,19 @@ def alternative(
     standing = work.first(found if refinement.exact or plain is None else plain, plain)
     if standing is None:
         return None
+    budgets = [work.space.budget]
     work, standing = work.pooled(work.exchanged(standing))
+    budgets.append(work.space.budget)
     shared = work.together(standing)
     if shared is not standing:
         # Beside an imitation another is as far from its function as that is. Functions that are shared are none.
         work, shared = work.pooled(work.exchanged(shared))
+        budgets.append(work.space.budget)
     standing, price = shared, work.moves().penalised
     before = plain if refinement.exact else None
     gain = None if before is None else price(before) - price(standing.fit)
     if gain is not None and gain > work.least_gain(standing.fit) and work.holds_functions(standing.fit):
-        return work.told(standing.fit, None, gain, candidates)
+        return work.told(standing.fit, None, gain, candidates, budgets)
     outcome = work.searched(standing)
     if outcome is None:
         return None
@@ -274,4 +282,4 @@ def alternative(
         gain = work.gain_under_noise(refinement.process, outcome.fit)
     if before is not None and np.isfinite(outcome.width) and work.holds_functions(outcome.fit):
         gain = price(before) - price(outcome.fit)
-    return work.told(outcome.fit, outcome, gain, candidates)
+    return work.told(outcome.fit, outcome, gain, candidates, budgets)

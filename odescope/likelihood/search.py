@@ -45,7 +45,7 @@ class LikelihoodSearch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         budget (about half a second of two cores): where it is spent the best model so far is returned. It counts
             evaluations by their size, so that the same study gives the same model on every machine. It limits what each
             form that competes adds and drops: to fit one model, in segments that are open and then joined, takes what
-            it takes.
+            it takes. All searches of an identification, for functions, too, may take four times as much.
         terms: the number of terms or mechanisms to stop at on the path of models, instead of what its errors say.
         seconds (s): how long after the run began the clock ends all searches as well, with the best model so far. What
             comes before and after takes its own time; a model that the clock has ended may differ from run to run.

@@ -24,7 +24,7 @@ class Alternative:
     at prices that count all functions that were tried, both with noise of the process where the model has some,
     None where one of the two does not follow the record, and `least` what it has to be above; `tried` are these, by
     number of the suspicion. `outcome` is that of a search with them: there is none where functions alone are better
-    by so much.
+    by so much. `spent` is in units of the budget.
     """
 
     mechanisms: tuple[Mechanism, ...]
@@ -34,6 +34,7 @@ class Alternative:
     gain: float | None
     least: float
     tried: tuple[tuple[str, ...], ...]
+    spent: float
 
 
 @dataclass(frozen=True, eq=False)

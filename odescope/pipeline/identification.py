@@ -17,6 +17,7 @@ from odescope.arrays import Table
 from odescope.errors import InputError, NoModelError, interrupts_as_such, said
 from odescope.events import Event, Monitor, Note, each_note_once, never, unheard
 from odescope.library.product import Product
+from odescope.likelihood.budget import Budget
 from odescope.likelihood.refine import Refinement
 from odescope.model.coefficients import CoefficientRow, rows_with_errors
 from odescope.model.display import equations_html
@@ -44,7 +45,7 @@ from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.run_freely import run_freely
 from odescope.pipeline.stages import draw_anew
 from odescope.pipeline.versions import best_version
-from odescope.pipeline.work import Work
+from odescope.pipeline.work import SEARCHES, Work
 from odescope.recordings.checks import degrees_hints
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Recorded, Records
@@ -280,7 +281,8 @@ def identify(
         settled, own = settled_columns(version, data)
 
         def once(posed: Study, monitor: Monitor) -> tuple[Identification, Contender]:
-            return _identified(Work(with_time(posed), monitor, workers, deadline), own, store)
+            searches = Budget(SEARCHES * posed.likelihood.budget)
+            return _identified(Work(with_time(posed), monitor, workers, deadline, searches=searches), own, store)
 
         return _settled_on(settled, monitor, once)
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice
 
+import msgspec
 import numpy as np
 
 from odescope.errors import NoModelError
@@ -165,14 +166,15 @@ def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | No
         filtered: the records and their signals.
         posed: the form.
     """
+    options = work.study.likelihood
     with work.stage("likelihood"):
-        return refine(
+        found = refine(
             filtered.records,
             filtered.signals,
             posed.mechanisms,
             Starts(posed.starts, posed.plain, posed.rival, posed.further),
             work.study.signals.differentiator,
-            work.study.likelihood,
+            msgspec.structs.replace(options, budget=min(options.budget, work.left)),
             work.monitor,
             work.workers,
             [name for name, i in work.study.inputs.items() if i.delay in ("auto", "estimate")],
@@ -180,3 +182,5 @@ def refine_form(work: Work, filtered: Filtered, posed: Posed) -> Refinement | No
             posed.constants,
             work.deadline,
         )
+    work.searches.spent += 0.0 if found is None else found.spent
+    return found

@@ -159,8 +159,9 @@ def _once(
         return posed, refinement, ()
     with work.stage("suspicion"):
         work.monitor.tell(Progress("suspicion", "search with functions that the library lacks", 0, 1))
-        most = max(refinement.spent, LEAST)
+        most = min(max(refinement.spent, LEAST), work.left)
         found = alternative(refinement, suspected, len(posed.mechanisms), most, units_of(filtered))
+        work.searches.spent += 0.0 if found is None else found.spent
     better = None
     if found is not None and _promises(refinement, found):
         wide = replace(

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from odescope.events import Monitor, StageBegan
+from odescope.likelihood.budget import Budget
 from odescope.parallel.memory import peak_bytes
 from odescope.parallel.workers import Workers
 from odescope.regression.problem import Problem
@@ -15,6 +16,8 @@ from odescope.regression.proposers import Support
 from odescope.selection.sweep import Sweep, nested_libraries, sweep
 from odescope.study.options import Study
 
+SEARCHES = 4.0  # times the budget of a search, for all that an identification makes
+FIRST_LOOK = 1.0  # units of budget
 WIDE = 330  # candidates of a target: the paper's library by degree has so many
 
 
@@ -23,7 +26,7 @@ class Work:
     """What every stage is given: the study, whom to tell, who computes; and the book of what the stages took.
 
     `deadline` is when searches end by the clock (`time.time`), None for never. `seconds` is the time of each stage,
-    `memory` the most that the process had held, in bytes, when it ended.
+    `memory` the most that the process had held, in bytes, when it ended. `searches` counts what all searches took.
     """
 
     study: Study
@@ -32,6 +35,12 @@ class Work:
     deadline: float | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     memory: dict[str, int | None] = field(default_factory=dict)
+    searches: Budget = field(default_factory=Budget)
+
+    @property
+    def left(self) -> float:
+        """Units of budget that another search may take: what others left, and always enough for a first look."""
+        return max(self.searches.limit - self.searches.spent, FIRST_LOOK)
 
     @property
     def late(self) -> bool:
