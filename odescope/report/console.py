@@ -53,19 +53,19 @@ def _tried(run: RunShown) -> str:
 
 
 def _equations_text(report: Report, model: Model) -> str:
-    """Return a row an equation, with what its relation was chosen from and explains, where one was judged by that."""
+    """Return a row an equation: its terms beside the target, and what it explains where it was judged by that."""
     from rich.table import Table
 
     scores = {} if model.scores is None or model.mechanisms else model.scores.targets
-    judged_by = {target: score.telling_r2 for target, score in scores.items() if score.r2_held_out is not None}
-    among = {s.target: str(s.kept) for s in report.searches if s.target in judged_by}
+    searched = {s.target for s in report.searches}
+    judged = {t: s.telling_r2 for t, s in scores.items() if s.r2_held_out is not None and t in searched}
     table = Table(title_justify="left", box=None, pad_edge=False)
-    for heading in ("target", "terms", *(("chosen among", "R² held out") if among else ())):
+    for heading in ("target", "terms", *(("R² held out",) if judged else ())):
         table.add_column(heading, justify="left" if heading == "target" else "right")
     for target, relation in zip(model.targets, model.relations, strict=True):
-        r2 = judged_by.get(target)
-        judged = (among.get(target, "–"), "–" if r2 is None or target not in among else share(r2))
-        table.add_row(target, str(len(relation.terms)), *(judged if among else ()))
+        r2 = judged.get(target)
+        told = "–" if r2 is None else share(r2)
+        table.add_row(target, str(len(relation.terms) - 1), *((told,) if judged else ()))
     return _shown(table)
 
 
