@@ -11,7 +11,6 @@ import numpy as np
 
 from odescope.errors import InputError, NoModelError
 from odescope.events import Note
-from odescope.likelihood.findings import left_by
 from odescope.likelihood.refine import Refinement
 from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
@@ -19,7 +18,7 @@ from odescope.model.scores import FormScore, SuspicionScore
 from odescope.pipeline.angular import with_angles
 from odescope.pipeline.common_denominators import with_common_denominators
 from odescope.pipeline.constants import constants_of, substitute, substituted_at
-from odescope.pipeline.contender import HARDLY, Contender, best_of, contender_of, leave_little
+from odescope.pipeline.contender import Contender, best_of, contender_of, leave_little
 from odescope.pipeline.degree import with_higher_degree
 from odescope.pipeline.divided_friction import with_divided_friction
 from odescope.pipeline.drag import with_drag
@@ -197,9 +196,7 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
         return posed, refinement
     if flowing is not None and evidently_better(flowing[1], refinement):
         return flowing
-    little = refinement is not None and left_by(refinement, filtered.signals) < HARDLY
-    moving = () if little else (with_moving_supports, with_drag)
-    for better in {"relations": (with_sums,), "lagrangian": moving}.get(posed.form, ()):
+    for better in {"relations": (with_sums,), "lagrangian": (with_moving_supports, with_drag)}.get(posed.form, ()):
         posed, refinement = better(work, filtered, posed, refinement)
     return posed, refinement
 
