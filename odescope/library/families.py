@@ -24,6 +24,7 @@ NEGLIGIBLE = 0.05  # of the largest value: a quantity that is never further belo
 STEEP = 200.0  # times as wide as a step of tanh or of a logistic function the range of its variable may be
 GROWTH = 30.0  # largest argument of an exponential, over the range of its variable,
 WAVES = 12.0  # and of a sine
+MOSTLY = 0.9  # of the samples, that have one of two values
 ARC, TURNS = 0.4, 60.0  # radians that an angle moves over: over less its functions are powers
 STEERED = 1.4  # radians: the tangent of an angle that is turned further is a pole
 BEYOND = 1.0  # of the range of its variable: how far outside of it the middle of a step may be
@@ -100,9 +101,16 @@ def laid_out(
 def may_be_angle(values: FloatArray) -> bool:
     """Say whether values (N,) may be an angle in radians, called so or not, of which functions tell.
 
-    What never comes within a turn of zero, such as a temperature in a room, is none.
+    What never comes within a turn of zero, such as a temperature in a room, is none, nor what is switched.
     """
-    return ARC < float(np.ptp(values)) < TURNS and float(np.abs(values).min()) < 2.0 * np.pi
+    near = ARC < float(np.ptp(values)) < TURNS and float(np.abs(values).min()) < 2.0 * np.pi
+    return near and not is_switched(values)
+
+
+def is_switched(values: FloatArray) -> bool:
+    """Say whether values (N,) are but two, as of a valve or a binary test signal: all functions of these are lines."""
+    _, counts = np.unique(values, return_counts=True)
+    return int(np.sort(counts)[-2:].sum()) >= MOSTLY * len(values)
 
 
 def families_of(
@@ -128,7 +136,7 @@ def families_of(
     """
     low, high = float(values.min()), float(values.max())
     size, reach = max(abs(low), abs(high)), high - low
-    if not (reach > 0.0 and np.isfinite(reach)):
+    if not (reach > 0.0 and np.isfinite(reach)) or is_switched(values):
         return ()
 
     constant = partial(_constant, variable, taken)

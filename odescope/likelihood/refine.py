@@ -37,6 +37,7 @@ from odescope.likelihood.segments import SEGMENT, Segments
 from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
 from odescope.likelihood.settled_noise import with_noise_settled
 from odescope.likelihood.steps import with_narrow_friction
+from odescope.likelihood.taken_out import with_terms_outside
 from odescope.likelihood.undecided_holds import undecided_holds
 from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
@@ -275,8 +276,7 @@ def _judged(
     if joined(best):
         space, best = with_steps_settled(space, best, begun, workers)
         space, best = with_narrow_friction(space, without_negligible(space, best))
-        best = without_negligible(space, best)  # what wider friction asked for may be next to nothing now
-        best = with_simpler_terms(space, best)
+        best = with_simpler_terms(space, without_negligible(space, best))  # friction is wider, and may ask for less
     cut, apart = partial(between.cut, holds_of(space)), dict[str, Hold]()
     process, adopted, scale = None, False, best.scale
     only_noise, begin = _leaves_noise(space, best), None
@@ -300,6 +300,7 @@ def _judged(
         found, last, evidence = best.fit, space, _evidence(space, best, scale)
         undecided = undecided_holds(space, found, between.open, best.width, scale)
         covariance, apart = found.covariance * scale + undecided.covariance, undecided.others
+    found, covariance = with_terms_outside(last, found, covariance)
     return Refinement(
         relations=last.relations_of(found, covariance),
         mechanisms=last.mechanisms_of(found, covariance),

@@ -21,6 +21,7 @@ from odescope.likelihood.refine import Refinement
 from odescope.likelihood.search import WHITE
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.smoothed_targets import explicit, rates
+from odescope.likelihood.taken_out import outside
 
 SEVERAL = 2  # powers of one variable that may be a function
 QUANTILES = 12  # of a variable, between which the mean of a residual is taken
@@ -64,15 +65,18 @@ def suspicions(refinement: Refinement, names: Collection[str], declared: Collect
     """
     space, found = refinement.space, refinement.fit
     names = set(names) - _of_functions(space, declared)
-    terms = [list[Product]() for _ in space.frame.targets]
-    for k in found.present:
+    terms, divided = ([list[Product]() for _ in space.frame.targets] for _ in range(2))
+    apart = outside(space, found)
+    for k in found.present.tolist():
         for part in space.mechanisms[k].parts:
             terms[part.relation].append(part.product)
+            divided[part.relation] += [] if k in apart else [part.product]
     suspected, rate, constants = list[Suspicion](), _rates(space, terms), set(space.frame.constants)
     values = values_of_variables(space)
     for r, products in enumerate(terms):
         found_here = (_imitation(r, products, n, constants, rate.get(n)) for n in space.frame.variables if n in names)
-        here = [_growing(space, values, _falling(values, s)) for s in found_here if s is not None]
+        counted = (_less_outside(s, divided[r]) for s in found_here if s is not None)
+        here = [_growing(space, values, _falling(values, s)) for s in counted]
         driven = (n for n in _driven(space, found, r) if n in names - {s.variable for s in here})
         suspected += [*here, *(Suspicion(r, n, "driven") for n in driven)]
     leaves_more = refinement.process is not None or refinement.outcome.scale > WHITE
@@ -199,6 +203,13 @@ def _imitation(
     most = max(most, sum(len(powers[rest]) for rest in together))
     single = [rest for rest, found in powers.items() if found]
     return Suspicion(relation, name, "powers", tuple(dict.fromkeys((ONE, *beside, *single))), most) if beside else None
+
+
+def _less_outside(suspected: Suspicion, divided: Sequence[Product]) -> Suspicion:
+    """Return a suspicion with the terms of a fraction counted without those that stand outside of it."""
+    if suspected.reason != "fractions" or not suspected.terms:
+        return suspected
+    return replace(suspected, terms=sum(p.term.power_of(Name(suspected.variable)) != 0 for p in divided))
 
 
 def _powers(products: Iterable[Product], name: str) -> dict[Term, set[float]]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from odescope.library.expression import Term, signed_sum
-from odescope.library.latex import LATEX, latex_fraction, latex_name, latex_number, latex_sum
+from odescope.library.latex import LATEX, latex_fraction, latex_joined, latex_name, latex_number, latex_sum
 from odescope.library.mathml import (
     LINE,
     MATHML,
@@ -98,12 +98,16 @@ def stated_mathml(equation: Equation, relations: Sequence[Relation]) -> str:
     errors = _errors_of(equation, relations)
     if errors is None:
         return quotient_mathml(equation)
-    parts = [
+    outside, *parts = [
         _stated((c, print_term(MATHML, term), errors[factor, term]) for c, term in side.parts)
-        for factor, side in ((None, equation.numerator), (equation.target, equation.denominator))
+        for factor, side in (
+            (None, equation.outside),
+            (None, equation.unsigned),
+            (equation.target, equation.denominator),
+        )
     ]
     right_side = parts[0] if equation.plain else mathml_fraction(*parts)
-    return f"{mathml_name(equation.target)}<mo>=</mo>{right_side}"
+    return f"{mathml_name(equation.target)}<mo>=</mo>{_beside(equation, outside, right_side)}"
 
 
 def _errors_of(quotient: Quotient, relations: Sequence[Relation]) -> dict[tuple[str | None, Term], float | None] | None:
@@ -111,7 +115,8 @@ def _errors_of(quotient: Quotient, relations: Sequence[Relation]) -> dict[tuple[
 
     A relation with one product of its target is shown divided by that.
     """
-    sides = ((None, -1.0, quotient.numerator), (quotient.target, 1.0, quotient.denominator))
+    whole = quotient.together
+    sides = ((None, -1.0, whole.numerator), (quotient.target, 1.0, whole.denominator))
     wanted = {(factor, term): sign * c for factor, sign, side in sides for c, term in side.parts}
     for relation in relations:
         known = {(t.factor, t.term): t for t in relation.divided.terms}
@@ -136,18 +141,26 @@ def _stated(parts: Iterable[tuple[float, str, float | None]], line: int = LINE) 
 
 def quotient_latex(quotient: Quotient) -> str:
     """Return the equation target = numerator / denominator in LaTeX."""
-    right = print_combination(LATEX, quotient.numerator)
+    right = print_combination(LATEX, quotient.unsigned)
     if not quotient.plain:
         right = latex_fraction(right, print_combination(LATEX, quotient.denominator))
+    if quotient.outside.parts:
+        right = latex_joined([(False, print_combination(LATEX, quotient.outside)), (quotient.negative, right)])
     return f"{latex_name(quotient.target)} = {right}"
 
 
 def quotient_mathml(quotient: Quotient) -> str:
     """Return the equation target = numerator / denominator in MathML."""
-    right = print_combination(MATHML, quotient.numerator)
+    right = print_combination(MATHML, quotient.unsigned)
     if not quotient.plain:
         right = mathml_fraction(right, print_combination(MATHML, quotient.denominator))
-    return f"{mathml_name(quotient.target)}<mo>=</mo>{right}"
+    outside = print_combination(MATHML, quotient.outside)
+    return f"{mathml_name(quotient.target)}<mo>=</mo>{_beside(quotient, outside, right)}"
+
+
+def _beside(quotient: Quotient, outside: str, fraction: str) -> str:
+    """Return MathML of a fraction and what stands outside of it, if anything does."""
+    return mathml_joined([(False, outside), (quotient.negative, fraction)]) if quotient.outside.parts else fraction
 
 
 def relation_mathml(relation: Relation) -> str:

@@ -6,15 +6,17 @@ Relations that share targets are solved by Cramer's rule on their own small bloc
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import permutations
 from math import prod
 
 from odescope.errors import InputError
-from odescope.library.expression import ONE, Combination
+from odescope.library.expression import ONE, Combination, Term
 from odescope.model.relation import Relation
 
+NOTHING = Combination()
+SAME = 1e-9  # of a coefficient: less is rounding
 ROUNDING = 1e-14  # of the products that a coefficient is the sum of
 LARGEST_BLOCK = 5  # targets in one coupled block; its determinant has n! products
 MOST_PRODUCTS = 5000  # of a block, before equal ones are collected: more take long, and nobody reads what they come to
@@ -22,11 +24,12 @@ MOST_PRODUCTS = 5000  # of a block, before equal ones are collected: more take l
 
 @dataclass(frozen=True)
 class Quotient:
-    """target = numerator / denominator."""
+    """target = outside + numerator / denominator."""
 
     target: str
     numerator: Combination
     denominator: Combination
+    outside: Combination = NOTHING
 
     @property
     def plain(self) -> bool:
@@ -47,11 +50,47 @@ class Quotient:
         )
 
     @property
+    def apart(self) -> Quotient:
+        """The same, with what stands in the numerator times the denominator outside: what flows in beside a rate."""
+        above, below = ({t: c for c, t in side.parts} for side in (self.numerator, self.denominator))
+        unit = below.pop(ONE, 0.0)
+        outside = list[tuple[float, Term]]()
+        for term in sorted(above, key=lambda t: sum(abs(power) for _, power in t.factors)) if unit and below else ():
+            inside = {term * t: above[term] * c / unit for t, c in below.items()} if term in above else {}
+            if inside and all(t in above and abs(above[t] - c) <= SAME * abs(c) for t, c in inside.items()):
+                outside.append((above.pop(term) / unit, term))
+                above = {t: c for t, c in above.items() if t not in inside}
+        if not outside:
+            return self
+        rest = Combination.of((c, t) for t, c in above.items())
+        if not rest.parts:
+            return Quotient(self.target, Combination.of(outside), Combination(((1.0, ONE),)))
+        return Quotient(self.target, rest, self.denominator, Combination.of(outside))
+
+    @property
+    def together(self) -> Quotient:
+        """The same, with all of it over the denominator."""
+        return replace(self, numerator=_sum(self.numerator, _product(self.outside, self.denominator)), outside=NOTHING)
+
+    @property
+    def negative(self) -> bool:
+        """Whether a fraction beside terms outside of it is written with a minus before it."""
+        return bool(self.outside.parts) and all(c < 0.0 for c, _ in self.numerator.parts)
+
+    @property
+    def unsigned(self) -> Combination:
+        """The numerator without that minus."""
+        return Combination(tuple((-c, t) for c, t in self.numerator.parts)) if self.negative else self.numerator
+
+    @property
     def text(self) -> str:
         """The right-hand side in Python syntax."""
         if self.plain:
             return self.numerator.text
-        return f"({self.numerator.text})/({self.denominator.text})"
+        above = self.unsigned
+        fraction = f"{above.text if self.outside.parts and len(above.parts) == 1 else f'({above.text})'}"
+        fraction += f"/({self.denominator.text})"
+        return f"{self.outside.text} {'-' if self.negative else '+'} {fraction}" if self.outside.parts else fraction
 
 
 @dataclass(frozen=True)
@@ -146,6 +185,10 @@ def _determinant(matrix: Sequence[Sequence[Combination]]) -> Combination:
     sizes = {t: c for c, t in Combination.of((abs(c), t) for c, t in parts).parts}
     # Products that cancel leave their rounding behind, which is no term and would hide a singular block.
     return Combination(tuple((c, t) for c, t in Combination.of(parts).parts if abs(c) > ROUNDING * sizes[t]))
+
+
+def _sum(first: Combination, second: Combination) -> Combination:
+    return Combination.of((*first.parts, *second.parts))
 
 
 def _product(first: Combination, second: Combination) -> Combination:

@@ -118,7 +118,7 @@ class Model:
         """The equations as people are shown them, one a target: quotients where these are short, else relations."""
         shown = shown_equations(self.relations, self.coordinates, self.inputs, self.mechanisms)
         named = (with_names(equation, self._written) for equation in shown)
-        return tuple(e.divided if isinstance(e, Quotient) else e for e in named)
+        return tuple(e.divided.apart if isinstance(e, Quotient) else e for e in named)
 
     @cached_property
     def shown_relations(self) -> tuple[Relation, ...]:

@@ -47,7 +47,7 @@ def equation_lines(model: Model, digits: int | None = None) -> list[str]:
 def _terms(equation: Equation) -> list[Term]:
     """Return the terms of an equation, less the targets that they multiply."""
     if isinstance(equation, Quotient):
-        return [t for c in (equation.numerator, equation.denominator) for _, t in c.parts]
+        return [t for c in (equation.outside, equation.numerator, equation.denominator) for _, t in c.parts]
     return [t.term for t in equation.terms]
 
 
@@ -63,8 +63,9 @@ def _readable(line: str, terms: Iterable[Term]) -> str:
 
 def _rounded(equation: Equation, digits: int) -> Equation:
     if isinstance(equation, Quotient):
-        top, bottom = (_to_digits(c, digits) for c in (equation.numerator, equation.denominator))
-        return replace(equation, numerator=top, denominator=bottom)
+        sides = (equation.outside, equation.numerator, equation.denominator)
+        beside, top, bottom = (_to_digits(c, digits) for c in sides)
+        return replace(equation, outside=beside, numerator=top, denominator=bottom)
     return Relation(tuple(replace(t, coefficient=_to(t.coefficient, digits)) for t in equation.terms))
 
 
