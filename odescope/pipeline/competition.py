@@ -33,6 +33,7 @@ from odescope.pipeline.radiation import radiated, with_radiation
 from odescope.pipeline.reciprocals import with_reciprocals
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.roots import with_roots
+from odescope.pipeline.shared_rates import with_shared_rates
 from odescope.pipeline.springs_and_dampers import with_springs_and_dampers
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
 from odescope.pipeline.sums import with_sums
@@ -220,6 +221,7 @@ def _with_more(
     posed, refinement = with_divided_friction(work, filtered, posed, refinement)
     if refinement is not None and refinement.follows:
         refinement = with_common_denominators(work, filtered, posed, refinement)
+        refinement = with_shared_rates(work, filtered, refinement)
     # Too many terms imitate a rate that goes with a temperature for one function at a time to be seen in their place.
     wanting = refinement is None or refinement.wanting
     if wanting:

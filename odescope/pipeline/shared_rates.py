@@ -1,0 +1,107 @@
+"""The rate of one balance in the others: what one reaction turns over stands in several, with the same constants.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+
+import msgspec
+
+from odescope.events import Progress
+from odescope.library.expression import ONE, Combination, Term
+from odescope.likelihood.refine import Refinement
+from odescope.model.explicit import Quotient
+from odescope.model.relation import Relation
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import relations_form
+from odescope.pipeline.stages import refine_form
+from odescope.pipeline.wider import (
+    LEAST,
+    TIMES,
+    basis_of,
+    evidently_better,
+    regressed_with,
+    with_basis,
+    with_extra,
+    within,
+)
+from odescope.pipeline.work import Work
+from odescope.recordings.coordinate import free_name
+from odescope.study.library_options import Span
+
+DEGREE = 2  # of the products beside rates: what flows goes with an amount
+CLOSE = 1.3  # times what a constant of a rate was found to be: its range
+ABOVE, BELOW = 2, 2  # terms of a rate's numerator, and of its denominator beside 1, at most
+
+
+def with_shared_rates(work: Work, filtered: Filtered, refinement: Refinement | None) -> Refinement | None:
+    """Return the model with the rates of some balances in others, where that is evidently better.
+
+    What grows on a substrate takes it up at the same rate, and where two terms of a balance saturate, each by its own
+    amount, no fraction of few terms says it; the balances of these amounts have one of the two each. A fraction of few
+    terms that a model holds, less what stands outside of it, is a candidate of every balance, its constants open.
+
+    Args:
+        work: whose study says of which variables functions may be looked for.
+        filtered: the records and their signals.
+        refinement: the model so far, if there is one.
+    """
+    study, signals = work.study, filtered.signals
+    several = len(signals.targets) > 1 and all(c.order == 1 for c in signals.coordinates)
+    if refinement is None or not several or study.library.by_hand or not filtered.sample.complete:
+        return refinement
+    taken = {*signals.names, *signals.targets, *study.parameters}
+    rates = dict[str, Mapping[str, Span]]()
+    for relation, target in zip(refinement.relations, signals.targets, strict=True):
+        for text, spans in _rates(relation, target, taken):
+            rates[text] = spans
+            taken |= set(spans)
+    if not rates:
+        return refinement
+    found = regressed_with(wide := _with_rates(work, rates), filtered)
+    if found is None:
+        return refinement
+    work.monitor.tell(Progress("suspicion", "search with the rates of some balances in others", 0, 1))
+    limited = within(wide, max(LEAST, TIMES * refinement.spent))
+    posed = relations_form(wide.study, (found, *found.elsewhere), lambda _: found)
+    other = refine_form(limited, filtered, posed)
+    return other if other is not None and evidently_better(other, refinement) else refinement
+
+
+def _with_rates(work: Work, rates: Mapping[str, Mapping[str, Span]]) -> Work:
+    """Return the work for a study with rates among its candidates, and ranges for the constants in them."""
+    wide = with_extra(with_basis(work, basis_of(work.study), DEGREE), tuple(rates))
+    spans = {name: span for of in rates.values() for name, span in of.items()}
+    library = msgspec.structs.replace(wide.study.library, parameters=spans)
+    return replace(wide, study=msgspec.structs.replace(wide.study, library=library))
+
+
+def _rates(relation: Relation, target: str, taken: Collection[str]) -> Iterator[tuple[str, dict[str, Span]]]:
+    """Yield each term of a fraction as text, and the ranges of its constants, where it may be a rate.
+
+    Args:
+        relation: of a model.
+        target: that it is solved for.
+        taken: names that constants may not have.
+    """
+    if relation.targets != (target,):
+        return
+    above = Combination(tuple((-c, t) for c, t in relation.part(None).parts))
+    rest = Quotient(target, above, relation.part(target)).apart
+    below = [(c, t) for c, t in rest.denominator.parts if t != ONE]
+    simple = len(rest.numerator.parts) <= ABOVE and 0 < len(below) <= BELOW
+    if not simple or any(c <= 0.0 or _bare(t) is None for c, t in below):
+        return
+    names = [free_name(f"below_{_bare(t)}", taken) for _, t in below]
+    sides = " + ".join(["1", *(f"{name}*{t.text}" for name, (_, t) in zip(names, below, strict=True))])
+    spans: dict[str, Span] = {n: (c / CLOSE, c * CLOSE) for n, (c, _) in zip(names, below, strict=True)}
+    for _, t in rest.numerator.parts:
+        yield f"{t.text}/({sides})", spans
+
+
+def _bare(term: Term) -> str | None:
+    """Return the variable that a term is, None where it is more."""
+    return term.text if term.names == {term.text} else None
