@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from odescope.model.choice_notes import listed
 from odescope.model.scores import GatedScore
 
+FEW = 2  # samples, each of which is told
 REASONS = {
     "saturated": ("is saturated", "are saturated"),
     "repeated": ("repeats the one before", "repeat the one before"),
@@ -30,8 +31,10 @@ def _gated(found: GatedScore) -> str:
     several_recordings = any(part.recording > 1 for part in found.ranges)
     told = []
     for part in found.ranges:
-        at = f"{part.begin:.15g} s" if part.samples == 1 else f"{part.begin:.15g} to {part.end:.15g} s"
+        begin, end = f"{part.begin:.15g} s", f"{part.end:.15g} s"
+        several_in = f"{begin} and {end}" if part.samples == FEW else f"{part.begin:.15g} to {end}"
+        at = begin if part.samples == 1 else several_in
         told.append(f"{at} of recording {part.recording}" if several_recordings else at)
-    told += [f"{found.more} more ranges"] if found.more else []
+    told += [f"{found.more} more range{'' if found.more == 1 else 's'}"] if found.more else []
     told += [f"counted from {'its' if several_recordings else 'the'} first row"] if found.dated else []
     return f"{found.samples} {one if found.samples == 1 else several} ({', '.join(told)})"
