@@ -199,6 +199,8 @@ def adopt(
     if not refinement.follows and (model := regressed()) is not None:
         return model, refinement
     relations, mechanisms = refinement.relations, refinement.mechanisms
+    if not mechanisms:
+        relations = tuple(map(without_common_reciprocal, relations))
     if not refinement.follows:
         relations = tuple(Relation(tuple(replace(t, std_error=None) for t in r.terms)) for r in relations)
         mechanisms = tuple(msgspec.structs.replace(m, std_error=None) for m in mechanisms)
@@ -226,6 +228,13 @@ def without_common_factor(relation: Relation) -> Relation:
     powers = {atom: min(t.power_of(atom) for t in terms) for atom, _ in terms[0].factors}
     inverse = Term.of((atom, -power) for atom, power in powers.items() if power > 0)
     return relation.times(inverse)
+
+
+def without_common_reciprocal(relation: Relation) -> Relation:
+    """Return a relation multiplied by what divides every term with a target: x_dot y/x = z is x_dot y = x z."""
+    left = [t.term for t in relation.left]
+    powers = {atom: max(t.power_of(atom) for t in left) for atom, _ in left[0].factors} if left else {}
+    return relation.times(Term.of((atom, -power) for atom, power in powers.items() if power < 0))
 
 
 def samples_of(signals: Signals, model: Model) -> list[FloatArray]:

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
+from odescope.model.relation import Relation, RelationTerm
 from odescope.pipeline.common_denominators import _few
 from odescope.pipeline.identification import identify
+from odescope.pipeline.joint_models import without_common_reciprocal
 from odescope.study.options import Data, Driven, Measured, Study
 
 END, PERIOD, NOISE, FED = 40.0, 0.025, 0.005, 20.0
@@ -66,3 +70,16 @@ def test_few_columns_are_those_that_a_target_is_made_of_where_others_look_like_i
 def test_of_a_target_that_no_columns_say_none_are_taken():
     columns, target = np.random.default_rng(0).standard_normal((2, 6, 400))
     assert _few(columns, target[0], 6) == {}
+
+
+def test_what_divides_all_that_a_target_is_multiplied_by_is_multiplied_out():
+    scope = Scope.of(["x", "y"])
+
+    def relation(terms):
+        return Relation(tuple(RelationTerm(Product(f, parse_term(text, scope)), c) for (f, text), c in terms.items()))
+
+    divided = {("x_dot", "y/x"): 1.0, ("x_dot", "1/x"): 2.0, (None, "y"): -3.0, (None, "1/x"): 4.0}
+    plain = {("x_dot", "y"): 1.0, ("x_dot", "1"): 2.0, (None, "x*y"): -3.0, (None, "1"): 4.0}
+    assert without_common_reciprocal(relation(divided)) == relation(plain)
+    partly = {("x_dot", "1"): 1.0, ("x_dot", "1/x"): 2.0, (None, "y"): -3.0}
+    assert without_common_reciprocal(relation(partly)) == relation(partly)
