@@ -46,12 +46,15 @@ def with_terms_outside(space: SearchSpace, found: Fit, covariance: FloatArray) -
         found: the fit.
         covariance: (p, p) of its parameters.
     """
-    theta, free = found.theta * space.sizes(found.theta), found.free
-    scale = space.sizes(found.theta)[free]
-    scaled = covariance * np.outer(scale, scale)
+    groups = list(_groups(space, found))
+    if not groups:
+        return found, covariance
+    sizes, free = space.sizes(found.theta), found.free
+    theta, scale = found.theta * sizes, np.outer(sizes[free], sizes[free])
+    scaled = covariance * scale
     chosen = list[tuple[_Proportion, ...]]()
     taken = set[int]()
-    ranked = [(_projected(theta, free, scaled, group), group) for group in _groups(space, found)]
+    ranked = [(_projected(theta, free, scaled, group), group) for group in groups]
     for (_, _, cost), group in sorted(ranked, key=lambda pair: pair[0][2]):
         held = {k for p in group for k in (p.outside, p.inside)}
         if cost <= _price(space, group) and held.isdisjoint(taken):
@@ -61,16 +64,16 @@ def with_terms_outside(space: SearchSpace, found: Fit, covariance: FloatArray) -
         every = [p for group in chosen for p in group]
         moved, narrowed, cost = _projected(theta, free, scaled, every)
         if cost <= _price(space, every):
-            exact = _exactly(moved, every) / space.sizes(found.theta)
-            return replace(found, theta=exact), narrowed / np.outer(scale, scale)
+            return replace(found, theta=_exactly(moved, every) / sizes), narrowed / scale
         chosen.pop()
     return found, covariance
 
 
 def outside(space: SearchSpace, found: Fit) -> set[int]:
     """Return the numbers of what stands outside of fractions in a fit, and of its products with what is below."""
-    theta = found.theta * space.sizes(found.theta)
-    exact = (group for group in _groups(space, found) if all(_holds(theta, p) for p in group))
+    groups = list(_groups(space, found))
+    theta = found.theta * space.sizes(found.theta) if groups else found.theta
+    exact = (group for group in groups if all(_holds(theta, p) for p in group))
     return {k for group in exact for p in group for k in (p.outside, p.inside)}
 
 

@@ -103,7 +103,7 @@ def ending(coefficients):
         needed={},
         evaluated=lambda terms, theta: evaluate(write_tape(["x", "v", "w"], terms), values),
     )
-    fit = SimpleNamespace(present=range(len(products)), theta=np.array([*coefficients.values()]))
+    fit = SimpleNamespace(present=np.arange(len(products)), theta=np.array([*coefficients.values()]))
     return SimpleNamespace(space=space, fit=fit, process=None, outcome=SimpleNamespace(scale=1.0))
 
 
