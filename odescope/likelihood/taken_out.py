@@ -47,7 +47,7 @@ def with_terms_outside(space: SearchSpace, found: Fit, covariance: FloatArray) -
         covariance: (p, p) of its parameters.
     """
     groups = list(_groups(space, found))
-    if not groups:
+    if not groups or not np.isfinite(covariance).all():  # of coefficients that ran away
         return found, covariance
     sizes, free = space.sizes(found.theta), found.free
     theta, scale = found.theta * sizes, np.outer(sizes[free], sizes[free])
@@ -84,7 +84,7 @@ def _holds(theta: FloatArray, p: _Proportion) -> bool:
 
 def _groups(space: SearchSpace, found: Fit) -> Iterator[tuple[_Proportion, ...]]:
     """Yield the proportions of every term that a model holds times each term of a denominator."""
-    single = [(k, space.mechanisms[k].parts[0]) for k in found.present.tolist() if len(space.mechanisms[k].parts) == 1]
+    single = [(k, space.mechanisms[k].parts[0]) for k in found.present.tolist() if space.mechanisms[k].kind == "term"]
     number = {(p.relation, p.product): k for k, p in single}
     for r, target in enumerate(space.frame.targets):
         unit = number.get((r, Product(target)))

@@ -11,7 +11,7 @@ from dataclasses import replace
 import msgspec
 
 from odescope.events import Progress
-from odescope.library.expression import ONE, Combination, Term
+from odescope.library.expression import ONE, Combination, Name
 from odescope.likelihood.refine import Refinement
 from odescope.model.explicit import Quotient
 from odescope.model.relation import Relation
@@ -54,9 +54,10 @@ def with_shared_rates(work: Work, filtered: Filtered, refinement: Refinement | N
     if refinement is None or not several or study.library.by_hand or not filtered.sample.complete:
         return refinement
     taken = {*signals.names, *signals.targets, *study.parameters}
+    least = dict(zip(signals.names, signals.joined().min(axis=1).tolist(), strict=True))
     rates = dict[str, Mapping[str, Span]]()
     for relation, target in zip(refinement.relations, signals.targets, strict=True):
-        for text, spans in _rates(relation, target, taken):
+        for text, spans in _rates(relation, target, taken, least):
             rates[text] = spans
             taken |= set(spans)
     if not rates:
@@ -79,13 +80,16 @@ def _with_rates(work: Work, rates: Mapping[str, Mapping[str, Span]]) -> Work:
     return replace(wide, study=msgspec.structs.replace(wide.study, library=library))
 
 
-def _rates(relation: Relation, target: str, taken: Collection[str]) -> Iterator[tuple[str, dict[str, Span]]]:
+def _rates(
+    relation: Relation, target: str, taken: Collection[str], least: Mapping[str, float]
+) -> Iterator[tuple[str, dict[str, Span]]]:
     """Yield each term of a fraction as text, and the ranges of its constants, where it may be a rate.
 
     Args:
         relation: of a model.
         target: that it is solved for.
         taken: names that constants may not have.
+        least: values of variables on the data.
     """
     if relation.targets != (target,):
         return
@@ -93,15 +97,13 @@ def _rates(relation: Relation, target: str, taken: Collection[str]) -> Iterator[
     rest = Quotient(target, above, relation.part(target)).apart
     below = [(c, t) for c, t in rest.denominator.parts if t != ONE]
     simple = len(rest.numerator.parts) <= ABOVE and 0 < len(below) <= BELOW
-    if not simple or any(c <= 0.0 or _bare(t) is None for c, t in below):
+    plain = all(isinstance(a, Name) for _, t in rest.numerator.parts for a, _ in t.factors)
+    if not (simple and plain) or any(c <= 0.0 or t.text not in least for c, t in below):
         return
-    names = [free_name(f"below_{_bare(t)}", taken) for _, t in below]
+    if CLOSE * sum(c * max(-least[t.text], 0.0) for c, t in below) >= 1.0:  # a pole on the data
+        return
+    names = [free_name(f"below_{t.text}", taken) for _, t in below]
     sides = " + ".join(["1", *(f"{name}*{t.text}" for name, (_, t) in zip(names, below, strict=True))])
     spans: dict[str, Span] = {n: (c / CLOSE, c * CLOSE) for n, (c, _) in zip(names, below, strict=True)}
     for _, t in rest.numerator.parts:
         yield f"{t.text}/({sides})", spans
-
-
-def _bare(term: Term) -> str | None:
-    """Return the variable that a term is, None where it is more."""
-    return term.text if term.names == {term.text} else None

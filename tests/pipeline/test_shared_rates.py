@@ -5,8 +5,25 @@ import numpy as np
 import pytest
 from reactors import STUDY, reactor
 
+from odescope.library.parse import Scope, parse_term
+from odescope.library.product import Product
+from odescope.model.relation import Relation, RelationTerm
 from odescope.pipeline.identification import identify
+from odescope.pipeline.shared_rates import _rates
 from odescope.study.options import Candidates
+
+
+@pytest.mark.parametrize(("least", "several"), [(0.1, True), (-0.6, False)])
+def test_a_rate_without_a_pole_on_the_data_is_a_candidate_with_constants_of_its_own(least, several):
+    scope = Scope.of(["S", "P", "D"])
+    terms = {"1": 1.0, "S": 1.6, "P": 1.1}
+    left = [RelationTerm(Product("P_dot", parse_term(text, scope)), c) for text, c in terms.items()]
+    flow = [RelationTerm(Product(None, parse_term(f"D*P*{text}", scope)), c) for text, c in terms.items()]
+    rate = RelationTerm(Product(None, parse_term("S", scope)), -1.7)
+    found = list(_rates(Relation((*left, *flow, rate)), "P_dot", {"below_P"}, {"S": least, "P": 0.2, "D": 0.0}))
+    assert [text for text, _ in found] == (["S/(1 + below_P_2*P + below_S*S)"] if several else [])
+    for _, spans in found:
+        assert spans["below_S"] == pytest.approx((1.6 / 1.3, 1.6 * 1.3))
 
 
 @pytest.mark.slow
