@@ -87,10 +87,11 @@ class Quotient:
         """The right-hand side in Python syntax."""
         if self.plain:
             return self.numerator.text
-        above = self.unsigned
-        fraction = f"{above.text if self.outside.parts and len(above.parts) == 1 else f'({above.text})'}"
-        fraction += f"/({self.denominator.text})"
-        return f"{self.outside.text} {'-' if self.negative else '+'} {fraction}" if self.outside.parts else fraction
+        above, below = self.unsigned.text, self.denominator.text
+        if not self.outside.parts:
+            return f"({above})/({below})"
+        fraction = f"{above}/({below})" if len(self.numerator.parts) == 1 else f"({above})/({below})"
+        return f"{self.outside.text} {'-' if self.negative else '+'} {fraction}"
 
 
 @dataclass(frozen=True)
