@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from odescope.library.constants import thinned_grid
-from odescope.library.families import POINTS, families_of
+from odescope.library.families import POINTS, families_of, is_switched
 from odescope.library.parse import Scope, parse_term
 from odescope.library.readable import readable
 from odescope.library.tape import evaluate, write_tape
@@ -161,3 +161,16 @@ def test_what_has_a_square_below_it_is_a_function_only_where_one_divides_and_a_p
     roles = {c.name.removesuffix("_z") for f in suited for c in f.constants}
     assert roles & {"before", "behind", "critical"} == there
     assert {"edge", "head", "supply"} <= roles
+
+
+@pytest.mark.parametrize(
+    ("values", "switched"),
+    [
+        ([0.0] * 50 + [1.5] * 45 + [0.7] * 5, True),  # averages over steps lie between
+        ([0.0] * 88 + [0.4] * 6 + [1.5] * 2 + [1.0] * 4, True),
+        ([0.0] * 80 + [0.4] * 12 + [1.5] * 2 + [1.0] * 6, False),  # pulses of several heights
+    ],
+)
+def test_what_is_switched_has_no_functions(values, switched):
+    assert is_switched(np.array(values)) is switched
+    assert (families_of("u", np.array(values), ()) == ()) is switched
