@@ -8,7 +8,7 @@ not contradict that these are products of others, they are made so. docs/method.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
@@ -39,14 +39,15 @@ def with_terms_outside(space: SearchSpace, found: Fit, covariance: FloatArray) -
     """Return a fit in which what stands in proportion to a denominator does so exactly, and its covariance.
 
     It is the fit of least cost that does, as far as the cost is a parabola. A proportion costs no more than the price
-    of the coefficient that it does without.
+    of the coefficient that it does without; of coefficients that are not told from nothing none is asked.
 
     Args:
         space: of the fit.
         found: the fit.
         covariance: (p, p) of its parameters.
     """
-    groups = list(_groups(space, found))
+    unsure = set(found.free[~(np.diag(covariance) < found.theta[found.free] ** 2)].tolist())
+    groups = [g for g in _groups(space, found) if all(unsure.isdisjoint(astuple(p)) for p in g)]
     if not groups or not np.isfinite(covariance).all():  # of coefficients that ran away
         return found, covariance
     sizes, free = space.sizes(found.theta), found.free
