@@ -22,12 +22,10 @@ from odescope.library.mathml import (
 from odescope.library.printer import print_combination, print_product, print_term
 from odescope.model.coefficients import UNITS, CoefficientRow
 from odescope.model.equations import Equation
-from odescope.model.explicit import Quotient
+from odescope.model.explicit import SAME, Quotient
 from odescope.model.mechanism_display import mechanisms_latex, mechanisms_mathml
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation, RelationTerm
 from odescope.model.rounding import rounded, with_last_digits
-
-SAME = 1e-9  # of a coefficient: less is rounding
 
 
 def equation_text(equation: Equation) -> str:

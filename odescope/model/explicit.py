@@ -70,7 +70,8 @@ class Quotient:
     @property
     def together(self) -> Quotient:
         """The same, with all of it over the denominator."""
-        return replace(self, numerator=_sum(self.numerator, _product(self.outside, self.denominator)), outside=NOTHING)
+        above = (*self.numerator.parts, *_product(self.outside, self.denominator).parts)
+        return replace(self, numerator=Combination.of(above), outside=NOTHING)
 
     @property
     def negative(self) -> bool:
@@ -186,10 +187,6 @@ def _determinant(matrix: Sequence[Sequence[Combination]]) -> Combination:
     sizes = {t: c for c, t in Combination.of((abs(c), t) for c, t in parts).parts}
     # Products that cancel leave their rounding behind, which is no term and would hide a singular block.
     return Combination(tuple((c, t) for c, t in Combination.of(parts).parts if abs(c) > ROUNDING * sizes[t]))
-
-
-def _sum(first: Combination, second: Combination) -> Combination:
-    return Combination.of((*first.parts, *second.parts))
 
 
 def _product(first: Combination, second: Combination) -> Combination:
