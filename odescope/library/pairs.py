@@ -98,11 +98,6 @@ def _plain(one: str, other: str, values: Mapping[str, FloatArray], units: Mappin
 def _weighted(one: str, other: str, values: Mapping[str, FloatArray], taken: Collection[str]) -> list[PairFamily]:
     """Return the logistic function and the exponential of a sum with weights, and where to look for these."""
     ranges = [float(np.ptp(values[name])) for name in (one, other)]
-    weights = [
-        Constant(free_name(f"weight_{name}_{one}_{other}", taken), -STEEPEST / r, STEEPEST / r, 0.0)
-        for name, r in zip((one, other), ranges, strict=True)
-    ]
-    a, b = (w.name for w in weights)
     points, reach = list[tuple[float, float, float]](), 0.0
     pairs = list(product(*([s * w / r for s in (-1.0, 1.0) for w in WEIGHTS] for r in ranges)))
     for first, second in (p for p in pairs if p[0] > 0.0):  # a falling step is a constant less a rising one
@@ -110,12 +105,30 @@ def _weighted(one: str, other: str, values: Mapping[str, FloatArray], taken: Col
         low, high = float(total.min()), float(total.max())
         reach = max(reach, abs(low), abs(high))
         points += [(first, second, low + place * (high - low)) for place in PLACES]
-    reach *= 2.0 * STEEPEST / max(WEIGHTS)
-    offset = Constant(free_name(f"offset_{one}_{other}", taken), -reach, reach, 0.0)
-    scope = Scope.of([one, other], constants=[a, b, offset.name])
-    step = parse_term(f"1/(1 + exp({offset.name} - {a}*{one} - {b}*{other}))", scope)
-    growth = parse_term(f"exp({a}*{one} + {b}*{other})", scope)
+    limits = {name: STEEPEST / r for name, r in zip((one, other), ranges, strict=True)}
+    step, constants = step_of_sum(limits, reach * 2.0 * STEEPEST / max(WEIGHTS), f"{one}_{other}", taken)
+    weights, (a, b, offset) = constants[:-1], (c.name for c in constants)
+    growth = parse_term(f"exp({a}*{one} + {b}*{other})", Scope.of([one, other], constants=[a, b]))
     return [
-        PairFamily(step, (*weights, offset), tuple(((a, x), (b, y), (offset.name, z)) for x, y, z in points)),
-        PairFamily(growth, tuple(weights), tuple(((a, x), (b, y)) for x, y in pairs)),
+        PairFamily(step, constants, tuple(((a, x), (b, y), (offset, z)) for x, y, z in points)),
+        PairFamily(growth, weights, tuple(((a, x), (b, y)) for x, y in pairs)),
     ]
+
+
+def step_of_sum(
+    limits: Mapping[str, float], reach: float, of: str, taken: Collection[str]
+) -> tuple[Term, tuple[Constant, ...]]:
+    """Return the logistic function of a sum with weights, and its constants: a weight a variable, then the offset.
+
+    Args:
+        limits: largest size of the weight of each variable, by its name.
+        reach: largest size of the offset.
+        of: whose function it is, or of what: it ends the names of the constants.
+        taken: names that constants may not have.
+    """
+    weights = [Constant(free_name(f"weight_{name}_{of}", taken), -w, w, 0.0) for name, w in limits.items()]
+    offset = Constant(free_name(f"offset_{of}", taken), -reach, reach, 0.0)
+    total = "".join(f" - {w.name}*{name}" for w, name in zip(weights, limits, strict=True))
+    constants = (*weights, offset)
+    scope = Scope.of(tuple(limits), constants=[c.name for c in constants])
+    return parse_term(f"1/(1 + exp({offset.name}{total}))", scope), constants

@@ -248,13 +248,27 @@ class Imitated:
         return sorted([*near, *far], key=lambda one: one[0])
 
     def together(self, choices: Sequence[Sequence[Choice]]) -> list[Placed]:
-        """Return one choice of each, so that all together come near, and none is more elaborate than that asks for."""
+        """Return one choice of each, so that all together come near, and none is more elaborate than that asks for.
+
+        One that comes near beside others may come near to nothing by itself: a second descent begins with all there.
+        """
+        ends = [self._descended(choices, dearer) for dearer in ((DEARER, 1.0) if len(choices) > 1 else (DEARER,))]
+        return min(ends, key=lambda placed: self.missed(placed) * DEARER ** sum(p.choice.size for p in placed))
+
+    def _descended(self, choices: Sequence[Sequence[Choice]], dearer: float) -> list[Placed]:
+        """Return one choice of each, each chosen in turn with the others as they are.
+
+        Args:
+            choices: one of each is to be chosen.
+            dearer: times less that one coefficient or constant more has to leave in the first round.
+        """
         chosen = list[Placed]()
         for round_ in range(ROUNDS if len(choices) > 1 else 1):
-            before = [(p.choice, p.values) for p in chosen]
+            before, price = [(p.choice, p.values) for p in chosen], DEARER if round_ else dearer
             for k, among in enumerate(choices):
                 others = [*chosen[:k], *chosen[k + 1 :]]
-                best = min(self.ranked(among, others), key=lambda found: found[0] * DEARER ** found[1].choice.size)[1]
+                found = self.ranked(among, others)
+                best = min(found, key=lambda one: one[0] * price ** one[1].choice.size)[1]
                 chosen = [*chosen, best] if round_ == 0 else [*chosen[:k], best, *chosen[k + 1 :]]
             if [(p.choice, p.values) for p in chosen] == before:
                 break

@@ -28,6 +28,7 @@ from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
 from odescope.pipeline.inputs import under_found_holds
 from odescope.pipeline.joint_models import adopt, determined
 from odescope.pipeline.modulated import with_modulated
+from odescope.pipeline.networks import networks
 from odescope.pipeline.one_by_one import with_terms_of_mechanisms
 from odescope.pipeline.radiation import radiated, with_radiation
 from odescope.pipeline.reciprocals import with_reciprocals
@@ -186,7 +187,7 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
     if not work.study.likelihood.enabled:
         return posed, None
     relations = posed.form == "relations" and not work.late
-    for small in (rates, radiated) if relations else ():
+    for small in (rates, radiated, networks) if relations else ():
         if (begun := small(work, filtered, regressed)) is not None:
             return begun
     flowing = flows(work, filtered, regressed) if relations else None

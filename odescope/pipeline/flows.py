@@ -11,9 +11,7 @@ from itertools import combinations, product
 from odescope.events import Progress
 from odescope.library.expression import Atom, Call, Term
 from odescope.library.pairs import signed_root
-from odescope.likelihood.findings import left_by
-from odescope.likelihood.refine import WELL, Refinement
-from odescope.model.notes import MINOR
+from odescope.likelihood.refine import Refinement
 from odescope.model.relation import Relation
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
@@ -25,6 +23,7 @@ from odescope.pipeline.wider import (
     promises,
     regressed_with,
     searched_with,
+    settles,
     with_basis,
     with_extra,
 )
@@ -67,10 +66,7 @@ def flows(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
 
 
 def conclusive(refinement: Refinement, signals: Signals) -> bool:
-    """Say whether a model leaves nothing to look for: flows that follow the record with no term in doubt.
-
-    Or what they leave to noise of the process is white, or little, and free runs stay near: what disturbs a tank for
-    hours, as rain or a leak, is no white noise.
+    """Say whether a model of flows, and of nothing else in their place, leaves nothing to look for.
 
     Args:
         refinement: whose model it is.
@@ -79,8 +75,7 @@ def conclusive(refinement: Refinement, signals: Signals) -> bool:
     rooted = [r for r in refinement.relations if _roots(r)]
     if not rooted or not all(map(_of_flows, rooted)):
         return False
-    little = refinement.free_run_error < WELL and left_by(refinement, signals) < MINOR
-    return (refinement.exact and refinement.outcome.sure) or refinement.says_all or little
+    return settles(refinement, signals)
 
 
 def _of_flows(relation: Relation) -> bool:

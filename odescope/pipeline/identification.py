@@ -42,6 +42,7 @@ from odescope.pipeline.late_inputs import with_late_inputs
 from odescope.pipeline.outside import moved_from_outside
 from odescope.pipeline.path_models import path_models
 from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.ruled_out import few_candidates
 from odescope.pipeline.run_freely import run_freely
 from odescope.pipeline.stages import draw_anew
 from odescope.pipeline.versions import best_version
@@ -177,16 +178,9 @@ class Identification:
             dependent += [(t.text, [o.text for o in rest]) for s in self.searches for t, rest in s.problem.dependent]
         told = notes_of(self.model.scores, dependent, self._doubts)
         filtered = filter_notes(self.signals, self.records.runs[0].sample_period)
-        read = (*converted(self.study), *map(shaft_note, self.shafts), *filtered, *self._few_candidates)
+        few = few_candidates(self.study, self.degree, self.records)
+        read = (*converted(self.study), *map(shaft_note, self.shafts), *filtered, *few)
         return tuple(dict.fromkeys((*told, *read, *self.warnings)))
-
-    @property
-    def _few_candidates(self) -> tuple[str, ...]:
-        """What is to be said of a default library of lower degree than the usual."""
-        if self.degree == self.study.library.own_degree:
-            return ()
-        few = f"{self.records.samples} samples cannot decide between all of the default library"
-        return (f"{few}: its candidates are of degree {self.degree} at most",)
 
     @property
     def warnings(self) -> tuple[str, ...]:

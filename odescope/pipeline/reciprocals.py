@@ -58,6 +58,9 @@ def with_reciprocals(
 def _wider(work: Work, refinement: Refinement) -> Iterator[Work]:
     """Yield the work with the reciprocal of each of what is positive and stands in a quotient, and with those of all.
 
+    These take the place of what they are of, or stand beside it and what else the model holds: a planet's distance is a
+    factor of one force and below another, and nothing goes with its angle.
+
     Args:
         work: for the study.
         refinement: the model.
@@ -67,3 +70,8 @@ def _wider(work: Work, refinement: Refinement) -> Iterator[Work]:
     positive = [n for n in work.study.suspects if n in below and values[n].min() > 0.0]
     for some in (*((n,) for n in positive), *([tuple(positive)] if len(positive) > 1 else [])):
         yield with_basis(work, tuple(f"1/{n}" if n in some else n for n in basis), DEGREE)
+    terms = (p.product.term for k in refinement.fit.present for p in refinement.space.mechanisms[k].parts)
+    factors = {atom.text for term in terms for atom, _ in term.factors}
+    held = [n for n in basis if n in factors]
+    for n in positive:
+        yield with_basis(work, (*held, f"1/{n}"), DEGREE - 1)

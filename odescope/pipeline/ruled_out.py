@@ -1,18 +1,18 @@
-"""Candidates of a default library that a record rules out: poles where its motion is, friction of what has one sign.
+"""Candidates of a default library that a record rules out: poles where its motion is, powers of what has two values.
 
 docs/method.md, Library.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
 
 from odescope.arrays import FloatArray, robust_deviation
 from odescope.library.candidates import Library
-from odescope.library.expression import Term
+from odescope.library.expression import Name, Term
 from odescope.library.friction import rubs
 from odescope.library.spatial import from_origin, in_space
 from odescope.recordings.coordinate import Coordinate
@@ -24,6 +24,8 @@ AWAY = 0.05  # of the largest distance from the origin that the least is, at lea
 NEARLY = 0.01  # of the samples at either end that may be wrong
 TAIL = 0.05  # of the samples at either end, beyond which a state of both signs is found
 BOTH = 0.1  # of the larger end that the smaller one is, at least,
+FEW = 3  # values of an input, of which higher powers say no more than lower ones
+COUNTS = {2: "two", 3: "three"}
 BY_NOISE = 2.0  # less so many standard deviations of the noise: noise around zero is no sign
 
 Stays: TypeAlias = Callable[[Term], bool]
@@ -72,6 +74,39 @@ def of_one_sign(coordinates: Sequence[Coordinate], records: Records) -> tuple[fr
     return tuple(found)
 
 
+def few_values(inputs: Collection[str], records: Records) -> dict[str, int]:
+    """Return how many values an input has, by its name, where these are so few that its powers are no more functions.
+
+    Of two values all functions are lines, of three they are parabolas.
+
+    Args:
+        inputs: names of those.
+        records: what was recorded of them.
+    """
+    columns = {name: np.unique(np.concatenate([run.column(name) for run in records])) for name in inputs}
+    counted = {name: int(np.isfinite(values).sum()) for name, values in columns.items()}
+    return {name: count for name, count in counted.items() if 1 < count <= FEW}
+
+
+def few_candidates(study: Study, degree: int | None, records: Records) -> Iterator[str]:
+    """Yield why a default library has fewer candidates than the usual.
+
+    Args:
+        study: says what the candidates are.
+        degree: of the candidates at most, None for the usual one.
+        records: what was recorded.
+    """
+    options = study.library
+    if degree != options.own_degree:
+        few = f"{records.samples} samples cannot decide between all of the default library"
+        yield f"{few}: its candidates are of degree {degree} at most"
+    most = options.degree if degree is None else degree
+    for name, count in few_values(study.inputs if options.by_default else (), records).items():
+        if count <= most:
+            powers = f"{name}**{count}" if count == most else f"{name}**{count} and higher powers"
+            yield f"{name} has {COUNTS[count]} values, of which {powers} would say no more than lower ones: left out"
+
+
 def not_ruled_out(study: Study, records: Records) -> Stays:
     """Return what says of a candidate term whether it stays: what a user names does in any case.
 
@@ -84,8 +119,13 @@ def not_ruled_out(study: Study, records: Records) -> Stays:
         return lambda _: True
     named = set(Library.of(options.extra, study.scope()))
     near = () if options.potential is not None else near_origin(coordinates, records)
-    smooth = of_one_sign(coordinates, records)
-    return lambda term: term in named or (from_origin(term) not in near and rubs(term) not in smooth)
+    smooth, few = of_one_sign(coordinates, records), few_values(study.inputs, records)
+
+    def stays(term: Term) -> bool:
+        beyond = any(term.power_of(Name(name)) >= count for name, count in few.items())
+        return term in named or not (beyond or from_origin(term) in near or rubs(term) in smooth)
+
+    return stays
 
 
 def mechanisms_that_stay(mechanisms: Mapping[Form, Mechanisms], stays: Stays) -> dict[Form, Mechanisms]:

@@ -12,6 +12,7 @@ import msgspec
 
 from odescope.events import Progress
 from odescope.library.expression import ONE, Combination, Name
+from odescope.library.families import HALF
 from odescope.likelihood.refine import Refinement
 from odescope.model.explicit import Quotient
 from odescope.model.relation import Relation
@@ -102,8 +103,13 @@ def _rates(
         return
     if CLOSE * sum(c * max(-least[t.text], 0.0) for c, t in below) >= 1.0:  # a pole on the data
         return
-    names = [free_name(f"below_{t.text}", taken) for _, t in below]
-    sides = " + ".join(["1", *(f"{name}*{t.text}" for name, (_, t) in zip(names, below, strict=True))])
-    spans: dict[str, Span] = {n: (c / CLOSE, c * CLOSE) for n, (c, _) in zip(names, below, strict=True)}
+    if len(below) == 1:  # as chemists write a rate that saturates
+        ((c, t),) = below
+        half = free_name(f"{HALF}_{t.text}", taken)
+        sides, found = f"{half} + {t.text}", {half: 1.0 / c}
+    else:
+        found = {free_name(f"below_{t.text}", taken): c for c, t in below}
+        sides = " + ".join(["1", *(f"{name}*{t.text}" for name, (_, t) in zip(found, below, strict=True))])
+    spans: dict[str, Span] = {name: (value / CLOSE, value * CLOSE) for name, value in found.items()}
     for _, t in rest.numerator.parts:
         yield f"{t.text}/({sides})", spans

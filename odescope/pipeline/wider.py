@@ -14,9 +14,11 @@ import numpy as np
 from odescope.library.candidates import Library
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.beginnings import EVIDENT
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.findings import left_by
+from odescope.likelihood.refine import WELL, Refinement
 from odescope.likelihood.search import WIDTHS, full
 from odescope.likelihood.settings import Start
+from odescope.model.notes import MINOR
 from odescope.model.relation import Relation
 from odescope.pipeline.constants import constants_of, substitute
 from odescope.pipeline.filtering import Filtered
@@ -26,6 +28,7 @@ from odescope.pipeline.ruled_out import not_ruled_out
 from odescope.pipeline.stages import refine_form, regress_at_all
 from odescope.pipeline.suspicion import replaces
 from odescope.pipeline.work import Work
+from odescope.signals.estimate import Signals
 from odescope.study.options import Study
 
 MANY = 120  # candidates of a target: more take longer than a suspicion is worth
@@ -172,3 +175,17 @@ def evidently_better(other: Refinement, before: Refinement | None) -> bool:
         return False
     gain = other.gained_over(before)
     return replaces(other, before) and (gain is None or gain > EVIDENT)
+
+
+def settles(refinement: Refinement, signals: Signals) -> bool:
+    """Say whether a model in a small library leaves nothing to look for: it follows the record with no term in doubt.
+
+    Or what it leaves to noise of the process is white, or little, and free runs stay near: what disturbs a tank for
+    hours, as rain or a leak, is no white noise.
+
+    Args:
+        refinement: whose model it is.
+        signals: the targets as they were measured.
+    """
+    little = refinement.free_run_error < WELL and left_by(refinement, signals) < MINOR
+    return (refinement.exact and refinement.outcome.sure) or refinement.says_all or little

@@ -90,3 +90,16 @@ def test_sine_and_cosine_of_one_rate_may_stand_together():
     missed, placed = imitated(said).nearest(pairs[1], [])
     assert missed < 1e-2 * float(said @ said)
     assert placed.values["rate_z"] == pytest.approx(1.3, rel=0.1)
+
+
+def test_functions_that_come_near_together_are_found_where_none_does_alone():
+    rng = np.random.default_rng(0)
+    z, w = rng.uniform(-1.5, 1.5, (2, 600))
+    w -= 0.9 * z  # what both say nearly cancels, so that either alone leaves about all
+    said = 2.0 * np.tanh(z / 0.6) + 2.2 * np.tanh(w / 0.5)
+    found = Imitated(said, np.array([np.ones_like(z)]), Samples({"z": z, "w": w}))
+    choices = [choices_of(families_of(n, v, ()), (ONE,)) for n, v in (("z", z), ("w", w))]
+    simple = [[Choice(), *(c for c in among if len(c.constants) < 2 and len(c.terms) < 2)] for among in choices]
+    placed = found.together(simple)
+    assert ["tanh" in p.choice.terms[0].text for p in placed] == [True, True]
+    assert found.missed(placed) < 1e-6 * float(said @ said)

@@ -140,3 +140,28 @@ def test_a_quadrotor_in_a_plane_is_not_left_to_noise_of_the_process():
         ("z_ddot", "1"), ("z_ddot", "f*cos(th)"), ("z_ddot", f"z_dot*{speed}"),
         ("th_ddot", "m"), ("th_ddot", "th_dot"),
     }  # fmt: skip
+
+
+def test_powers_of_what_has_few_values_are_no_candidates_and_the_result_says_so():
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 40.0, 0.05)
+    lamp, level = (
+        np.array(values)[rng.integers(0, len(values), 40)].repeat(20) for values in ((0.0, 2.0), (1.0, 2.0, 4.0))
+    )
+    x = np.zeros(len(t))
+    for k in range(len(t) - 1):  # exact where inputs are held
+        steady = (1.5 * lamp[k] + 0.3 * level[k] ** 2) / 0.8
+        x[k + 1] = steady + (x[k] - steady) * np.exp(-0.8 * 0.05)
+    log = {"t": t, "x": x + 0.01 * rng.standard_normal(len(t)), "lamp": lamp, "level": level}
+    inputs = {"lamp": Driven(hold="zero"), "level": Driven(hold="zero")}
+    found = identify(Study(data=Data(time="t"), coordinates={"x": Measured(order=1)}, inputs=inputs), log)
+    (problem,) = (s.problem for s in found.searches)
+    texts = [t.text for t in problem.terms]
+    assert not any("lamp**2" in text or "level**3" in text for text in texts)
+    assert any("level**2" in text for text in texts)
+    law = {t.text: t.coefficient for t in found.model.relations[0].terms[1:]}
+    assert law == pytest.approx({"x": 0.8, "lamp": -1.5, "level**2": -0.3}, rel=0.02)
+    said = [note for note in found.notes if " values, of which " in note]
+    assert [note.split(" would")[0] for note in said] == [
+        "lamp has two values, of which lamp**2 and higher powers", "level has three values, of which level**3",
+    ]  # fmt: skip

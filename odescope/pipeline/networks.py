@@ -1,0 +1,195 @@
+"""Balances that hold a step of a weighted sum, as units of a network do: a small library that is tried first.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.events import Progress
+from odescope.library.candidates import Library
+from odescope.library.pairs import step_of_sum
+from odescope.likelihood.imitation import SEEN, Choice, Imitated, Placed, Samples
+from odescope.likelihood.refine import Refinement
+from odescope.likelihood.unexplained import unexplained
+from odescope.pipeline.constants import substituted_at
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import Posed, relations_form
+from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.stages import refine_form, regress_at
+from odescope.pipeline.temperatures import AT_FIRST
+from odescope.pipeline.wider import basis_of, promises, settles, with_basis, within
+from odescope.pipeline.work import Work
+
+MANY = 8  # variables of a sum, at most
+STEEPEST = 30.0  # weight of a variable, times its range
+OWN = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0)  # weight of the own state, over that of all others together,
+STEEPNESS = (1.0, 2.5, 6.0)  # and of all, each times the deviation of its variable: where a step is looked for
+PLACES = (-1.5, -0.5, 0.5, 1.5)  # the same of its middle, in deviations of the sum
+BEGUN = 6  # points from which constants are fitted
+STEPS = 60  # of such a fit, at most
+MATTERS = 1.05  # times the squares that a step leaves: what one less a variable does, at least, where that matters
+EVIDENT = 0.5  # of the squares that lines leave: what a step leaves, at most
+
+
+@dataclass(frozen=True, eq=False)
+class _Balance:
+    """What a balance says, and what may stand in it: its number, its own state, and the deviations of all variables."""
+
+    number: int
+    own: str
+    imitated: Imitated
+    deviations: Mapping[str, float]
+
+    @cached_property
+    def around(self) -> tuple[FloatArray, FloatArray]:
+        """What stands beside a step, as `Imitated.beside` returns it."""
+        return self.imitated.beside(self.imitated.base)
+
+
+def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, Refinement] | None:
+    """Return relations in lines and steps of weighted sums, and their model; None where these promise nothing.
+
+    A population of neurons, or a gene, decays by itself and is driven by a step of what all others send to it, each by
+    a weight of its own. Products imitate a step of several variables by more terms than a search ends with. The model
+    is kept where it leaves nothing to look for. Nothing is tried where there is an angle or a second
+    order, or a library was written by hand.
+
+    Args:
+        work: whose study says of which states and inputs functions may be looked for.
+        filtered: the records and their signals.
+        regressed: what regression in the default library found.
+    """
+    study, signals = work.study, filtered.signals
+    alike = all(c.order == 1 and not c.angle for c in signals.coordinates)
+    if study.library.by_hand or not alike or not study.suspects or not filtered.sample.complete:
+        return None
+    steps = {b.number: step for b in _balances(work, filtered) if (step := _step(b, signals.names)) is not None}
+    if not steps:
+        return None
+    linear = with_basis(work, basis_of(study), 1)
+    libraries = [linear.study.candidates(target) for target in signals.targets]
+    libraries = [library + _own(steps.get(r)) for r, library in enumerate(libraries)]
+    values = {name: value for step in steps.values() for name, value in step.values.items()}
+    constants = tuple(c for step in steps.values() for c in step.choice.constants)
+    found = regress_at(linear, substituted_at(libraries, constants, values, signals.targets), filtered)
+    if not promises(found, regressed):
+        return None
+    work.monitor.tell(Progress("suspicion", "search with steps of weighted sums", 0, 1))
+    # Weights are nominally none: what stands against that is the evidence for each.
+    posed = replace(relations_form(linear.study, (found,), lambda _: found), constants=constants)
+    refinement = refine_form(within(linear, AT_FIRST), filtered, posed)
+    if refinement is None or not settles(refinement, signals):
+        return None
+    return posed, replace(refinement, finished=True)
+
+
+def _own(step: Placed | None) -> Library:
+    """Return the candidates of a balance beside lines."""
+    return Library(() if step is None else step.choice.terms)
+
+
+def _balances(work: Work, filtered: Filtered) -> Iterator[_Balance]:
+    """Yield what every balance says at some samples, with a constant and its own state beside."""
+    signals = filtered.signals
+    joined = signals.joined()
+    joined = joined[:, :: -(-joined.shape[1] // SEEN)]
+    values = {n: joined[signals.row(n)] for n in work.study.suspects}
+    deviations = {n: float(v.std()) for n, v in values.items() if float(v.std()) > 0.0}
+    samples = Samples({n: values[n] for n in deviations})
+    for r, coordinate in enumerate(signals.coordinates):
+        if coordinate.name in deviations and 1 < len(deviations) <= MANY:
+            base = np.vstack([np.ones(joined.shape[1]), values[coordinate.name]])
+            imitated = Imitated(joined[signals.row(coordinate.target)], base, samples)
+            yield _Balance(r, coordinate.name, imitated, deviations)
+
+
+def _step(balance: _Balance, taken: Sequence[str]) -> Placed | None:
+    """Return the step of a weighted sum that a balance holds, None where lines say about as much.
+
+    Args:
+        balance: what it says.
+        taken: names that constants may not have.
+    """
+    imitated, others = balance.imitated, [n for n in balance.deviations if n != balance.own]
+    rows = np.vstack([imitated.base, *(imitated.samples.values[n] for n in others)])
+    _, rest = imitated.beside(rows)
+    slopes = np.linalg.lstsq(rows.T, imitated.said)[0][len(imitated.base) :]
+    slopes *= [balance.deviations[n] for n in others]
+    length = float(np.linalg.norm(slopes))
+    if not length > 0.0:
+        return None
+    sent = dict(zip(others, (slopes / length).tolist(), strict=True))
+    choice = _choice(balance, tuple(balance.deviations), taken)
+    begun = _nearest(balance, replace(choice, points=tuple(_points(balance, choice, sent))))
+    best = min((_fitted(balance, choice, values) for values in begun), key=lambda found: found[0])
+    return _with_fewer(balance, best, taken) if best[0] < EVIDENT * float(rest @ rest) else None
+
+
+def _choice(balance: _Balance, names: Sequence[str], taken: Sequence[str]) -> Choice:
+    """Return the step of a sum of these variables."""
+    values = balance.imitated.samples.values
+    limits = {n: STEEPEST / float(np.ptp(values[n])) for n in names}
+    reach = sum(w * float(np.abs(values[n]).max()) for n, w in limits.items())
+    step, constants = step_of_sum(limits, reach, balance.own, taken)
+    return Choice((step,), constants)
+
+
+def _points(balance: _Balance, choice: Choice, sent: Mapping[str, float]) -> Iterator[tuple[tuple[str, float], ...]]:
+    """Yield values of the constants of a step, by name, to begin with.
+
+    Lines say in which proportion the others weigh: what the own state weighs is hidden behind its decay.
+
+    Args:
+        balance: what it stands in.
+        choice: the step.
+        sent: what the others weigh, times their deviations, together 1.
+    """
+    values, names = balance.imitated.samples.values, [c.name for c in choice.constants]
+    for own, steepness, place in product(OWN, STEEPNESS, PLACES):
+        size = steepness / np.hypot(1.0, own)
+        weights = {n: size * sent.get(n, own) / deviation for n, deviation in balance.deviations.items()}
+        total = np.sum([w * values[n] for n, w in weights.items()], axis=0)
+        yield tuple(zip(names, (*weights.values(), float(total.mean() + place * total.std())), strict=True))
+
+
+def _nearest(balance: _Balance, choice: Choice) -> list[Mapping[str, float]]:
+    """Return the points of a step that come nearest to what a balance says."""
+    points, columns = balance.imitated.samples.on_grid(choice)
+    there, rest = balance.around
+    squares = np.sum(unexplained(rest, there, columns) ** 2, axis=1)
+    return [points[k] for k in np.argsort(squares)[:BEGUN]]
+
+
+def _fitted(balance: _Balance, choice: Choice, values: Mapping[str, float]) -> tuple[float, Placed]:
+    """Return what a step leaves of a balance at the best constants near these, and the step."""
+    squares, (placed,) = balance.imitated.fitted([Placed(choice, values)], balance.around, STEPS)
+    return squares, placed
+
+
+def _with_fewer(balance: _Balance, found: tuple[float, Placed], taken: Sequence[str]) -> Placed:
+    """Return a step of a sum less the variables that matter next to nothing in it.
+
+    Args:
+        balance: what it stands in.
+        found: the squares that it leaves, and the step.
+        taken: names that constants may not have.
+    """
+    names = list(balance.deviations)
+    while len(names) > 1:
+        fewer = [[n for n in names if n != name] for name in names]
+        choices = [_choice(balance, some, taken) for some in fewer]
+        values = [{c.name: found[1].values[c.name] for c in choice.constants} for choice in choices]
+        tried = [_fitted(balance, choice, at) for choice, at in zip(choices, values, strict=True)]
+        best = min(range(len(names)), key=lambda k: tried[k][0])
+        if not tried[best][0] < MATTERS * found[0]:
+            break
+        names, found = fewer[best], tried[best]
+    return found[1]
