@@ -79,17 +79,18 @@ class _Work(Sharing):
         that saturates soon is a constant but near nothing, where powers that imitate it have another shape: no ranking
         sees it, and beside the variable alone it is told from a constant.
         """
-        suspected, fit = self.suspected[k], standing.fit
+        suspected, fit, said = self.suspected[k], standing.fit, standing.said or standing.fit
         alone = {n for n in self.alone(suspected.relation, fit) if n != suspected.variable}
-        wide, bare, lean = (
-            self.base(suspected.relation, fit.theta, given)
-            for given in ({ONE.text, suspected.variable, *alone}, {suspected.variable, *alone}, alone)
-        )
-        every = [Choice(), *self.linear(k), *self.choices[k]]
-        for base in (wide, lean) if lean != wide else (wide,):
-            yield from self.trials_beside(standing, k, base, every)
+        wide, line, single = {ONE.text, suspected.variable, *alone}, {suspected.variable, *alone}, self.single(said)
+        every, done = [Choice(), *self.linear(k), *self.choices[k]], list[list[int]]()
+        for given in (wide.union(single), alone.union(single), wide, alone):
+            base = self.base(suspected.relation, fit.theta, given)
+            if base not in done:
+                done.append(base)
+                yield from self.trials_beside(standing, k, base, every)
         saturations = [c for c in self.choices[k] if c.saturates]
-        if saturations and bare not in (wide, lean):
+        bare = self.base(suspected.relation, fit.theta, line)
+        if saturations and bare not in done:
             yield from self.trials_beside(standing, k, bare, saturations)
 
     def trials_beside(

@@ -34,7 +34,7 @@ class Beginnings(Saturating):
 
         Those of least penalised cost: few terms and functions, functions with a saturation, functions in the place of
         all that a relation has, Stribeck's curve, or functions beside what is no imitation alone, or beside all
-        variables and a constant, too.
+        variables and a constant, too, and what holds a variable but once.
 
         Args:
             found: the model before.
@@ -45,7 +45,8 @@ class Beginnings(Saturating):
             return rubbing  # a law that is known beforehand: what else there is may be exchanged
         ways = (self.sparse(found, plain), self.saturating(found), self.substituted(found, plain), rubbing)
         standings = [s for s in ways if s is not None]
-        for given in ((), self.lines):
+        single = self.single(found)
+        for given in dict.fromkeys(((), single, self.lines, (*self.lines, *single))):
             if standings and self.space.budget.late:
                 break
             bar = min((price(s.fit) for s in standings), default=np.inf)

@@ -177,6 +177,22 @@ class FunctionSpace:
         parts = ((k, p) for k, m in enumerate(self.space.mechanisms[: self.own]) for p in m.parts)
         return [k for k, p in parts if p.relation == relation and p.product.factor is None]
 
+    def single(self, found: Fit) -> tuple[str, ...]:
+        """Return what a model multiplies a variable by once, while other powers of it may imitate a function.
+
+        As L*x beside x and x**2: it may be part of that function, times L, or of none.
+
+        Args:
+            found: the model.
+        """
+        texts = list[str]()
+        for s in (s for s in self.suspected if s.reason == "powers"):
+            terms = [p.term for _, p in self.present(found, s.relation) if p.factor is None]
+            here = [t for t in terms if s.variable in t.names]
+            rests = [Term(tuple(f for f in t.factors if f[0] != Name(s.variable))) for t in here]
+            texts += [t.text for t, rest in zip(here, rests, strict=True) if rest != ONE and rests.count(rest) == 1]
+        return tuple(dict.fromkeys(texts))
+
     @property
     def lines(self) -> tuple[str, ...]:
         """A constant and all variables: what may stand beside functions in a relation of any kind."""

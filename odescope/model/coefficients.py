@@ -72,7 +72,7 @@ def term_rows(relations: Sequence[Relation], targets: Sequence[str]) -> Iterator
                 yield CoefficientRow.of("term", target, t.text, t.coefficient, t.std_error)
         for t in divided.terms:
             if t.factor is None:
-                text = t.text if divided is relation else readable(t.term)
+                text = readable(t.term).removesuffix("**1")
                 # 0 is added because -0.0 is no number that anyone writes.
                 yield CoefficientRow.of("term", target, text, 0.0 - t.coefficient, t.std_error)
 

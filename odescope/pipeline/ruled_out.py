@@ -89,7 +89,7 @@ def few_values(inputs: Collection[str], records: Records) -> dict[str, int]:
 
 
 def few_candidates(study: Study, degree: int | None, records: Records) -> Iterator[str]:
-    """Yield why a default library has fewer candidates than the usual.
+    """Yield why a library has fewer candidates than the usual.
 
     Args:
         study: says what the candidates are.
@@ -101,7 +101,7 @@ def few_candidates(study: Study, degree: int | None, records: Records) -> Iterat
         few = f"{records.samples} samples cannot decide between all of the default library"
         yield f"{few}: its candidates are of degree {degree} at most"
     most = options.degree if degree is None else degree
-    for name, count in few_values(study.inputs if options.by_default else (), records).items():
+    for name, count in few_values(_among_candidates(study), records).items():
         if count <= most:
             powers = f"{name}**{count}" if count == most else f"{name}**{count} and higher powers"
             yield f"{name} has {COUNTS[count]} values, of which {powers} would say no more than lower ones: left out"
@@ -115,17 +115,22 @@ def not_ruled_out(study: Study, records: Records) -> Stays:
         records: what was measured.
     """
     options, coordinates = study.library, study.measured()
-    if not options.by_default:
-        return lambda _: True
     named = set(Library.of(options.extra, study.scope()))
-    near = () if options.potential is not None else near_origin(coordinates, records)
-    smooth, few = of_one_sign(coordinates, records), few_values(study.inputs, records)
+    few = few_values(_among_candidates(study), records)
+    near = near_origin(coordinates, records) if options.by_default and options.potential is None else ()
+    smooth = of_one_sign(coordinates, records) if options.by_default else ()
 
     def stays(term: Term) -> bool:
         beyond = any(term.power_of(Name(name)) >= count for name, count in few.items())
         return term in named or not (beyond or from_origin(term) in near or rubs(term) in smooth)
 
     return stays
+
+
+def _among_candidates(study: Study) -> list[str]:
+    """Return the inputs that products of the library hold as they are."""
+    basis = study.library.basis or ()
+    return [name for name in study.inputs if study.library.by_default or name in basis]
 
 
 def mechanisms_that_stay(mechanisms: Mapping[Form, Mechanisms], stays: Stays) -> dict[Form, Mechanisms]:
