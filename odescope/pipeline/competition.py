@@ -33,6 +33,7 @@ from odescope.pipeline.one_by_one import with_terms_of_mechanisms
 from odescope.pipeline.radiation import radiated, with_radiation
 from odescope.pipeline.reciprocals import with_reciprocals
 from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.relative_speeds import relative_speeds, with_relative_speeds
 from odescope.pipeline.roots import with_roots
 from odescope.pipeline.shared_rates import with_shared_rates
 from odescope.pipeline.springs_and_dampers import with_springs_and_dampers
@@ -187,7 +188,7 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
     if not work.study.likelihood.enabled:
         return posed, None
     relations = posed.form == "relations" and not work.late
-    for small in (rates, radiated, networks) if relations else ():
+    for small in (rates, radiated, networks, relative_speeds) if relations else ():
         if (begun := small(work, filtered, regressed)) is not None:
             return begun
     flowing = flows(work, filtered, regressed) if relations else None
@@ -218,6 +219,7 @@ def _with_more(
     suspicions = tuple[SuspicionScore, ...]()
     # Products are simpler than functions, which are then looked for beside the candidates that the model is made of.
     posed, refinement = with_modulated(work, filtered, posed, regressed, refinement)
+    posed, refinement = with_relative_speeds(work, filtered, posed, refinement)
     posed, refinement = with_reciprocals(work, filtered, posed, regressed, refinement)
     posed, refinement = with_divided_friction(work, filtered, posed, refinement)
     if refinement is not None and refinement.follows:

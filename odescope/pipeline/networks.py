@@ -88,7 +88,7 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     refinement = refine_form(within(linear, AT_FIRST), filtered, posed)
     if refinement is None or not settles(refinement, signals):
         return None
-    return posed, replace(refinement, finished=True)
+    return (posed, replace(refinement, finished=True)) if refinement.settings.parameters else None
 
 
 def _own(step: Placed | None) -> Library:

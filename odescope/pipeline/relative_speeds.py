@@ -1,0 +1,124 @@
+"""Friction of a speed relative to an input: a belt that carries, wind that drives.
+
+docs/method.md, Suspicion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+
+from odescope.events import Progress
+from odescope.library.expression import Call
+from odescope.library.friction import speeds
+from odescope.likelihood.beginnings import EVIDENT
+from odescope.likelihood.refine import Refinement
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import Posed, relations_form
+from odescope.pipeline.regressed import Regressed
+from odescope.pipeline.stages import refine_form
+from odescope.pipeline.temperatures import AT_FIRST
+from odescope.pipeline.units import units_of
+from odescope.pipeline.wider import (
+    basis_of,
+    evidently_better,
+    regressed_with,
+    settles,
+    with_basis,
+    with_extra,
+    within,
+)
+from odescope.pipeline.work import Work
+
+DEGREE = 2  # of the products beside such friction: more imitates it
+ALIKE = 0.1  # size of the smaller over that of the larger: of less the difference is the larger one
+
+
+def relative_speeds(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, Refinement] | None:
+    """Return relations with friction relative to an input, and their model; None where this promises nothing.
+
+    What lies on a belt rubs by its speed relative to the belt, a balloon drifts by that of the wind, and the difference
+    of an input and a speed is in no function of one of the two. The model is kept where it leaves nothing to look for.
+    Nothing is tried where no input may be a speed, or a library was written by hand.
+
+    Args:
+        work: whose study says of which variables functions may be looked for.
+        filtered: the records and their signals.
+        regressed: what regression in the default library found.
+    """
+    wide, found = _most_promising(work, filtered) or (work, None)
+    if found is None or not found.explicit < regressed.explicit - EVIDENT:
+        return None
+    posed, refinement = _refined(within(wide, AT_FIRST), filtered, found)
+    if refinement is None or not (settles(refinement, filtered.signals) and _is_relative(work, refinement)):
+        return None
+    return posed, replace(refinement, finished=True)
+
+
+def with_relative_speeds(
+    work: Work, filtered: Filtered, posed: Posed, refinement: Refinement | None
+) -> tuple[Posed, Refinement | None]:
+    """Return relations and their model: with friction relative to an input, where that is evidently better.
+
+    Differences of smoothed states may be too blunt for friction that is steep: where a model is wanting the likelihood
+    is asked.
+
+    Args:
+        work: whose study says of which variables functions may be looked for.
+        filtered: the records and their signals.
+        posed: the relations.
+        refinement: the model so far, if there is one.
+    """
+    if refinement is not None and not refinement.wanting:
+        return posed, refinement
+    wide, found = _most_promising(work, filtered) or (work, None)
+    if found is None:
+        return posed, refinement
+    wider, other = _refined(within(wide, AT_FIRST), filtered, found)
+    better = other is not None and _is_relative(work, other) and evidently_better(other, refinement)
+    return (wider, other) if better else (posed, refinement)
+
+
+def _most_promising(work: Work, filtered: Filtered) -> tuple[Work, Regressed] | None:
+    """Return the work with friction of one difference among the candidates, and what regression finds with it.
+
+    The friction is too steep for products to be told from it by differences: a forward selection ranks it.
+    """
+    if work.study.library.by_hand or not work.study.suspects or not filtered.sample.complete:
+        return None
+    tried = [(wide, found) for wide in _wider(work, filtered) if (found := regressed_with(wide, filtered)) is not None]
+    return min(tried, key=lambda one: one[1].explicit, default=None)
+
+
+def _refined(work: Work, filtered: Filtered, found: Regressed) -> tuple[Posed, Refinement | None]:
+    """Return the relations of a study, and the model that a search in them ends with."""
+    work.monitor.tell(Progress("suspicion", "search with friction relative to an input", 0, 1))
+    posed = relations_form(work.study, (found,), lambda _: found)
+    return posed, refine_form(work, filtered, posed)
+
+
+def _is_relative(work: Work, refinement: Refinement) -> bool:
+    """Say whether a model holds a function of an input and something else."""
+    atoms = (a for r in refinement.relations for t in r.terms for a, _ in t.product.term.factors)
+    arguments = (a.argument.names for a in atoms if isinstance(a, Call))
+    return any(len(names) > 1 and not names.isdisjoint(work.study.inputs) for names in arguments)
+
+
+def _wider(work: Work, filtered: Filtered) -> Iterator[Work]:
+    """Yield the work with friction of the difference of an input and a speed, of one pair after the other.
+
+    Args:
+        work: for the study.
+        filtered: the records and their signals.
+    """
+    signals, units = filtered.signals, units_of(filtered)
+    moving = [*(c.derivative(1) for c in signals.coordinates if c.order == 2), *speeds(signals.coordinates)]
+    joined = signals.joined()
+    size = {n: float(abs(joined[signals.row(n)]).max()) for n in (*moving, *work.study.inputs)}
+    plain = with_basis(work, basis_of(work.study), DEGREE)
+    for source, speed in product(work.study.inputs, moving):
+        alike = len({units.get(n) for n in (source, speed)} - {None}) < 2
+        if alike and min(size[source], size[speed]) > ALIKE * max(size[source], size[speed]):
+            between = f"{source} - {speed}"
+            yield with_extra(plain, (f"sign({between})", f"({between})**1*abs({between})"))
