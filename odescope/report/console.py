@@ -53,10 +53,15 @@ def _tried(run: RunShown) -> str:
 
 
 def _equations_text(report: Report, model: Model) -> str:
-    """Return a row an equation: its terms beside the target, and what it explains where it was judged by that."""
+    """Return a row an equation: its terms beside the target, and what it explains where nothing else tells of it.
+
+    What is held out of a target is noisy: beside a free run over it, it says next to nothing.
+    """
     from rich.table import Table
 
-    scores = {} if model.scores is None or model.mechanisms else model.scores.targets
+    told = model.scores
+    run = model.mechanisms or (told is not None and any(step.chosen for step in told.path))
+    scores = {} if told is None or run else told.targets
     searched = {s.target for s in report.searches}
     judged = {t: s.telling_r2 for t, s in scores.items() if s.r2_held_out is not None and t in searched}
     table = Table(title_justify="left", box=None, pad_edge=False)
@@ -64,8 +69,8 @@ def _equations_text(report: Report, model: Model) -> str:
         table.add_column(heading, justify="left" if heading == "target" else "right")
     for target, relation in zip(model.targets, model.relations, strict=True):
         r2 = judged.get(target)
-        told = "–" if r2 is None else share(r2)
-        table.add_row(target, str(len(relation.terms) - 1), *((told,) if judged else ()))
+        share_of = "–" if r2 is None else share(r2)
+        table.add_row(target, str(len(relation.terms) - 1), *((share_of,) if judged else ()))
     return _shown(table)
 
 

@@ -112,9 +112,15 @@ def test_a_stored_report_from_before_there_were_paths_is_read(report, tmp_path):
     assert "path of models" not in to_html(stored, blank(stored))
 
 
+def test_what_is_held_out_of_targets_is_said_where_no_free_run_tells(report, result):
+    without = msgspec.structs.replace(result.model.scores, path=())
+    told = with_model(report, replace(result.model, scores=without))
+    assert "R² held out" in trust_text(told)
+    assert "R² held out" not in trust_text(with_path(report, result, PATH))
+
+
 def test_nothing_of_the_regression_is_said_of_mechanisms(report, result):
     """Its candidates were held out, these mechanisms were not: free runs over what is held out are what is known."""
-    assert "R² held out" in trust_text(report)
     scores = ModelScores(path=PATH, free_runs=(FreeRun(8.0, 8.0),))
     mechanisms = (FoundMechanism("x + y -> 2 x", "reaction", "x*y", 1.03, 0.021),)
     told = with_model(report, replace(result.model, mechanisms=mechanisms, scores=scores))
