@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import chain, combinations, product
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from odescope.arrays import FloatArray
 from odescope.events import Progress
 from odescope.library.candidates import Library
 from odescope.library.pairs import step_of_sum
-from odescope.likelihood.imitation import SEEN, Choice, Imitated, Placed, Samples
+from odescope.likelihood.imitation import Choice, Imitated, Placed, Samples
 from odescope.likelihood.refine import Refinement
 from odescope.likelihood.unexplained import unexplained
 from odescope.pipeline.constants import substituted_at
@@ -28,12 +28,13 @@ from odescope.pipeline.temperatures import AT_FIRST
 from odescope.pipeline.wider import basis_of, promises, settles, with_basis, within
 from odescope.pipeline.work import Work
 
-MANY = 8  # variables of a sum, at most
+MANY = 6  # variables of a sum, at most
 STEEPEST = 30.0  # weight of a variable, times its range
-OWN = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0)  # weight of the own state, over that of all others together,
-STEEPNESS = (1.0, 2.5, 6.0)  # and of all, each times the deviation of its variable: where a step is looked for
-PLACES = (-1.5, -0.5, 0.5, 1.5)  # the same of its middle, in deviations of the sum
+DIRECTIONS = 40  # of the weights, at random, and how long these are, each times the deviation of its variable:
+STEEPNESS = (1.0, 2.5, 6.0)  # where a step is looked for,
+PLACES = (-1.0, 0.0, 1.0)  # the same of its middle, in deviations of the sum
 BEGUN = 6  # points from which constants are fitted
+SEEN = 500  # samples that tell, at most
 STEPS = 60  # of such a fit, at most
 MATTERS = 1.05  # times the squares that a step leaves: what one less a variable does, at least, where that matters
 EVIDENT = 0.5  # of the squares that lines leave: what a step leaves, at most
@@ -112,84 +113,66 @@ def _balances(work: Work, filtered: Filtered) -> Iterator[_Balance]:
 
 
 def _step(balance: _Balance, taken: Sequence[str]) -> Placed | None:
-    """Return the step of a weighted sum that a balance holds, None where lines say about as much.
+    """Return the step of a sum of the fewest variables that a balance holds, None where lines say about as much.
 
     Args:
         balance: what it says.
         taken: names that constants may not have.
     """
-    imitated, others = balance.imitated, [n for n in balance.deviations if n != balance.own]
-    rows = np.vstack([imitated.base, *(imitated.samples.values[n] for n in others)])
+    imitated, names = balance.imitated, tuple(balance.deviations)
+    rows = np.vstack([imitated.base, *(imitated.samples.values[n] for n in names if n != balance.own)])
     _, rest = imitated.beside(rows)
-    slopes = np.linalg.lstsq(rows.T, imitated.said)[0][len(imitated.base) :]
-    slopes *= [balance.deviations[n] for n in others]
-    length = float(np.linalg.norm(slopes))
-    if not length > 0.0:
+    squares, whole = _fitted(balance, names, taken)
+    if not squares < EVIDENT * float(rest @ rest):
         return None
-    sent = dict(zip(others, (slopes / length).tolist(), strict=True))
-    choice = _choice(balance, tuple(balance.deviations), taken)
-    begun = _nearest(balance, replace(choice, points=tuple(_points(balance, choice, sent))))
-    best = min((_fitted(balance, choice, values) for values in begun), key=lambda found: found[0])
-    return _with_fewer(balance, best, taken) if best[0] < EVIDENT * float(rest @ rest) else None
+    smaller = chain.from_iterable(combinations(names, size) for size in range(1, len(names)))
+    tried = (_fitted(balance, some, taken) for some in smaller)
+    step = next((fewer for less, fewer in tried if less < MATTERS * squares), whole)
+    constant, _, size = imitated.coefficients([step])
+    # A step that falls is a number less one that rises: as it is the number that goes.
+    falls = abs(constant + size) < abs(constant)
+    return Placed(step.choice, {n: -value for n, value in step.values.items()}) if falls else step
 
 
-def _choice(balance: _Balance, names: Sequence[str], taken: Sequence[str]) -> Choice:
-    """Return the step of a sum of these variables."""
+def _fitted(balance: _Balance, names: Sequence[str], taken: Sequence[str]) -> tuple[float, Placed]:
+    """Return what a step of a sum of some variables leaves of a balance, and the step at its best constants.
+
+    Args:
+        balance: what it stands in.
+        names: of the variables.
+        taken: names that constants may not have.
+    """
     values = balance.imitated.samples.values
     limits = {n: STEEPEST / float(np.ptp(values[n])) for n in names}
     reach = sum(w * float(np.abs(values[n]).max()) for n, w in limits.items())
     step, constants = step_of_sum(limits, reach, balance.own, taken)
-    return Choice((step,), constants)
-
-
-def _points(balance: _Balance, choice: Choice, sent: Mapping[str, float]) -> Iterator[tuple[tuple[str, float], ...]]:
-    """Yield values of the constants of a step, by name, to begin with.
-
-    Lines say in which proportion the others weigh: what the own state weighs is hidden behind its decay.
-
-    Args:
-        balance: what it stands in.
-        choice: the step.
-        sent: what the others weigh, times their deviations, together 1.
-    """
-    values, names = balance.imitated.samples.values, [c.name for c in choice.constants]
-    for own, steepness, place in product(OWN, STEEPNESS, PLACES):
-        size = steepness / np.hypot(1.0, own)
-        weights = {n: size * sent.get(n, own) / deviation for n, deviation in balance.deviations.items()}
-        total = np.sum([w * values[n] for n, w in weights.items()], axis=0)
-        yield tuple(zip(names, (*weights.values(), float(total.mean() + place * total.std())), strict=True))
-
-
-def _nearest(balance: _Balance, choice: Choice) -> list[Mapping[str, float]]:
-    """Return the points of a step that come nearest to what a balance says."""
+    begun = tuple(_points(balance, names, [c.name for c in constants]))
+    choice, (there, rest) = Choice((step,), constants, begun), balance.around
     points, columns = balance.imitated.samples.on_grid(choice)
-    there, rest = balance.around
-    squares = np.sum(unexplained(rest, there, columns) ** 2, axis=1)
-    return [points[k] for k in np.argsort(squares)[:BEGUN]]
-
-
-def _fitted(balance: _Balance, choice: Choice, values: Mapping[str, float]) -> tuple[float, Placed]:
-    """Return what a step leaves of a balance at the best constants near these, and the step."""
-    squares, (placed,) = balance.imitated.fitted([Placed(choice, values)], balance.around, STEPS)
+    nearest = np.argsort(np.sum(unexplained(rest, there, columns) ** 2, axis=1))[:BEGUN]
+    fits = [balance.imitated.fitted([Placed(choice, points[k])], (there, rest), STEPS) for k in nearest]
+    squares, (placed,) = min(fits, key=lambda found: found[0])
     return squares, placed
 
 
-def _with_fewer(balance: _Balance, found: tuple[float, Placed], taken: Sequence[str]) -> Placed:
-    """Return a step of a sum less the variables that matter next to nothing in it.
+def _points(
+    balance: _Balance, names: Sequence[str], constants: Sequence[str]
+) -> Iterator[tuple[tuple[str, float], ...]]:
+    """Yield values of the constants of a step, by name, to begin with: weights at random, and middles.
+
+    Lines would say in which proportion the others weigh, but what the own state weighs is hidden behind its decay.
 
     Args:
         balance: what it stands in.
-        found: the squares that it leaves, and the step.
-        taken: names that constants may not have.
+        names: of the variables of its sum.
+        constants: names of the weights, then of the offset.
     """
-    names = list(balance.deviations)
-    while len(names) > 1:
-        fewer = [[n for n in names if n != name] for name in names]
-        choices = [_choice(balance, some, taken) for some in fewer]
-        values = [{c.name: found[1].values[c.name] for c in choice.constants} for choice in choices]
-        tried = [_fitted(balance, choice, at) for choice, at in zip(choices, values, strict=True)]
-        best = min(range(len(names)), key=lambda k: tried[k][0])
-        if not tried[best][0] < MATTERS * found[0]:
-            break
-        names, found = fewer[best], tried[best]
-    return found[1]
+    values, rng = balance.imitated.samples.values, np.random.default_rng(0)
+    directions = rng.standard_normal((DIRECTIONS, len(names)))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for direction, steepness in product(directions, STEEPNESS):
+        weights = {n: steepness * d / balance.deviations[n] for n, d in zip(names, direction.tolist(), strict=True)}
+        total = np.sum([w * values[n] for n, w in weights.items()], axis=0)
+        for place in PLACES:
+            middle = float(total.mean() + place * total.std())
+            yield tuple(zip(constants, (*weights.values(), middle), strict=True))
