@@ -64,15 +64,15 @@ class Family:
         """Whether it is an exponential that falls as its variable grows."""
         return self.term.text.startswith("exp(-") and any(c.name.startswith(f"{RISE}_") for c in self.constants)
 
-    def suits(self, squared: bool, position: bool) -> bool:
-        """Say whether it may be in a relation: what has a square below it only where one divides what imitates it.
+    def suits(self, squared: bool, divided: bool) -> bool:
+        """Say whether it may be in a relation: poles and what has a square below it only where something divides.
 
         Args:
             squared: whether a square of the variable divides the relation.
-            position: whether the variable is a position: forces have poles, and go with a gap.
+            divided: whether the variable does, and is a position: forces have poles, and go with a gap.
         """
         pole, falls = (any(c.name.startswith(r) for c in self.constants) for r in (POLES, LARGEST_AT))
-        return (squared and position) if pole else (squared or not falls)
+        return divided if pole else (squared or not falls)
 
 
 def laid_out(

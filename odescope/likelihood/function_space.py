@@ -83,13 +83,14 @@ class FunctionSpace:
         angles = may_be_angles(values, units) if joint else None
         names = dict.fromkeys(s.variable for s in suspected if s.reason not in JOINT)
         squared = {s.variable for s in suspected if s.squared}
+        divided = {s.variable for s in suspected if s.reason == "fractions"}
         positions = {
             s for s, after in zip(space.frame.states, space.frame.following.tolist(), strict=True) if after >= 0
         }
         every = (
             (n, families_of(n, values[n], taken, None if angles is None else n in angles, units.get(n))) for n in names
         )
-        families = {n: tuple(f for f in found if f.suits(n in squared, n in positions)) for n, found in every}
+        families = {n: tuple(f for f in found if f.suits(n in squared, n in positions & divided)) for n, found in every}
         fixed = dict(zip(space.frame.constants, space.whole.constants(refinement.fit.theta), strict=True))
         choices = tuple(
             joint.get(s.reason)

@@ -151,13 +151,13 @@ def test_what_has_another_unit_is_no_angle(unit, angles):
 
 
 @pytest.mark.parametrize(
-    ("squared", "position", "there"),
-    [(True, True, {"before", "behind", "critical"}), (True, False, {"critical"}), (False, True, set())],
+    ("squared", "divided", "there"),
+    [(True, True, {"before", "behind", "critical"}), (True, False, {"critical"}), (False, True, {"before", "behind"})],
 )
 def test_what_has_a_square_below_it_is_a_function_only_where_one_divides_and_a_pole_of_positions(
-    squared, position, there
+    squared, divided, there
 ):
-    suited = [f for f in families_of("z", np.linspace(-1.0, 2.0, 500), ()) if f.suits(squared, position)]
+    suited = [f for f in families_of("z", np.linspace(-1.0, 2.0, 500), ()) if f.suits(squared, divided)]
     roles = {c.name.removesuffix("_z") for f in suited for c in f.constants}
     assert roles & {"before", "behind", "critical"} == there
     assert {"edge", "head", "supply"} <= roles
