@@ -5,7 +5,7 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, combinations, product
@@ -15,9 +15,11 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.events import Progress
 from odescope.library.candidates import Library
+from odescope.library.constants import Constant
 from odescope.library.pairs import step_of_sum
 from odescope.likelihood.imitation import Choice, Imitated, Placed, Samples
 from odescope.likelihood.refine import Refinement
+from odescope.likelihood.search import THIN
 from odescope.likelihood.unexplained import unexplained
 from odescope.pipeline.constants import substituted_at
 from odescope.pipeline.filtering import Filtered
@@ -55,6 +57,15 @@ class _Balance:
         return self.imitated.beside(self.imitated.base)
 
 
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """The step of a weighted sum of some variables, by name, and the squares that it leaves of its balance."""
+
+    names: tuple[str, ...]
+    placed: Placed
+    squares: float
+
+
 def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, Refinement] | None:
     """Return relations in lines and steps of weighted sums, and their model; None where these promise nothing.
 
@@ -72,29 +83,75 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     alike = all(c.order == 1 and not c.angle for c in signals.coordinates)
     if study.library.by_hand or not alike or not study.suspects or not filtered.sample.complete:
         return None
-    steps = {b.number: step for b in _balances(work, filtered) if (step := _step(b, signals.names)) is not None}
-    if not steps:
-        return None
-    linear = with_basis(work, basis_of(study), 1)
-    libraries = [linear.study.candidates(target) for target in signals.targets]
-    libraries = [library + _own(steps.get(r)) for r, library in enumerate(libraries)]
-    values = {name: value for step in steps.values() for name, value in step.values.items()}
-    constants = tuple(c for step in steps.values() for c in step.choice.constants)
-    found = regress_at(linear, substituted_at(libraries, constants, values, signals.targets), filtered)
-    if not promises(found, regressed):
+    balances = {b.number: b for b in _balances(work, filtered)}
+    steps = {r: step for r, b in balances.items() if (step := _step(b, signals.names)) is not None}
+    wide = within(with_basis(work, basis_of(study), 1), AT_FIRST)
+    found = _regressed(wide, filtered, steps)
+    if not (steps and promises(found, regressed)):
         return None
     work.monitor.tell(Progress("suspicion", "search with steps of weighted sums", 0, 1))
-    # Weights are nominally none: what stands against that is the evidence for each.
-    posed = replace(relations_form(linear.study, (found,), lambda _: found), constants=constants)
-    refinement = refine_form(within(linear, AT_FIRST), filtered, posed)
+    posed, refinement = _refined(wide, filtered, steps, found)
+    if refinement is not None and (weak := _weak(refinement)):
+        values = {p.name: p.value for p in refinement.settings.parameters}
+        steps = {r: _without(balances[r], step, weak, values, signals.names) for r, step in steps.items()}
+        posed, refinement = _refined(wide, filtered, steps, _regressed(wide, filtered, steps))
     if refinement is None or not settles(refinement, signals):
         return None
     return (posed, replace(refinement, finished=True)) if refinement.settings.parameters else None
 
 
-def _own(step: Placed | None) -> Library:
-    """Return the candidates of a balance beside lines."""
-    return Library(() if step is None else step.choice.terms)
+def _regressed(work: Work, filtered: Filtered, steps: Mapping[int, _Step]) -> Regressed:
+    """Return what regression finds in lines and steps, each in its own balance."""
+    targets = filtered.signals.targets
+    lines = [work.study.candidates(target) for target in targets]
+    libraries = [own + Library(steps[r].placed.choice.terms if r in steps else ()) for r, own in enumerate(lines)]
+    values = {name: value for step in steps.values() for name, value in step.placed.values.items()}
+    return regress_at(work, substituted_at(libraries, _constants(steps), values, targets), filtered)
+
+
+def _constants(steps: Mapping[int, _Step]) -> tuple[Constant, ...]:
+    """Return the constants of all steps: weights are nominally none, and what stands against that is their evidence."""
+    return tuple(c for step in steps.values() for c in step.placed.choice.constants)
+
+
+def _refined(
+    work: Work, filtered: Filtered, steps: Mapping[int, _Step], found: Regressed
+) -> tuple[Posed, Refinement | None]:
+    """Return the relations of lines and steps, and the model that a search in them ends with.
+
+    Args:
+        work: for the study with lines.
+        filtered: the records and their signals.
+        steps: by the number of their balance.
+        found: what regression finds with them.
+    """
+    posed = replace(relations_form(work.study, (found,), lambda _: found), constants=_constants(steps))
+    return posed, refine_form(work, filtered, posed)
+
+
+def _weak(refinement: Refinement) -> frozenset[str]:
+    """Return the constants of a model that may as well be none."""
+    outcome, mechanisms = refinement.outcome, refinement.space.mechanisms
+    thin = outcome.fit.wald / max(outcome.scale, 1.0) <= THIN * outcome.penalties
+    return frozenset(m.place for k in outcome.fit.free[thin] if (m := mechanisms[k]).kind == "constant")
+
+
+def _without(
+    balance: _Balance, step: _Step, weak: Collection[str], values: Mapping[str, float], taken: Sequence[str]
+) -> _Step:
+    """Return a step of a sum less the variables whose weights are weak; as it is where none would be left.
+
+    Args:
+        balance: what it stands in.
+        step: that of the likelihood's model.
+        weak: names of weights.
+        values: of all constants of that model.
+        taken: names that constants may not have.
+    """
+    weights = [c.name for c in step.placed.choice.constants]
+    names = tuple(n for n, weight in zip(step.names, weights, strict=False) if weight not in weak) or step.names
+    choice, known = _choice(balance, names, taken), {**step.placed.values, **values}
+    return _Step(names, Placed(choice, {c.name: known[c.name] for c in choice.constants}), step.squares)
 
 
 def _balances(work: Work, filtered: Filtered) -> Iterator[_Balance]:
@@ -112,7 +169,7 @@ def _balances(work: Work, filtered: Filtered) -> Iterator[_Balance]:
             yield _Balance(r, coordinate.name, imitated, deviations)
 
 
-def _step(balance: _Balance, taken: Sequence[str]) -> Placed | None:
+def _step(balance: _Balance, taken: Sequence[str]) -> _Step | None:
     """Return the step of a sum of the fewest variables that a balance holds, None where lines say about as much.
 
     Args:
@@ -122,37 +179,41 @@ def _step(balance: _Balance, taken: Sequence[str]) -> Placed | None:
     imitated, names = balance.imitated, tuple(balance.deviations)
     rows = np.vstack([imitated.base, *(imitated.samples.values[n] for n in names if n != balance.own)])
     _, rest = imitated.beside(rows)
-    squares, whole = _fitted(balance, names, taken)
-    if not squares < EVIDENT * float(rest @ rest):
+    whole = _fitted(balance, names, taken)
+    if not whole.squares < EVIDENT * float(rest @ rest):
         return None
     smaller = chain.from_iterable(combinations(names, size) for size in range(1, len(names)))
     tried = (_fitted(balance, some, taken) for some in smaller)
-    step = next((fewer for less, fewer in tried if less < MATTERS * squares), whole)
-    constant, _, size = imitated.coefficients([step])
-    # A step that falls is a number less one that rises: as it is the number that goes.
-    falls = abs(constant + size) < abs(constant)
-    return Placed(step.choice, {n: -value for n, value in step.values.items()}) if falls else step
+    return next((fewer for fewer in tried if fewer.squares < MATTERS * whole.squares), whole)
 
 
-def _fitted(balance: _Balance, names: Sequence[str], taken: Sequence[str]) -> tuple[float, Placed]:
-    """Return what a step of a sum of some variables leaves of a balance, and the step at its best constants.
+def _fitted(balance: _Balance, names: tuple[str, ...], taken: Sequence[str]) -> _Step:
+    """Return the step of a sum of some variables at its best constants.
 
     Args:
         balance: what it stands in.
         names: of the variables.
         taken: names that constants may not have.
     """
-    values = balance.imitated.samples.values
-    limits = {n: STEEPEST / float(np.ptp(values[n])) for n in names}
-    reach = sum(w * float(np.abs(values[n]).max()) for n, w in limits.items())
-    step, constants = step_of_sum(limits, reach, balance.own, taken)
-    begun = tuple(_points(balance, names, [c.name for c in constants]))
-    choice, (there, rest) = Choice((step,), constants, begun), balance.around
+    choice, (there, rest) = _choice(balance, names, taken), balance.around
+    choice = replace(choice, points=tuple(_points(balance, names, [c.name for c in choice.constants])))
     points, columns = balance.imitated.samples.on_grid(choice)
     nearest = np.argsort(np.sum(unexplained(rest, there, columns) ** 2, axis=1))[:BEGUN]
     fits = [balance.imitated.fitted([Placed(choice, points[k])], (there, rest), STEPS) for k in nearest]
     squares, (placed,) = min(fits, key=lambda found: found[0])
-    return squares, placed
+    constant, _, size = balance.imitated.coefficients([placed])
+    if abs(constant + size) < abs(constant):  # a step that falls is a number less one that rises: which is to go
+        placed = Placed(choice, {n: -value for n, value in placed.values.items()})
+    return _Step(names, placed, squares)
+
+
+def _choice(balance: _Balance, names: Sequence[str], taken: Sequence[str]) -> Choice:
+    """Return the step of a sum of these variables."""
+    values = balance.imitated.samples.values
+    limits = {n: STEEPEST / float(np.ptp(values[n])) for n in names}
+    reach = sum(w * float(np.abs(values[n]).max()) for n, w in limits.items())
+    step, constants = step_of_sum(limits, reach, balance.own, taken)
+    return Choice((step,), constants)
 
 
 def _points(

@@ -78,7 +78,7 @@ def test_the_weight_of_a_state_is_told_from_its_decay(own):
     balance = _Balance(0, "x", Imitated(said, np.array([np.ones_like(x), x]), samples), dict.fromkeys("xuv", 0.57))
     found = _step(balance, ())
     truth = {"weight_u_x": -4.0, "offset_x": 0.7} | ({"weight_x_x": own} if own else {})
-    assert found.values == pytest.approx(truth, rel=0.01)
+    assert found.placed.values == pytest.approx(truth, rel=0.01)
 
 
 def test_what_lines_say_as_well_is_no_step():
