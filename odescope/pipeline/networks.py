@@ -5,7 +5,7 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, combinations, product
@@ -39,17 +39,21 @@ BEGUN = 6  # points from which constants are fitted
 SEEN = 500  # samples that tell, at most
 STEPS = 60  # of such a fit, at most
 MATTERS = 1.05  # times the squares that a step leaves: what one less a variable does, at least, where that matters
-EVIDENT = 0.5  # of the squares that lines leave: what a step leaves, at most
+TOLD = 0.5  # of the squares that lines leave: what a step leaves, at most
 
 
 @dataclass(frozen=True, eq=False)
 class _Balance:
-    """What a balance says, and what may stand in it: its number, its own state, and the deviations of all variables."""
+    """What a balance says, and what may stand in it: its number, its own state, and the deviations of all variables.
+
+    `taken` are names that constants may not have.
+    """
 
     number: int
     own: str
     imitated: Imitated
     deviations: Mapping[str, float]
+    taken: Sequence[str] = ()
 
     @cached_property
     def around(self) -> tuple[FloatArray, FloatArray]:
@@ -84,17 +88,18 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     if study.library.by_hand or not alike or not study.suspects or not filtered.sample.complete:
         return None
     balances = {b.number: b for b in _balances(work, filtered)}
-    steps = {r: step for r, b in balances.items() if (step := _step(b, signals.names)) is not None}
+    steps = {r: step for r, b in balances.items() if (step := _step(b)) is not None}
+    if not steps:
+        return None
     wide = within(with_basis(work, basis_of(study), 1), AT_FIRST)
     found = _regressed(wide, filtered, steps)
-    if not (steps and promises(found, regressed)):
+    if not promises(found, regressed):
         return None
     work.monitor.tell(Progress("suspicion", "search with steps of weighted sums", 0, 1))
     posed, refinement = _refined(wide, filtered, steps, found)
-    if refinement is not None and (weak := _weak(refinement)):
-        values = {p.name: p.value for p in refinement.settings.parameters}
-        steps = {r: _without(balances[r], step, weak, values, signals.names) for r, step in steps.items()}
-        posed, refinement = _refined(wide, filtered, steps, _regressed(wide, filtered, steps))
+    fewer = steps if refinement is None else {r: _without(balances[r], s, refinement) for r, s in steps.items()}
+    if any(fewer[r].names != step.names for r, step in steps.items()):
+        posed, refinement = _refined(wide, filtered, fewer, _regressed(wide, filtered, fewer))
     if refinement is None or not settles(refinement, signals):
         return None
     return (posed, replace(refinement, finished=True)) if refinement.settings.parameters else None
@@ -129,28 +134,21 @@ def _refined(
     return posed, refine_form(work, filtered, posed)
 
 
-def _weak(refinement: Refinement) -> frozenset[str]:
-    """Return the constants of a model that may as well be none."""
-    outcome, mechanisms = refinement.outcome, refinement.space.mechanisms
-    thin = outcome.fit.wald / max(outcome.scale, 1.0) <= THIN * outcome.penalties
-    return frozenset(m.place for k in outcome.fit.free[thin] if (m := mechanisms[k]).kind == "constant")
-
-
-def _without(
-    balance: _Balance, step: _Step, weak: Collection[str], values: Mapping[str, float], taken: Sequence[str]
-) -> _Step:
-    """Return a step of a sum less the variables whose weights are weak; as it is where none would be left.
+def _without(balance: _Balance, step: _Step, refinement: Refinement) -> _Step:
+    """Return a step as a model has it, less the variables whose weights may as well be none, unless all are.
 
     Args:
         balance: what it stands in.
-        step: that of the likelihood's model.
-        weak: names of weights.
-        values: of all constants of that model.
-        taken: names that constants may not have.
+        step: that the model began with.
+        refinement: the model.
     """
-    weights = [c.name for c in step.placed.choice.constants]
-    names = tuple(n for n, weight in zip(step.names, weights, strict=False) if weight not in weak) or step.names
-    choice, known = _choice(balance, names, taken), {**step.placed.values, **values}
+    outcome, mechanisms = refinement.outcome, refinement.space.mechanisms
+    thin = outcome.fit.wald / max(outcome.scale, 1.0) <= THIN * outcome.penalties
+    weak = {mechanisms[k].place for k in outcome.fit.free[thin] if mechanisms[k].kind == "constant"}
+    weights = [c.name for c in step.placed.choice.constants[:-1]]
+    names = tuple(n for n, weight in zip(step.names, weights, strict=True) if weight not in weak) or step.names
+    known = {**step.placed.values, **{p.name: p.value for p in refinement.settings.parameters}}
+    choice = _choice(balance, names)
     return _Step(names, Placed(choice, {c.name: known[c.name] for c in choice.constants}), step.squares)
 
 
@@ -166,36 +164,25 @@ def _balances(work: Work, filtered: Filtered) -> Iterator[_Balance]:
         if coordinate.name in deviations and 1 < len(deviations) <= MANY:
             base = np.vstack([np.ones(joined.shape[1]), values[coordinate.name]])
             imitated = Imitated(joined[signals.row(coordinate.target)], base, samples)
-            yield _Balance(r, coordinate.name, imitated, deviations)
+            yield _Balance(r, coordinate.name, imitated, deviations, signals.names)
 
 
-def _step(balance: _Balance, taken: Sequence[str]) -> _Step | None:
-    """Return the step of a sum of the fewest variables that a balance holds, None where lines say about as much.
-
-    Args:
-        balance: what it says.
-        taken: names that constants may not have.
-    """
+def _step(balance: _Balance) -> _Step | None:
+    """Return the step of a sum of the fewest variables that a balance holds, None where lines say about as much."""
     imitated, names = balance.imitated, tuple(balance.deviations)
     rows = np.vstack([imitated.base, *(imitated.samples.values[n] for n in names if n != balance.own)])
     _, rest = imitated.beside(rows)
-    whole = _fitted(balance, names, taken)
-    if not whole.squares < EVIDENT * float(rest @ rest):
+    whole = _fitted(balance, names)
+    if not whole.squares < TOLD * float(rest @ rest):
         return None
     smaller = chain.from_iterable(combinations(names, size) for size in range(1, len(names)))
-    tried = (_fitted(balance, some, taken) for some in smaller)
+    tried = (_fitted(balance, some) for some in smaller)
     return next((fewer for fewer in tried if fewer.squares < MATTERS * whole.squares), whole)
 
 
-def _fitted(balance: _Balance, names: tuple[str, ...], taken: Sequence[str]) -> _Step:
-    """Return the step of a sum of some variables at its best constants.
-
-    Args:
-        balance: what it stands in.
-        names: of the variables.
-        taken: names that constants may not have.
-    """
-    choice, (there, rest) = _choice(balance, names, taken), balance.around
+def _fitted(balance: _Balance, names: tuple[str, ...]) -> _Step:
+    """Return the step of a sum of some variables at its best constants."""
+    choice, (there, rest) = _choice(balance, names), balance.around
     choice = replace(choice, points=tuple(_points(balance, names, [c.name for c in choice.constants])))
     points, columns = balance.imitated.samples.on_grid(choice)
     nearest = np.argsort(np.sum(unexplained(rest, there, columns) ** 2, axis=1))[:BEGUN]
@@ -207,12 +194,12 @@ def _fitted(balance: _Balance, names: tuple[str, ...], taken: Sequence[str]) -> 
     return _Step(names, placed, squares)
 
 
-def _choice(balance: _Balance, names: Sequence[str], taken: Sequence[str]) -> Choice:
+def _choice(balance: _Balance, names: Sequence[str]) -> Choice:
     """Return the step of a sum of these variables."""
     values = balance.imitated.samples.values
     limits = {n: STEEPEST / float(np.ptp(values[n])) for n in names}
     reach = sum(w * float(np.abs(values[n]).max()) for n, w in limits.items())
-    step, constants = step_of_sum(limits, reach, balance.own, taken)
+    step, constants = step_of_sum(limits, reach, balance.own, balance.taken)
     return Choice((step,), constants)
 
 

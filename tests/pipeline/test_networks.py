@@ -76,7 +76,7 @@ def test_the_weight_of_a_state_is_told_from_its_decay(own):
     said = 0.1 - 1.3 * x + 2.0 * step(own * x - 4.0 * u - 0.7) + 1e-3 * rng.standard_normal(600)
     samples = Samples({"x": x, "u": u, "v": v})
     balance = _Balance(0, "x", Imitated(said, np.array([np.ones_like(x), x]), samples), dict.fromkeys("xuv", 0.57))
-    found = _step(balance, ())
+    found = _step(balance)
     truth = {"weight_u_x": -4.0, "offset_x": 0.7} | ({"weight_x_x": own} if own else {})
     assert found.placed.values == pytest.approx(truth, rel=0.01)
 
@@ -87,4 +87,4 @@ def test_what_lines_say_as_well_is_no_step():
     said = 0.4 - 1.3 * x + 2.0 * u + 0.1 * rng.standard_normal(600)
     samples = Samples({"x": x, "u": u})
     balance = _Balance(0, "x", Imitated(said, np.array([np.ones_like(x), x]), samples), dict.fromkeys("xu", 0.57))
-    assert _step(balance, ()) is None
+    assert _step(balance) is None
