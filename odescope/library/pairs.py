@@ -12,7 +12,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant
 from odescope.library.expression import Term
-from odescope.library.families import may_be_angle
+from odescope.library.families import ARC, may_be_angle
 from odescope.library.parse import Scope, parse_term
 from odescope.recordings.checks import is_angular
 from odescope.recordings.coordinate import free_name
@@ -54,13 +54,16 @@ def pair_families(
 
 
 def may_be_angles(values: Mapping[str, FloatArray], units: Mapping[str, str | None] = NO_UNITS) -> frozenset[str]:
-    """Return the variables that may be angles, by themselves or by their difference from another or sum with it."""
+    """Return the variables that may be angles, by themselves or by their difference from another or sum with it.
+
+    What moves next to nothing itself has functions that are lines.
+    """
     values = {name: v for name, v in values.items() if is_angular(units.get(name))}
     found = {name for name, v in values.items() if may_be_angle(v)}
     for one, other in combinations(values if len(values) <= MANY else (), 2):
         if may_be_angle(values[one] - values[other]) or may_be_angle(values[one] + values[other]):
             found |= {one, other}
-    return frozenset(found)
+    return frozenset(name for name in found if float(np.ptp(values[name])) > ARC)
 
 
 def sines(angles: Collection[str]) -> tuple[Term, ...]:

@@ -5,7 +5,7 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from itertools import product
 
@@ -47,7 +47,7 @@ def relative_speeds(work: Work, filtered: Filtered, regressed: Regressed) -> tup
         filtered: the records and their signals.
         regressed: what regression in the default library found.
     """
-    wide, found = _most_promising(work, filtered) or (work, None)
+    wide, found = _most_promising(work, filtered, _multiplied(work, regressed)) or (work, None)
     if found is None or not found.explicit < regressed.explicit - EVIDENT:
         return None
     posed, refinement = _refined(within(wide, AT_FIRST), filtered, found)
@@ -72,7 +72,7 @@ def with_relative_speeds(
     """
     if refinement is not None and not refinement.wanting:
         return posed, refinement
-    wide, found = _most_promising(work, filtered) or (work, None)
+    wide, found = _most_promising(work, filtered, work.study.inputs) or (work, None)
     if found is None:
         return posed, refinement
     wider, other = _refined(within(wide, AT_FIRST), filtered, found)
@@ -80,14 +80,30 @@ def with_relative_speeds(
     return (wider, other) if better else (posed, refinement)
 
 
-def _most_promising(work: Work, filtered: Filtered) -> tuple[Work, Regressed] | None:
+def _multiplied(work: Work, regressed: Regressed) -> list[str]:
+    """Return the inputs that the best relations hold in products, which may imitate friction; all, if there is none."""
+    products = (t.term for r in regressed.relations for t in r.terms if t.text not in work.study.inputs)
+    held = frozenset[str]().union(*(term.names for term in products))
+    return [name for name in work.study.inputs if name in held or not regressed.relations]
+
+
+def _most_promising(work: Work, filtered: Filtered, sources: Collection[str]) -> tuple[Work, Regressed] | None:
     """Return the work with friction of one difference among the candidates, and what regression finds with it.
 
     The friction is too steep for products to be told from it by differences: a forward selection ranks it.
+
+    Args:
+        work: for the study.
+        filtered: the records and their signals.
+        sources: the inputs that differences may be from.
     """
     if work.study.library.by_hand or not work.study.suspects or not filtered.sample.complete:
         return None
-    tried = [(wide, found) for wide in _wider(work, filtered) if (found := regressed_with(wide, filtered)) is not None]
+    tried = [
+        (wide, found)
+        for wide in _wider(work, filtered, sources)
+        if (found := regressed_with(wide, filtered)) is not None
+    ]
     return min(tried, key=lambda one: one[1].explicit, default=None)
 
 
@@ -105,19 +121,20 @@ def _is_relative(work: Work, refinement: Refinement) -> bool:
     return any(len(names) > 1 and not names.isdisjoint(work.study.inputs) for names in arguments)
 
 
-def _wider(work: Work, filtered: Filtered) -> Iterator[Work]:
+def _wider(work: Work, filtered: Filtered, sources: Collection[str]) -> Iterator[Work]:
     """Yield the work with friction of the difference of an input and a speed, of one pair after the other.
 
     Args:
         work: for the study.
         filtered: the records and their signals.
+        sources: the inputs.
     """
     signals, units = filtered.signals, units_of(filtered)
     moving = [*(c.derivative(1) for c in signals.coordinates if c.order == 2), *speeds(signals.coordinates)]
     joined = signals.joined()
-    size = {n: float(abs(joined[signals.row(n)]).max()) for n in (*moving, *work.study.inputs)}
+    size = {n: float(abs(joined[signals.row(n)]).max()) for n in (*moving, *sources)}
     plain = with_basis(work, basis_of(work.study), DEGREE)
-    for source, speed in product(work.study.inputs, moving):
+    for source, speed in product(sources, moving):
         alike = len({units.get(n) for n in (source, speed)} - {None}) < 2
         if alike and min(size[source], size[speed]) > ALIKE * max(size[source], size[speed]):
             between = f"{source} - {speed}"

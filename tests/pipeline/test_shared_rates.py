@@ -26,6 +26,15 @@ def test_a_rate_without_a_pole_on_the_data_is_a_candidate_with_constants_of_its_
         assert spans["below_S"] == pytest.approx((1.6 / 1.3, 1.6 * 1.3))
 
 
+def test_a_rate_with_one_amount_below_it_saturates_as_chemists_write_it():
+    scope = Scope.of(["S", "P", "D"])
+    left = [RelationTerm(Product("P_dot", parse_term(text, scope)), c) for text, c in {"1": 1.0, "S": 1.6}.items()]
+    rate = RelationTerm(Product(None, parse_term("S", scope)), -1.7)
+    ((text, spans),) = _rates(Relation((*left, rate)), "P_dot", {"half_P"}, {"S": 0.1, "P": 0.2, "D": 0.0})
+    assert text == "S/(half_S + S)"
+    assert spans == {"half_S": pytest.approx((1.0 / 1.6 / 1.3, 1.3 / 1.6))}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_rate_that_the_product_inhibits_is_one_in_both_balances(seed):
