@@ -27,10 +27,9 @@ from odescope.pipeline.forms import Posed, relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import refine_form, regress_at
 from odescope.pipeline.temperatures import AT_FIRST
-from odescope.pipeline.wider import basis_of, promises, settles, with_basis, within
+from odescope.pipeline.wider import basis_of, promises, settles_closely, with_basis, within
 from odescope.pipeline.work import Work
 
-LAW = 4  # terms beside its target of a relation that imitates no step: more may
 MANY = 6  # variables of a sum, at most
 STEEPEST = 30.0  # weight of a variable, times its range
 DIRECTIONS = 40  # of the weights, at random, and how long these are, each times the deviation of its variable:
@@ -76,8 +75,8 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
 
     A population of neurons, or a gene, decays by itself and is driven by a step of what all others send to it, each by
     a weight of its own. Products imitate a step of several variables by more terms than a search ends with. The model
-    is kept where it leaves nothing to look for. Nothing is tried where relations are short, there is an angle or
-    a second order, or a library was written by hand.
+    is kept where it leaves nothing to look for. Nothing is tried where there is an angle or a second order, or
+    a library was written by hand.
 
     Args:
         work: whose study says of which states and inputs functions may be looked for.
@@ -88,8 +87,7 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     alike = all(c.order == 1 and not c.angle for c in signals.coordinates)
     if study.library.by_hand or not alike or not study.suspects or not filtered.sample.complete:
         return None
-    long = [len(r.terms) - 1 > LAW for r in regressed.relations] or [True] * len(signals.targets)
-    balances = {b.number: b for b in _balances(work, filtered) if long[b.number]}
+    balances = {b.number: b for b in _balances(work, filtered)}
     steps = {r: step for r, b in balances.items() if (step := _step(b)) is not None}
     if not steps:
         return None
@@ -102,7 +100,7 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     fewer = steps if refinement is None else {r: _without(balances[r], s, refinement) for r, s in steps.items()}
     if any(fewer[r].names != step.names for r, step in steps.items()):
         posed, refinement = _refined(wide, filtered, fewer, _regressed(wide, filtered, fewer))
-    if refinement is None or not settles(refinement, signals):
+    if refinement is None or not settles_closely(refinement, signals):
         return None
     return (posed, replace(refinement, finished=True)) if refinement.settings.parameters else None
 

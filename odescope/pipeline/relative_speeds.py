@@ -24,7 +24,7 @@ from odescope.pipeline.wider import (
     basis_of,
     evidently_better,
     regressed_with,
-    settles,
+    settles_closely,
     with_basis,
     with_extra,
     within,
@@ -51,7 +51,7 @@ def relative_speeds(work: Work, filtered: Filtered, regressed: Regressed) -> tup
     if found is None or not found.explicit < regressed.explicit - EVIDENT:
         return None
     posed, refinement = _refined(within(wide, AT_FIRST), filtered, found)
-    if refinement is None or not (settles(refinement, filtered.signals) and _is_relative(work, refinement)):
+    if refinement is None or not (settles_closely(refinement, filtered.signals) and _is_relative(work, refinement)):
         return None
     return posed, replace(refinement, finished=True)
 

@@ -32,6 +32,7 @@ from odescope.signals.estimate import Signals
 from odescope.study.options import Study
 
 MANY = 120  # candidates of a target: more take longer than a suspicion is worth
+SHARE = 0.3  # of every target: what a model of a small library leaves to noise of the process, at most, to be kept
 LEAST = 1.0  # units of budget, where the search before cost next to nothing,
 TIMES = 2.0  # and times what it cost
 
@@ -189,3 +190,14 @@ def settles(refinement: Refinement, signals: Signals) -> bool:
     """
     little = refinement.free_run_error < WELL and left_by(refinement, signals) < MINOR
     return (refinement.exact and refinement.outcome.sure) or refinement.says_all or little
+
+
+def settles_closely(refinement: Refinement, signals: Signals) -> bool:
+    """Say the same of a model that leaves no more than a share of any target to noise of the process, too.
+
+    Args:
+        refinement: whose model it is.
+        signals: the targets as they were measured.
+    """
+    close = refinement.process is None or left_by(refinement, signals) < SHARE
+    return close and settles(refinement, signals)
