@@ -115,7 +115,7 @@ def not_ruled_out(study: Study, records: Records) -> Stays:
         records: what was measured.
     """
     options, coordinates = study.library, study.measured()
-    named = set(Library.of(options.extra, study.scope()))
+    named = set(Library.of((*options.extra, *(options.basis or ())), study.scope()))
     few = few_values(_among_candidates(study), records)
     near = near_origin(coordinates, records) if options.by_default and options.potential is None else ()
     smooth = of_one_sign(coordinates, records) if options.by_default else ()

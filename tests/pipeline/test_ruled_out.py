@@ -5,11 +5,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
+from odescope.library.parse import Scope, parse_term
 from odescope.pipeline.identification import identify
-from odescope.pipeline.ruled_out import near_origin
+from odescope.pipeline.ruled_out import near_origin, not_ruled_out
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records
-from odescope.study.options import Data, Driven, Measured, Study
+from odescope.study.options import Candidates, Data, Driven, Measured, Study
 
 G = 9.81
 
@@ -165,3 +166,13 @@ def test_powers_of_what_has_few_values_are_no_candidates_and_the_result_says_so(
     assert [note.split(" would")[0] for note in said] == [
         "lamp has two values, of which lamp**2 and higher powers", "level has three values, of which level**3",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("basis", "stays"), [(("x", "u"), False), (("x", "u", "u**2"), True), (("x", "u**2"), True)])
+def test_a_power_that_a_basis_names_stays(basis, stays):
+    t = np.arange(0.0, 1.0, 0.01)
+    records = Records((Record(t, np.array([t, t > 0.5], dtype=float).T.copy(), ("x", "u")),))
+    library = Candidates(basis=basis, degree=2)
+    study = Study(data=Data(time="t"), coordinates={"x": Measured(order=1)}, inputs={"u": Driven()}, library=library)
+    term = parse_term("u**2", Scope.of(["x", "u"]))
+    assert not_ruled_out(study, records)(term) is stays
