@@ -12,7 +12,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant
 from odescope.library.expression import Term
-from odescope.library.families import ARC, may_be_angle
+from odescope.library.families import may_be_angle
 from odescope.library.parse import Scope, parse_term
 from odescope.recordings.checks import is_angular
 from odescope.recordings.coordinate import free_name
@@ -21,6 +21,7 @@ STEEPEST = 10.0  # weight of a variable within a function, times the range of th
 WEIGHTS = (0.4, 1.0, 2.5)  # the same, where it is looked for
 PLACES = (-0.5, 0.0, 0.5, 1.0, 1.5)  # middles of a step, from one end of the range of the sum to the other
 NO_UNITS: Mapping[str, str | None] = MappingProxyType({})
+LEAST = 0.1  # radians that what has a sine moves over: those of less are lines
 MANY = 6  # variables: of more there are too many pairs
 
 
@@ -63,7 +64,7 @@ def may_be_angles(values: Mapping[str, FloatArray], units: Mapping[str, str | No
     for one, other in combinations(values if len(values) <= MANY else (), 2):
         if may_be_angle(values[one] - values[other]) or may_be_angle(values[one] + values[other]):
             found |= {one, other}
-    return frozenset(name for name in found if float(np.ptp(values[name])) > ARC)
+    return frozenset(name for name in found if float(np.ptp(values[name])) > LEAST)
 
 
 def sines(angles: Collection[str]) -> tuple[Term, ...]:
