@@ -49,7 +49,7 @@ def with_moving_supports(
         return posed, refinement
     own = default_forces(study.measured(), study.driven())
     named = {name: (*own[name], *more) for name, more in forces.items()}
-    library = msgspec.structs.replace(study.library, forces=named)
+    library = msgspec.structs.replace(study.library, forces=named, extra=())  # those are candidates of relations
     wide = msgspec.structs.replace(study, library=library)
     stays = not_ruled_out(study, records)
     found = mechanisms_that_stay({posed.form: wide.mechanisms(posed.form)}, stays)[posed.form]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from odescope.library.parse import Scope, parse_term
 from odescope.library.readable import readable
 from odescope.pipeline.identification import identify
 from odescope.study.options import Data, Driven, Measured, Study
@@ -66,34 +65,3 @@ def test_powers_of_a_reciprocal_are_found(name, seed):
     assert set(found) == {f"{coordinate}_ddot", *law}
     for text, value in law.items():
         assert abs(found[text].coefficient - value) < 4.0 * found[text].std_error
-
-
-def orbit(seed):
-    """Return a log of r'' = r a'**2 - 1.34/r**2 + u, a'' = (v - 2 r' a') / r: a satellite with thrust, in its plane."""
-    rng, t = np.random.default_rng(seed), 0.02 * np.arange(2000)
-    u, v = (size * np.repeat(rng.choice([-1.0, 1.0], 40), 50) for size in (0.03, 0.015))
-
-    def rate(now, z):
-        r, s, _, w = z
-        k = min(int(now / 0.02 + 1e-9), len(t) - 1)
-        return [s, r * w**2 - 1.34 * r**-2 + u[k], w, (v[k] - 2.0 * s * w) / r]
-
-    z = solve_ivp(rate, (0.0, t[-1]), [1.2, 0.25, 0.3, 0.9], t_eval=t, rtol=1e-9, atol=1e-10, max_step=0.02).y
-    r, a = (z[k] + 0.003 * rng.standard_normal(len(t)) for k in (0, 2))
-    return {"t": t, "r": r, "a": a, "u": u, "v": v}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
-def test_a_distance_is_a_factor_of_one_force_and_below_another(seed):
-    coordinates = {"r": Measured(order=2), "a": Measured(order=2, angle=True)}
-    study = Study(data=Data(time="t"), coordinates=coordinates, inputs={"u": Driven(), "v": Driven()})
-    away, around = identify(study, orbit(seed)).model.relations
-    scope = Scope.of(["r", "a", "r_dot", "a_dot", "u", "v"])
-    laws = {"r*a_dot**2": -1.0, "1/r**2": 1.34, "u": -1.0}, {"r_dot*a_dot/r": 2.0, "v/r": -1.0}
-    for relation, law in zip((away, around), laws, strict=True):
-        terms = {frozenset(t.term.factors): t for t in relation.divided.terms if t.factor is None}
-        known = {frozenset(parse_term(text, scope).factors): value for text, value in law.items()}
-        assert terms.keys() == known.keys()
-        for factors, value in known.items():
-            assert abs(terms[factors].coefficient - value) < 4.0 * terms[factors].std_error
