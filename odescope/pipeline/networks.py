@@ -5,7 +5,7 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, combinations, product
@@ -69,6 +69,11 @@ class _Step:
     placed: Placed
     squares: float
 
+    @property
+    def weights(self) -> list[str]:
+        """The names of the constants that multiply its variables."""
+        return [c.name for c in self.placed.choice.constants[:-1]]
+
 
 def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, Refinement] | None:
     """Return relations in lines and steps of weighted sums, and their model; None where these promise nothing.
@@ -100,9 +105,21 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     fewer = steps if refinement is None else {r: _without(balances[r], s, refinement) for r, s in steps.items()}
     if any(fewer[r].names != step.names for r, step in steps.items()):
         posed, refinement = _refined(wide, filtered, fewer, _regressed(wide, filtered, fewer))
-    if refinement is None or not settles_closely(refinement, signals):
+    if refinement is None or not (settles_closely(refinement, signals) and _sums_surely(fewer.values(), refinement)):
         return None
-    return (posed, replace(refinement, finished=True)) if refinement.settings.parameters else None
+    return posed, replace(refinement, finished=True)
+
+
+def _sums_surely(steps: Iterable[_Step], refinement: Refinement) -> bool:
+    """Say whether a model holds steps of several variables, with no weight in doubt: else functions of one compete.
+
+    Args:
+        steps: that the model may hold.
+        refinement: the model.
+    """
+    held, weak = {p.name for p in refinement.settings.parameters}, _weak(refinement)
+    inside = [weights for step in steps if held.issuperset(weights := step.weights)]
+    return any(len(weights) > 1 for weights in inside) and all(weak.isdisjoint(weights) for weights in inside)
 
 
 def _regressed(work: Work, filtered: Filtered, steps: Mapping[int, _Step]) -> Regressed:
@@ -142,14 +159,18 @@ def _without(balance: _Balance, step: _Step, refinement: Refinement) -> _Step:
         step: that the model began with.
         refinement: the model.
     """
-    outcome, mechanisms = refinement.outcome, refinement.space.mechanisms
-    thin = outcome.fit.wald / max(outcome.scale, 1.0) <= THIN * outcome.penalties
-    weak = {mechanisms[k].place for k in outcome.fit.free[thin] if mechanisms[k].kind == "constant"}
-    weights = [c.name for c in step.placed.choice.constants[:-1]]
-    names = tuple(n for n, weight in zip(step.names, weights, strict=True) if weight not in weak) or step.names
+    weak = _weak(refinement)
+    names = tuple(n for n, weight in zip(step.names, step.weights, strict=True) if weight not in weak) or step.names
     known = {**step.placed.values, **{p.name: p.value for p in refinement.settings.parameters}}
     choice = _choice(balance, names)
     return _Step(names, Placed(choice, {c.name: known[c.name] for c in choice.constants}), step.squares)
+
+
+def _weak(refinement: Refinement) -> frozenset[str]:
+    """Return the names of the constants of a model that may as well have their nominal values."""
+    outcome, mechanisms = refinement.outcome, refinement.space.mechanisms
+    thin = outcome.fit.wald / max(outcome.scale, 1.0) <= THIN * outcome.penalties
+    return frozenset(mechanisms[k].place for k in outcome.fit.free[thin] if mechanisms[k].kind == "constant")
 
 
 def _balances(work: Work, filtered: Filtered) -> Iterator[_Balance]:

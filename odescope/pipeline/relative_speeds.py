@@ -14,6 +14,7 @@ from odescope.library.expression import Call
 from odescope.library.friction import speeds
 from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.refine import Refinement
+from odescope.likelihood.suspicion import suspicions
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed, relations_form
 from odescope.pipeline.regressed import Regressed
@@ -39,8 +40,9 @@ def relative_speeds(work: Work, filtered: Filtered, regressed: Regressed) -> tup
     """Return relations with friction relative to an input, and their model; None where this promises nothing.
 
     What lies on a belt rubs by its speed relative to the belt, a balloon drifts by that of the wind, and the difference
-    of an input and a speed is in no function of one of the two. The model is kept where it leaves nothing to look for.
-    Nothing is tried where no input may be a speed, or a library was written by hand.
+    of an input and a speed is in no function of one of the two. The model is kept where it leaves nothing to look for,
+    and imitates nothing: such friction may itself be part of an imitation. Nothing is tried where no input may be
+    a speed, or a library was written by hand.
 
     Args:
         work: whose study says of which variables functions may be looked for.
@@ -52,6 +54,8 @@ def relative_speeds(work: Work, filtered: Filtered, regressed: Regressed) -> tup
         return None
     posed, refinement = _refined(within(wide, AT_FIRST), filtered, found)
     if refinement is None or not (settles_closely(refinement, filtered.signals) and _is_relative(work, refinement)):
+        return None
+    if any(s.terms for s in suspicions(refinement, work.study.suspects, work.study.parameters)):
         return None
     return posed, replace(refinement, finished=True)
 
