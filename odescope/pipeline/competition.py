@@ -42,7 +42,7 @@ from odescope.pipeline.sums import with_sums
 from odescope.pipeline.supports import with_moving_supports
 from odescope.pipeline.suspicion import left_over, with_suspected
 from odescope.pipeline.temperatures import rates, with_arrhenius
-from odescope.pipeline.wider import evidently_better
+from odescope.pipeline.wider import LEAST, TIMES, evidently_better, within
 from odescope.pipeline.work import Work
 from odescope.recordings.checks import degrees_hints
 from odescope.recordings.record import Records
@@ -188,9 +188,12 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
     if not work.study.likelihood.enabled:
         return posed, None
     relations = posed.form == "relations" and not work.late
-    for small in (rates, radiated, networks, relative_speeds) if relations else ():
+    for small in (rates, radiated, relative_speeds) if relations else ():
         if (begun := small(work, filtered, regressed)) is not None:
             return begun
+    network = networks(work, filtered, regressed) if relations else None
+    if network is not None and _beats(work, filtered, posed, network[1]):
+        return network
     flowing = flows(work, filtered, regressed) if relations else None
     if flowing is not None and conclusive(flowing[1], filtered.signals):
         return flowing
@@ -202,6 +205,18 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
     for better in {"relations": (with_sums,), "lagrangian": (with_moving_supports, with_drag)}.get(posed.form, ()):
         posed, refinement = better(work, filtered, posed, refinement)
     return posed, refinement
+
+
+def _beats(work: Work, filtered: Filtered, posed: Posed, small: Refinement) -> bool:
+    """Say whether the model of a small library is evidently better than what as long a search in a form's own ends with.
+
+    Args:
+        work: whose study says how.
+        filtered: the records and their signals.
+        posed: the form in its own library.
+        small: the model.
+    """
+    return evidently_better(small, refine_form(within(work, max(LEAST, TIMES * small.spent)), filtered, posed))
 
 
 def _with_more(

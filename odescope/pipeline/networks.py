@@ -27,7 +27,7 @@ from odescope.pipeline.forms import Posed, relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import refine_form, regress_at
 from odescope.pipeline.temperatures import AT_FIRST
-from odescope.pipeline.wider import basis_of, promises, settles_closely, with_basis, within
+from odescope.pipeline.wider import basis_of, promises, with_basis, within
 from odescope.pipeline.work import Work
 
 MANY = 6  # variables of a sum, at most
@@ -79,9 +79,9 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     """Return relations in lines and steps of weighted sums, and their model; None where these promise nothing.
 
     A population of neurons, or a gene, decays by itself and is driven by a step of what all others send to it, each by
-    a weight of its own. Products imitate a step of several variables by more terms than a search ends with. The model
-    is kept where it leaves nothing to look for. Nothing is tried where there is an angle or a second order, or
-    a library was written by hand.
+    a weight of its own. Products imitate a step of several variables by more terms than a search ends with. A model that
+    does not follow the record is none. Nothing is tried where there is an angle or a second order, or a library was
+    written by hand.
 
     Args:
         work: whose study says of which states and inputs functions may be looked for.
@@ -105,7 +105,9 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     fewer = steps if refinement is None else {r: _without(balances[r], s, refinement) for r, s in steps.items()}
     if any(fewer[r].names != step.names for r, step in steps.items()):
         posed, refinement = _refined(wide, filtered, fewer, _regressed(wide, filtered, fewer))
-    if refinement is None or not (settles_closely(refinement, signals) and _sums_surely(fewer.values(), refinement)):
+    if refinement is None or not _sums_surely(fewer.values(), refinement):
+        return None
+    if not (refinement.says_all or (refinement.exact and refinement.outcome.sure)):
         return None
     return posed, replace(refinement, finished=True)
 
