@@ -208,7 +208,7 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
 
 
 def _beats(work: Work, filtered: Filtered, posed: Posed, small: Refinement) -> bool:
-    """Say whether the model of a small library is evidently better than what as long a search in a form's own ends with.
+    """Say whether the model of a small library is evidently better than where as long a search in a form's own ends.
 
     Args:
         work: whose study says how.

@@ -79,9 +79,9 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     """Return relations in lines and steps of weighted sums, and their model; None where these promise nothing.
 
     A population of neurons, or a gene, decays by itself and is driven by a step of what all others send to it, each by
-    a weight of its own. Products imitate a step of several variables by more terms than a search ends with. A model that
-    does not follow the record is none. Nothing is tried where there is an angle or a second order, or a library was
-    written by hand.
+    a weight of its own. Products imitate a step of several variables by more terms than a search ends with. The model
+    follows the record, with no weight in doubt. Nothing is tried where there is an angle or a second order, or a library
+    was written by hand.
 
     Args:
         work: whose study says of which states and inputs functions may be looked for.
