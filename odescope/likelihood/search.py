@@ -103,7 +103,7 @@ class Outcome:
     @property
     def sure(self) -> bool:
         """Whether it has no term whose case is thin."""
-        return bool(np.all(self.fit.wald / max(self.scale, 1.0) > THIN * self.penalties))
+        return bool(np.all(self.fit.wald / max(self.scale, 1.0) >= THIN * self.penalties))
 
     def padded(self, kept: IntArray, number: int) -> Outcome:
         """Return the same over all of so many mechanisms.
@@ -198,7 +198,7 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
             break
     budget = space.budget
     found = best[0]
-    prices, log_noise = (space.penalty[found.free], space.price(found)), segments.log_noise
+    prices, log_noise = (_to_earn(space, found), space.price(found)), segments.log_noise
     return Outcome(
         *best, *prices, tuple(trail), not budget.over, budget.late, budget.spent, constants, log_noise=log_noise
     )
@@ -316,8 +316,13 @@ def fitted_again(space: SearchSpace, outcome: Outcome, found: Fit) -> Outcome:
         found: the fit.
     """
     scale, noise = _scale(space, found, outcome.width), space.segments.log_noise
-    prices = space.penalty[found.free], space.price(found)
+    prices = _to_earn(space, found), space.price(found)
     return replace(outcome, fit=found, scale=scale, penalties=prices[0], price=prices[1], log_noise=noise)
+
+
+def _to_earn(space: SearchSpace, found: Fit) -> FloatArray:
+    """Return what each parameter has to earn by itself: nothing where a term needs it, whatever its value."""
+    return np.where(np.isin(found.free, [*space.needed.values()]), 0.0, space.penalty[found.free])
 
 
 def torn(space: SearchSpace, found: Fit) -> bool:

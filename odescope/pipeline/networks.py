@@ -26,7 +26,6 @@ from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed, relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import refine_form, regress_at
-from odescope.pipeline.temperatures import AT_FIRST
 from odescope.pipeline.wider import basis_of, promises, with_basis, within
 from odescope.pipeline.work import Work
 
@@ -39,6 +38,7 @@ BEGUN = 6  # points from which constants are fitted
 SEEN = 500  # samples that tell, at most
 STEPS = 60  # of such a fit, at most
 MATTERS = 1.05  # times the squares that a step leaves: what one less a variable does, at least, where that matters
+BUDGET = 10.0  # units, at most: a search that begins beside the law of a network takes less than five
 TOLD = 0.5  # of the squares that lines leave: what a step leaves, at most
 
 
@@ -80,8 +80,8 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
 
     A population of neurons, or a gene, decays by itself and is driven by a step of what all others send to it, each by
     a weight of its own. Products imitate a step of several variables by more terms than a search ends with. The model
-    follows the record, with no weight in doubt. Nothing is tried where there is an angle or a second order, or a library
-    was written by hand.
+    follows the record, with no weight in doubt. Nothing is tried where there is an angle or a second order, or where
+    a library was written by hand.
 
     Args:
         work: whose study says of which states and inputs functions may be looked for.
@@ -96,13 +96,15 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     steps = {r: step for r, b in balances.items() if (step := _step(b)) is not None}
     if not steps:
         return None
-    wide = within(with_basis(work, basis_of(study), 1), AT_FIRST)
+    wide = within(with_basis(work, basis_of(study), 1), BUDGET)
     found = _regressed(wide, filtered, steps)
     if not promises(found, regressed):
         return None
     work.monitor.tell(Progress("suspicion", "search with steps of weighted sums", 0, 1))
     posed, refinement = _refined(wide, filtered, steps, found)
-    fewer = steps if refinement is None else {r: _without(balances[r], s, refinement) for r, s in steps.items()}
+    if refinement is None or not (refinement.exact or refinement.says_all):
+        return None
+    fewer = {r: _without(balances[r], s, refinement) for r, s in steps.items()}
     if any(fewer[r].names != step.names for r, step in steps.items()):
         posed, refinement = _refined(wide, filtered, fewer, _regressed(wide, filtered, fewer))
     if refinement is None or not _sums_surely(fewer.values(), refinement):
@@ -170,9 +172,10 @@ def _without(balance: _Balance, step: _Step, refinement: Refinement) -> _Step:
 
 def _weak(refinement: Refinement) -> frozenset[str]:
     """Return the names of the constants of a model that may as well have their nominal values."""
-    outcome, mechanisms = refinement.outcome, refinement.space.mechanisms
-    thin = outcome.fit.wald / max(outcome.scale, 1.0) <= THIN * outcome.penalties
-    return frozenset(mechanisms[k].place for k in outcome.fit.free[thin] if mechanisms[k].kind == "constant")
+    outcome, space = refinement.outcome, refinement.space
+    mechanisms, free = space.mechanisms, outcome.fit.free
+    thin = outcome.fit.wald / max(outcome.scale, 1.0) <= THIN * space.penalty[free]
+    return frozenset(mechanisms[k].place for k in free[thin] if mechanisms[k].kind == "constant")
 
 
 def _balances(work: Work, filtered: Filtered) -> Iterator[_Balance]:
