@@ -10,7 +10,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant, grid_for, thinned_grid
-from odescope.library.expression import Term
+from odescope.library.expression import Name, Term
 from odescope.library.parse import Scope, parse_term
 from odescope.library.tape import evaluate, write_tape
 from odescope.recordings.checks import is_angular
@@ -72,6 +72,7 @@ class Family:
             divided: whether the variable does, and is a position: forces have poles, and go with a gap.
         """
         pole, falls = (any(c.name.startswith(r) for c in self.constants) for r in (POLES, LARGEST_AT))
+        pole = pole or self.term.power_of(Name(self.variable)) < 0
         return divided if pole else (squared or not falls)
 
 
@@ -123,12 +124,12 @@ def families_of(
 
     Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power, saturation and the
     rates of Hill, what they leave of one, as of a gene that is repressed, and Haldane's rate, of what is always
-    negative (a depth) those of its size; of what changes its sign the size, the square with its sign, twice what is
-    left of it between two limits, and the hyperbolic sine, as of two diodes or an electrode; of all exponentials, tanh,
-    the logistic function and sines, those of the variable itself where it may be an angle. Of a temperature, by its
-    unit, there are Arrhenius' law, about the middle of its range, and the fourth power of what it is above absolute
-    zero, as it radiates. What hardly moves beside its size has no tanh, and further still no exponentials, which would
-    be lines.
+    negative (a depth) those of its size; of both what goes with the square of its reciprocal, as gravity; of what
+    changes its sign the size, the square with its sign, twice what is left of it between two limits, and the hyperbolic
+    sine, as of two diodes or an electrode; of all exponentials, tanh, the logistic function and sines, those of the
+    variable itself where it may be an angle. Of a temperature, by its unit, there are Arrhenius' law, about the middle
+    of its range, and the fourth power of what it is above absolute zero, as it radiates. What hardly moves beside its
+    size has no tanh, and further still no exponentials, which would be lines.
 
     Args:
         variable: its name.
@@ -154,6 +155,7 @@ def families_of(
     drawn += [(f"sqrt({head.name} + {variable})", (head,)), (f"sqrt({supply.name} - {variable})", (supply,))]
     near, far = (share * reach for share in GAPS)
     before, behind = constant(POLES[0], near - low, far - low), constant(POLES[1], high + near, high + far)
+    drawn += [(f"1/{variable}**2", ())] if low * high > 0.0 else []
     drawn += [(f"1/({before.name} + {variable})**2", (before,)), (f"1/({behind.name} - {variable})**2", (behind,))]
     if is_angular(unit) and may_be_angle(values) if angle is None else angle:
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from odescope.library.expression import Name, Term
 from odescope.likelihood.findings import left_by
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.path import LOST
@@ -22,6 +24,7 @@ from odescope.study.options import LeftOut
 
 HARDLY = 0.02  # of the root mean square of a target
 LOOSE = 0.5  # standard errors of a kinetic term over its coefficient
+SEVERAL = 3  # powers of one coordinate in the forces of a potential: they may imitate a function of it
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
 
 
@@ -144,7 +147,7 @@ def leave_little(contenders: Sequence[Contender], asis: Sequence[Contender]) -> 
     any law: where it is white, or takes up next to nothing, there is nothing left to find, too. A Lagrangian with
     negative inertia is none: forces that do no work, as of a magnet or a flywheel, are no mechanisms. Nor is one of
     which a part is not told from nothing: what is coupled one way alone, as a load that hangs from a driven trolley,
-    has none.
+    has none. A potential that may imitate a function, as gravity far out, leaves this to find where more is left.
 
     Args:
         contenders: the mechanisms.
@@ -154,10 +157,25 @@ def leave_little(contenders: Sequence[Contender], asis: Sequence[Contender]) -> 
     least = bar if asis and bar < WELL else np.inf  # what runs well, and better, needs no such noise
     fewest = min((a.coefficients for a in asis if a.free_run < LOST), default=np.inf)
     return any(
-        c.clear or (c.coefficients <= fewest and _does_well(c, bar, least))
+        c.clear or (c.coefficients <= fewest and _does_well(c, bar, least) and not _imitates(c))
         for c in contenders
         if c.inertial and not c.loose
     )
+
+
+def _imitates(contender: Contender) -> bool:
+    """Say whether a potential holds several powers of one coordinate."""
+    found = contender.refinement
+    if found is None:
+        return False
+    potential = [m for k in found.fit.present if (m := found.space.mechanisms[k]).kind == "potential"]
+    powers = (part.relation for m in potential for part in m.parts if _is_power(part.product.term))
+    return any(number >= SEVERAL for number in Counter(powers).values())
+
+
+def _is_power(term: Term) -> bool:
+    """Say whether a term is a power of one variable, or none of any."""
+    return len(term.factors) <= 1 and all(isinstance(atom, Name) for atom, _ in term.factors)
 
 
 def _does_well(contender: Contender, bar: float, least: float) -> bool:
