@@ -64,16 +64,20 @@ class Family:
         """Whether it is an exponential that falls as its variable grows."""
         return self.term.text.startswith("exp(-") and any(c.name.startswith(f"{RISE}_") for c in self.constants)
 
-    def suits(self, squared: bool, divided: bool) -> bool:
-        """Say whether it may be in a relation: poles and what has a square below it only where something divides.
+    def suits(self, squared: bool, divided: bool, position: bool) -> bool:
+        """Say whether it may be in a relation: what has a square below it only where something divides.
+
+        Forces go with gaps and distances: what has a pole is of a position.
 
         Args:
             squared: whether a square of the variable divides the relation.
-            divided: whether the variable does, and is a position: forces have poles, and go with a gap.
+            divided: whether the variable does.
+            position: whether it is one.
         """
         pole, falls = (any(c.name.startswith(r) for c in self.constants) for r in (POLES, LARGEST_AT))
-        pole = pole or self.term.power_of(Name(self.variable)) < 0
-        return divided if pole else (squared or not falls)
+        if pole or self.term.power_of(Name(self.variable)) < 0:
+            return position and (divided or not pole)
+        return squared or not falls
 
 
 def laid_out(

@@ -90,7 +90,9 @@ class FunctionSpace:
         every = (
             (n, families_of(n, values[n], taken, None if angles is None else n in angles, units.get(n))) for n in names
         )
-        families = {n: tuple(f for f in found if f.suits(n in squared, n in positions & divided)) for n, found in every}
+        families = {
+            n: tuple(f for f in found if f.suits(n in squared, n in divided, n in positions)) for n, found in every
+        }
         fixed = dict(zip(space.frame.constants, space.whole.constants(refinement.fit.theta), strict=True))
         choices = tuple(
             joint.get(s.reason)

@@ -151,16 +151,29 @@ def test_what_has_another_unit_is_no_angle(unit, angles):
 
 
 @pytest.mark.parametrize(
-    ("squared", "divided", "there"),
-    [(True, True, {"before", "behind", "critical"}), (True, False, {"critical"}), (False, True, {"before", "behind"})],
+    ("squared", "divided", "position", "there"),
+    [
+        (True, True, True, {"before", "behind", "critical"}),
+        (True, False, False, {"critical"}),
+        (False, True, True, {"before", "behind"}),
+        (True, True, False, {"critical"}),
+        (False, False, True, set()),
+    ],
 )
 def test_what_has_a_square_below_it_is_a_function_only_where_one_divides_and_a_pole_of_positions(
-    squared, divided, there
+    squared, divided, position, there
 ):
-    suited = [f for f in families_of("z", np.linspace(-1.0, 2.0, 500), ()) if f.suits(squared, divided)]
-    roles = {c.name.removesuffix("_z") for f in suited for c in f.constants}
+    families = families_of("z", np.linspace(-1.0, 2.0, 500), ())
+    roles = {c.name.removesuffix("_z") for f in families if f.suits(squared, divided, position) for c in f.constants}
     assert roles & {"before", "behind", "critical"} == there
     assert {"edge", "head", "supply"} <= roles
+
+
+@pytest.mark.parametrize(("low", "high", "there"), [(0.5, 3.0, True), (-3.0, -0.5, True), (-0.5, 3.0, False)])
+def test_a_distance_has_the_square_of_its_reciprocal(low, high, there):
+    families = families_of("z", np.linspace(low, high, 100), ())
+    assert ("1/z**2" in {readable(f.term) for f in families if f.suits(False, False, True)}) is there
+    assert "1/z**2" not in {readable(f.term) for f in families if f.suits(True, True, False)}
 
 
 @pytest.mark.parametrize(

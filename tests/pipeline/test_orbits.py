@@ -24,8 +24,11 @@ def orbit(seed):
     return {"t": t, "r": r, "a": a, "u": u, "v": v}
 
 
+LOST = pytest.mark.xfail(strict=True, reason="powers of the angle's speed say the same where nothing else turns it")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=LOST), 1])
 def test_an_orbit_under_thrust_has_its_law(seed):
     held = Driven(hold="zero", delay=0.0)
     coordinates = {"r": Measured(order=2), "a": Measured(order=2, angle=True)}
