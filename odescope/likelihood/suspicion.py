@@ -202,7 +202,10 @@ def _imitation(
     most = max((len(powers[rest]) for rest in beside), default=0)
     most = max(most, sum(len(powers[rest]) for rest in together))
     single = [rest for rest, found in powers.items() if found]
-    return Suspicion(relation, name, "powers", tuple(dict.fromkeys((ONE, *beside, *single))), most) if beside else None
+    # What divides another variable may divide a function, too: what flows out of a cone goes with sqrt(h)/h**2.
+    common = [Term(((Name(name), p),)) for rest, found in powers.items() if rest != ONE for p in found if p < 0]
+    multiplied = tuple(dict.fromkeys((ONE, *beside, *single, *common)))
+    return Suspicion(relation, name, "powers", multiplied, most) if beside else None
 
 
 def _less_outside(suspected: Suspicion, divided: Sequence[Product]) -> Suspicion:
