@@ -243,8 +243,8 @@ def replaces(other: Refinement, refinement: Refinement) -> bool:
     Of two that do, the one that follows it in longer pieces stays, else the likelier. Where the other did not, what the
     record lacks for a law may be put down to functions, so these must run freely no worse over what is held out, or be
     evidently likelier, take the place of as many terms and run about as well, errors from stretch to stretch allowed
-    for; nor may they run worse where likelihoods do not compare. With noise of the process they are to be evidently
-    likelier, of as few terms or far better.
+    for; nor may they run worse where likelihoods do not compare, unless it is the other that needs noise of the process
+    to follow. With such noise they are to be evidently likelier, of as few terms or far better.
     """
     gain, error, before = other.gained_over(refinement), other.free_run_error, refinement.free_run_error
     evident = gain is not None and gain > EVIDENT
@@ -258,7 +258,8 @@ def replaces(other: Refinement, refinement: Refinement) -> bool:
     if refinement.exact and other.outcome.width != refinement.outcome.width:
         return other.outcome.width < refinement.outcome.width
     likelier = gain is None or gain > 0.0
-    return likelier and (error <= before or (refinement.exact and gain is not None) or (evident and fair))
+    alone = gain is None and refinement.process is not None and other.outcome.sure
+    return likelier and (error <= before or (refinement.exact and gain is not None) or ((evident or alone) and fair))
 
 
 def _scored(
