@@ -39,8 +39,10 @@ OFF = 100.0  # largest exponent, by size
 POINTS = 24  # of a grid, at most: fits go on from the best
 ABOVE_ZERO = {"K": 0.0, "kelvin": 0.0, "°C": 273.15, "degC": 273.15, "celsius": 273.15}  # kelvins, at 0 of each unit
 RATE = "rate"  # how the constant of a sine is called, before the name of its variable
-RISE = "rise"  # how the constant of an exponential is called, before the name of its variable
+RISE = "rise"  # how the constant of an exponential is called, before the name of its variable,
+FALL = "fall"  # and of one that falls as what has a sign grows: it has a scale of its own
 HALF = "half"  # how the constant of a saturation is called, before the name of its variable
+BELOW = "below"  # how that of an amount is called which is one of several in the denominator of a rate
 STRIBECK = "stribeck"  # how the constant of Stribeck's curve is called, before the name of the speed
 ACTIVATION = "activation"  # how the constant of Arrhenius' law is called, before the name of the temperature
 ENERGIES = (500.0, 50_000.0)  # of activation over the gas constant, in kelvins: 4 to 416 kJ/mol
@@ -62,7 +64,13 @@ class Family:
     @property
     def falls(self) -> bool:
         """Whether it is an exponential that falls as its variable grows."""
-        return self.term.text.startswith("exp(-") and any(c.name.startswith(f"{RISE}_") for c in self.constants)
+        own = any(c.name.startswith((f"{RISE}_", f"{FALL}_")) for c in self.constants)
+        return self.term.text.startswith("exp(-") and own
+
+    @property
+    def rises(self) -> bool:
+        """Whether it is an exponential that grows with its variable."""
+        return self.term.text.startswith("exp(") and not self.falls and self.constants[0].name.startswith(f"{RISE}_")
 
     def suits(self, squared: bool, divided: bool, position: bool) -> bool:
         """Say whether it may be in a relation: what has a square below it only where something divides.
@@ -173,9 +181,10 @@ def families_of(
     if least < reach:
         drawn.append((f"tanh({variable}/{scale.name})", (scale,)))
     if size / OFF < reach / FLAT:
-        gentle = constant(RISE, max(reach / GROWTH, size / OFF), reach / FLAT)
-        drawn += [(f"exp({variable}/{gentle.name})", (gentle,)), (f"exp(-{variable}/{gentle.name})", (gentle,))]
-        drawn += [] if least > -NEGLIGIBLE * size else [(f"sinh({variable}/{gentle.name})", (gentle,))]
+        ends, signed = (max(reach / GROWTH, size / OFF), reach / FLAT), least < -NEGLIGIBLE * size
+        gentle, fall = constant(RISE, *ends), constant(FALL if signed else RISE, *ends)
+        drawn += [(f"exp({variable}/{gentle.name})", (gentle,)), (f"exp(-{variable}/{fall.name})", (fall,))]
+        drawn += [(f"sinh({variable}/{gentle.name})", (gentle,))] if signed else []
     drawn += [
         (f"sin({rate.name}*{variable})", (rate,)),
         (f"cos({rate.name}*{variable})", (rate,)),

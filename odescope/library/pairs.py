@@ -1,4 +1,4 @@
-"""Functions of two variables together: of their difference and sum, and of any sum with weights that are constants."""
+"""Functions of two variables together: of difference and sum, of sums with weights, and rates that both limit."""
 
 from __future__ import annotations
 
@@ -12,13 +12,20 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant
 from odescope.library.expression import Term
-from odescope.library.families import may_be_angle
+from odescope.library.families import BELOW, NEGLIGIBLE, may_be_angle
 from odescope.library.parse import Scope, parse_term
 from odescope.recordings.checks import is_angular
 from odescope.recordings.coordinate import free_name
 
 STEEPEST = 10.0  # weight of a variable within a function, times the range of the variable
 WEIGHTS = (0.4, 1.0, 2.5)  # the same, where it is looked for
+HALVED = (
+    0.3,
+    1.0,
+    3.0,
+    10.0,
+)  # what an amount adds to the denominator of a rate at its largest: where it is looked for
+MOST = 50.0  # the same, at most
 PLACES = (-0.5, 0.0, 0.5, 1.0, 1.5)  # middles of a step, from one end of the range of the sum to the other
 NO_UNITS: Mapping[str, str | None] = MappingProxyType({})
 LEAST = 0.1  # radians that what has a sine moves over: those of less are lines
@@ -51,6 +58,7 @@ def pair_families(
     for one, other in combinations(moving if len(moving) <= MANY else (), 2):
         found += _plain(one, other, values, units)
         found += _weighted(one, other, values, taken)
+        found += _limited(one, other, values, taken)
     return tuple(found)
 
 
@@ -117,6 +125,24 @@ def _weighted(one: str, other: str, values: Mapping[str, FloatArray], taken: Col
         PairFamily(step, constants, tuple(((a, x), (b, y), (offset, z)) for x, y, z in points)),
         PairFamily(growth, weights, tuple(((a, x), (b, y)) for x, y in pairs)),
     ]
+
+
+def _limited(one: str, other: str, values: Mapping[str, FloatArray], taken: Collection[str]) -> list[PairFamily]:
+    """Return the rates of amounts that the other one limits, too, as a competitor for an enzyme does, or of both."""
+    names = (one, other)
+    largest = [float(values[n].max()) for n in names]
+    if any(float(values[n].min()) <= -NEGLIGIBLE * most for n, most in zip(names, largest, strict=True)):
+        return []
+    constants = tuple(
+        Constant(free_name(f"{BELOW}_{n}", taken), 0.0, MOST / most, 0.0)
+        for n, most in zip(names, largest, strict=True)
+    )
+    grid = product(*([share / most for share in HALVED] for most in largest))
+    points = tuple(tuple((c.name, v) for c, v in zip(constants, at, strict=True)) for at in grid)
+    below = " + ".join(["1", *(f"{c.name}*{n}" for c, n in zip(constants, names, strict=True))])
+    scope = Scope.of(names, constants=[c.name for c in constants])
+    texts = (f"{above}/({below})" for above in (one, other, f"{one}*{other}"))
+    return [PairFamily(parse_term(text, scope), constants, points) for text in texts]
 
 
 def step_of_sum(

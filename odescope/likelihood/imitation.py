@@ -58,7 +58,8 @@ def choices_of(families: Sequence[Family], beside: Sequence[Term], falling: Sequ
     """Return what may stand for a suspicion.
 
     A function with two constants is not multiplied by its own variable: with it the curve would be any. Nor is what
-    its constant is before, K/(K + x): x/(K + x) is the same curve then.
+    its constant is before, K/(K + x): x/(K + x) is the same curve then. An exponential that rises and one that falls
+    stand together where each has a scale of its own, as in Butler and Volmer's law of an electrode.
 
     Args:
         families: of its variable.
@@ -78,7 +79,12 @@ def choices_of(families: Sequence[Family], beside: Sequence[Term], falling: Sequ
     pairs = [
         Choice(tuple(c.terms[0] for c in both), both[0].constants) for both in waves.values() if len(both) == len("ab")
     ]
-    return (*found, *pairs)
+    grown = [(f, rest) for rest in beside for f in families if f.rises]
+    both = [
+        (up, down, rest) for up, rest in grown for down in families if down.falls and down.constants != up.constants
+    ]
+    ways = [Choice((up.term * rest, down.term * rest), (*up.constants, *down.constants)) for up, down, rest in both]
+    return (*found, *pairs, *ways)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Friction of a speed relative to an input: a belt that carries, wind that drives.
+"""Friction of a speed relative to an input: a belt that carries, wind that drives; and what a propeller does.
 
 docs/method.md, Suspicion.
 """
@@ -40,9 +40,10 @@ def relative_speeds(work: Work, filtered: Filtered, regressed: Regressed) -> tup
     """Return relations with friction relative to an input, and their model; None where this promises nothing.
 
     What lies on a belt rubs by its speed relative to the belt, a balloon drifts by that of the wind, and the difference
-    of an input and a speed is in no function of one of the two. The model is kept where it leaves nothing to look for,
-    and imitates nothing: such friction may itself be part of an imitation. Nothing is tried where no input may be
-    a speed, or a library was written by hand.
+    of an input and a speed is in no function of one of the two. Behind a propeller that turns both ways go products of
+    its speed and the ship's with the size of one of them: two functions of one input. The model is kept where it leaves
+    nothing to look for, and imitates nothing: such friction may itself be part of an imitation. Nothing is tried where
+    no input may be a speed, or a library was written by hand.
 
     Args:
         work: whose study says of which variables functions may be looked for.
@@ -119,14 +120,15 @@ def _refined(work: Work, filtered: Filtered, found: Regressed) -> tuple[Posed, R
 
 
 def _is_relative(work: Work, refinement: Refinement) -> bool:
-    """Say whether a model holds a function of an input and something else."""
+    """Say whether a model holds a function of an input, by itself or with something else."""
     atoms = (a for r in refinement.relations for t in r.terms for a, _ in t.product.term.factors)
-    arguments = (a.argument.names for a in atoms if isinstance(a, Call))
-    return any(len(names) > 1 and not names.isdisjoint(work.study.inputs) for names in arguments)
+    return any(isinstance(a, Call) and not a.argument.names.isdisjoint(work.study.inputs) for a in atoms)
 
 
 def _wider(work: Work, filtered: Filtered, sources: Collection[str]) -> Iterator[Work]:
     """Yield the work with friction of the difference of an input and a speed, of one pair after the other.
+
+    Then with products of the two and the size of one, where the input has both signs: with one these are squares.
 
     Args:
         work: for the study.
@@ -134,12 +136,18 @@ def _wider(work: Work, filtered: Filtered, sources: Collection[str]) -> Iterator
         sources: the inputs.
     """
     signals, units = filtered.signals, units_of(filtered)
-    moving = [*(c.derivative(1) for c in signals.coordinates if c.order == 2), *speeds(signals.coordinates)]
+    rated = [c.derivative(1) for c in signals.coordinates if c.order == 2]
+    moving = [*rated, *speeds(signals.coordinates)]
     joined = signals.joined()
-    size = {n: float(abs(joined[signals.row(n)]).max()) for n in (*moving, *sources)}
+    values = {n: joined[signals.row(n)] for n in (*moving, *sources)}
+    size = {n: float(abs(v).max()) for n, v in values.items()}
     plain = with_basis(work, basis_of(work.study), DEGREE)
     for source, speed in product(sources, moving):
+        own = () if speed in rated else (f"{speed}*abs({speed})",)  # that of rates is in the library
         alike = len({units.get(n) for n in (source, speed)} - {None}) < 2
         if alike and min(size[source], size[speed]) > ALIKE * max(size[source], size[speed]):
             between = f"{source} - {speed}"
-            yield with_extra(plain, (f"sign({between})", f"({between})**1*abs({between})"))
+            yield with_extra(plain, (f"sign({between})", f"({between})**1*abs({between})", f"abs({between})", *own))
+        if min(-values[source].min(), values[source].max()) > ALIKE * size[source]:
+            both = f"{source}*abs({source})", f"{speed}*abs({source})", f"{source}*abs({speed})"
+            yield with_extra(plain, (*both, *own))

@@ -12,7 +12,7 @@ import msgspec
 
 from odescope.events import Progress
 from odescope.library.expression import ONE, Combination, Name
-from odescope.library.families import HALF
+from odescope.library.families import BELOW, HALF
 from odescope.likelihood.refine import Refinement
 from odescope.model.explicit import Quotient
 from odescope.model.relation import Relation
@@ -35,7 +35,7 @@ from odescope.study.library_options import Span
 
 DEGREE = 2  # of the products beside rates: what flows goes with an amount
 CLOSE = 1.3  # times what a constant of a rate was found to be: its range
-ABOVE, BELOW = 2, 2  # terms of a rate's numerator, and of its denominator beside 1, at most
+MOST_ABOVE, MOST_BELOW = 2, 2  # terms of a rate's numerator, and of its denominator beside 1, at most
 
 
 def with_shared_rates(work: Work, filtered: Filtered, refinement: Refinement | None) -> Refinement | None:
@@ -97,7 +97,7 @@ def _rates(
     above = Combination(tuple((-c, t) for c, t in relation.part(None).parts))
     rest = Quotient(target, above, relation.part(target)).apart
     below = [(c, t) for c, t in rest.denominator.parts if t != ONE]
-    simple = len(rest.numerator.parts) <= ABOVE and 0 < len(below) <= BELOW
+    simple = len(rest.numerator.parts) <= MOST_ABOVE and 0 < len(below) <= MOST_BELOW
     plain = all(isinstance(a, Name) for _, t in rest.numerator.parts for a, _ in t.factors)
     if not (simple and plain) or any(c <= 0.0 or t.text not in least for c, t in below):
         return
@@ -108,7 +108,7 @@ def _rates(
         half = free_name(f"{HALF}_{t.text}", taken)
         sides, found = f"{half} + {t.text}", {half: 1.0 / c}
     else:
-        found = {free_name(f"below_{t.text}", taken): c for c, t in below}
+        found = {free_name(f"{BELOW}_{t.text}", taken): c for c, t in below}
         sides = " + ".join(["1", *(f"{name}*{t.text}" for name, (_, t) in zip(found, below, strict=True))])
     spans: dict[str, Span] = {name: (value / CLOSE, value * CLOSE) for name, value in found.items()}
     for _, t in rest.numerator.parts:

@@ -78,9 +78,10 @@ def _suspecting(
         refinement: the model so far, which stays as it is where nothing is better.
         suspected: of it, before anything else is.
     """
-    wide, found, scores = _once(work, filtered, posed, refinement, with_pairs(suspected))
+    enough = max(work.left, work.study.likelihood.budget)  # what others spent in vain is not taken from functions
+    wide, found, scores = _once(work, filtered, posed, refinement, with_pairs(suspected), enough)
     for others in _otherwise(work, refinement, suspected) if found is refinement else ():
-        wide, found, own = _once(work, filtered, posed, refinement, others)
+        wide, found, own = _once(work, filtered, posed, refinement, others, work.left)
         if found is not refinement:
             here = {s.relation for s in others}
             targets = {found.space.frame.targets[r] for r in here}
@@ -144,7 +145,7 @@ def _ratio(one: RelationTerm, other: RelationTerm) -> tuple[float, float]:
 
 
 def _once(
-    work: Work, filtered: Filtered, posed: Posed, refinement: Refinement, suspected: Sequence[Suspicion]
+    work: Work, filtered: Filtered, posed: Posed, refinement: Refinement, suspected: Sequence[Suspicion], most: float
 ) -> tuple[Posed, Refinement, tuple[SuspicionScore, ...]]:
     """Return the relations and the model with functions in the place of what is suspected, and what came of it.
 
@@ -154,13 +155,14 @@ def _once(
         posed: the relations.
         refinement: the model so far, which stays as it is where nothing is better.
         suspected: of it.
+        most: units of budget, at most.
     """
     if not suspected:
         return posed, refinement, ()
     with work.stage("suspicion"):
         work.monitor.tell(Progress("suspicion", "search with functions that the library lacks", 0, 1))
-        most = min(max(refinement.spent, LEAST), work.left)
-        found = alternative(refinement, suspected, len(posed.mechanisms), most, units_of(filtered))
+        limit = min(max(refinement.spent, LEAST), most)
+        found = alternative(refinement, suspected, len(posed.mechanisms), limit, units_of(filtered))
         work.searches.spent += 0.0 if found is None else found.spent
     better = None
     if found is not None and _promises(refinement, found):
