@@ -196,7 +196,9 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
         return network
     flowing = flows(work, filtered, regressed) if relations else None
     if flowing is not None and conclusive(flowing[1], filtered.signals):
-        return flowing
+        noisy = flowing[1].process is not None and not flowing[1].says_all
+        if not (noisy and _followed(work, filtered, posed, flowing[1])):
+            return flowing
     refinement = refine_form(work, filtered, posed)
     if work.late:
         return posed, refinement
@@ -217,6 +219,19 @@ def _beats(work: Work, filtered: Filtered, posed: Posed, small: Refinement) -> b
         small: the model.
     """
     return evidently_better(small, refine_form(within(work, max(LEAST, TIMES * small.spent)), filtered, posed))
+
+
+def _followed(work: Work, filtered: Filtered, posed: Posed, small: Refinement) -> bool:
+    """Say whether as long a search in a form's own library follows the record without noise of the process.
+
+    Args:
+        work: whose study says how.
+        filtered: the records and their signals.
+        posed: the form in its own library.
+        small: the model of a small one, which has such noise.
+    """
+    other = refine_form(within(work, max(LEAST, TIMES * small.spent)), filtered, posed)
+    return other is not None and other.exact
 
 
 def _with_more(
