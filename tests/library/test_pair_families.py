@@ -62,3 +62,10 @@ def test_there_are_functions_of_every_pair_and_of_none_where_there_are_too_many(
     pairs = {frozenset(f.term.names & values.keys()) for f in pair_families(values, ())}
     assert len(pairs) == count * (count - 1) // 2
     assert pair_families({f"x{k}": np.sin((k + 1) * T) for k in range(MANY + 1)}, ()) == ()
+
+
+def test_rates_that_two_amounts_limit_are_those_of_amounts():
+    amount = 1.0 + 0.5 * np.cos(1.3 * T)
+    limited = {f"{above}/(1.0 + below_x*x + below_y*y)" for above in ("x", "y", "x*y")}
+    assert limited <= texts({"x": amount, "y": Y})
+    assert not any("below" in t for t in texts({"x": X, "y": Y}))
