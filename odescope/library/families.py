@@ -162,13 +162,7 @@ def families_of(
     middle = constant("middle", low - BEYOND * reach, high + BEYOND * reach)
     least = low if high > -low else -high
     drawn = list(_by_sign(variable, low, high, constant))
-    near, far = (share * reach for share in HEADS)
-    head, supply = constant("head", near - low, far - low), constant("supply", high + near, high + far)
-    drawn += [(f"sqrt({head.name} + {variable})", (head,)), (f"sqrt({supply.name} - {variable})", (supply,))]
-    near, far = (share * reach for share in GAPS)
-    before, behind = constant(POLES[0], near - low, far - low), constant(POLES[1], high + near, high + far)
-    drawn += [(f"1/{variable}**2", ())] if low * high > 0.0 else []
-    drawn += [(f"1/({before.name} + {variable})**2", (before,)), (f"1/({behind.name} - {variable})**2", (behind,))]
+    drawn += _by_ends(variable, low, high, constant)
     if is_angular(unit) and may_be_angle(values) if angle is None else angle:
         drawn += [(f"sin({variable})", ()), (f"cos({variable})", ())]
         drawn += [(f"tan({variable})", ())] if size < STEERED else []
@@ -191,6 +185,27 @@ def families_of(
         (f"1/(1 + exp(-{slope.name}*({variable} - {middle.name})))", (slope, middle)),
     ]
     return tuple(_family(variable, text, constants, values) for text, constants in drawn)
+
+
+def _by_ends(
+    variable: str, low: float, high: float, constant: Callable[[str, float, float], Constant]
+) -> Iterator[Drawn]:
+    """Yield the functions that end outside of the data, roots and poles, and the pole at zero of what has a sign.
+
+    Args:
+        variable: its name.
+        low: its least value.
+        high: its largest.
+        constant: makes one of a role, from the least to the largest.
+    """
+    near, far = (share * (high - low) for share in HEADS)
+    head, supply = constant("head", near - low, far - low), constant("supply", high + near, high + far)
+    yield from ((f"sqrt({head.name} + {variable})", (head,)), (f"sqrt({supply.name} - {variable})", (supply,)))
+    if low * high > 0.0:
+        yield f"1/{variable}**2", ()
+    near, far = (share * (high - low) for share in GAPS)
+    before, behind = constant(POLES[0], near - low, far - low), constant(POLES[1], high + near, high + far)
+    yield from ((f"1/({before.name} + {variable})**2", (before,)), (f"1/({behind.name} - {variable})**2", (behind,)))
 
 
 def _by_sign(

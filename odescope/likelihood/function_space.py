@@ -82,17 +82,10 @@ class FunctionSpace:
         joint = _joint(suspected, values, taken, units)
         angles = may_be_angles(values, units) if joint else None
         names = dict.fromkeys(s.variable for s in suspected if s.reason not in JOINT)
-        squared = {s.variable for s in suspected if s.squared}
-        divided = {s.variable for s in suspected if s.reason == "fractions"}
-        positions = {
-            s for s, after in zip(space.frame.states, space.frame.following.tolist(), strict=True) if after >= 0
+        every = {
+            n: families_of(n, values[n], taken, None if angles is None else n in angles, units.get(n)) for n in names
         }
-        every = (
-            (n, families_of(n, values[n], taken, None if angles is None else n in angles, units.get(n))) for n in names
-        )
-        families = {
-            n: tuple(f for f in found if f.suits(n in squared, n in divided, n in positions)) for n, found in every
-        }
+        families = _suited(every, suspected, space)
         fixed = dict(zip(space.frame.constants, space.whole.constants(refinement.fit.theta), strict=True))
         choices = tuple(
             joint.get(s.reason)
@@ -338,6 +331,25 @@ def _stribeck(
         return ()
     family = stribeck(suspected.variable, values[suspected.variable], taken)
     return (Choice((family.term * dry,), family.constants),)
+
+
+def _suited(
+    every: Mapping[str, Sequence[Family]], suspected: Sequence[Suspicion], space: SearchSpace
+) -> dict[str, tuple[Family, ...]]:
+    """Return those functions of every variable that its place in the relations allows.
+
+    Args:
+        every: functions of a variable, by its name.
+        suspected: all suspicions.
+        space: whose states they are of.
+    """
+    squared = {s.variable for s in suspected if s.squared}
+    divided = {s.variable for s in suspected if s.reason == "fractions"}
+    following = zip(space.frame.states, space.frame.following.tolist(), strict=True)
+    positions = {state for state, after in following if after >= 0}
+    return {
+        n: tuple(f for f in found if f.suits(n in squared, n in divided, n in positions)) for n, found in every.items()
+    }
 
 
 def _joint(

@@ -107,23 +107,23 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     fewer = {r: _without(balances[r], s, refinement) for r, s in steps.items()}
     if any(fewer[r].names != step.names for r, step in steps.items()):
         posed, refinement = _refined(wide, filtered, fewer, _regressed(wide, filtered, fewer))
-    if refinement is None or not _sums_surely(fewer.values(), refinement):
+    if refinement is None or not _weighs_surely(fewer.values(), refinement):
         return None
     if not (refinement.says_all or (refinement.exact and refinement.outcome.sure)):
         return None
     return posed, replace(refinement, finished=True)
 
 
-def _sums_surely(steps: Iterable[_Step], refinement: Refinement) -> bool:
-    """Say whether a model holds steps of several variables, with no weight in doubt: else functions of one compete.
+def _weighs_surely(steps: Iterable[_Step], refinement: Refinement) -> bool:
+    """Say whether a model holds steps, with no weight in doubt.
 
     Args:
         steps: that the model may hold.
         refinement: the model.
     """
     held, weak = {p.name for p in refinement.settings.parameters}, _weak(refinement)
-    inside = [weights for step in steps if held.issuperset(weights := step.weights)]
-    return any(len(weights) > 1 for weights in inside) and all(weak.isdisjoint(weights) for weights in inside)
+    inside = {name for step in steps if held.issuperset(step.weights) for name in step.weights}
+    return bool(inside) and weak.isdisjoint(inside)
 
 
 def _regressed(work: Work, filtered: Filtered, steps: Mapping[int, _Step]) -> Regressed:

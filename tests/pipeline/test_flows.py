@@ -114,3 +114,16 @@ def test_three_tanks(seed):
     assert laws["h1_dot"] == pytest.approx({"u": 0.5, left: -0.3}, rel=0.01)
     assert laws["h2_dot"] == pytest.approx({"v": 0.5, "sqrt(h2)": -0.35, right: -0.3}, rel=0.01)
     assert laws["h3_dot"] == pytest.approx({left: 0.3, right: 0.3}, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_cone_runs_out_by_the_root_over_the_square_of_its_level(seed):
+    def cone(h, pump):
+        return ((0.3 * pump - 0.26 * flow(h[0], 0.0)) / h[0] ** 2,)
+
+    (law,) = found(cone, [[1.1]], {"u": (0.7, 1.2, 15.0)}, 400.0, seed).values()
+    flows = sorted(
+        c for text, c in law.items() if "h1_dot" not in text
+    )  # of the relation times a power of the level, too
+    assert flows == pytest.approx([-0.26, 0.3], rel=0.01)

@@ -77,3 +77,31 @@ def test_two_relations_have_functions_of_one_variable_with_constants_of_their_ow
     orders = [p for p in model.parameters if p.name.startswith("order")]
     order = max(orders, key=lambda p: p.value)
     assert abs(order.value - 4.0) < 4.0 * order.std_error
+
+
+def ring(seed):
+    """Return a log of x' = u + 4/(0.66 + z**3) - 0.6 x, with y' by x and z' by y alike: a ring of three genes."""
+    rng, t = np.random.default_rng(seed), 0.08 * np.arange(2000)
+    u = np.repeat(rng.exponential(1.0, 40) * (rng.random(40) < 0.5), 50)
+
+    def rate(now, s):
+        x, y, z = s
+        made = u[min(int(now / 0.08 + 1e-9), len(t) - 1)]
+        return [made + 4.0 / (0.66 + z**3) - 0.6 * x, 3.7 / (0.66 + x**3) - 0.5 * y, 4.5 / (0.66 + y**3) - 0.7 * z]
+
+    s = solve_ivp(rate, (0.0, t[-1]), [3.0, 1.0, 0.5], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.04).y
+    noise = 0.005 * s.std(axis=1, keepdims=True) * rng.standard_normal(s.shape)
+    return dict(zip("txyzu", (t, *(s + noise), u), strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_three_genes_in_a_ring_repress_each_other(seed):
+    coordinates = {name: Measured() for name in "xyz"}
+    model = identify(
+        Study(data=Data(time="t"), coordinates=coordinates, inputs={"u": Driven(hold="zero")}), ring(seed)
+    ).model
+    assert [len(r.terms) for r in model.relations] == [4, 3, 3]
+    orders = [p for p in model.parameters if p.name.startswith("order")]
+    assert len(orders) == 3
+    assert all(abs(p.value - 3.0) < 4.0 * p.std_error for p in orders)
