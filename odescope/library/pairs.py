@@ -19,13 +19,8 @@ from odescope.recordings.coordinate import free_name
 
 STEEPEST = 10.0  # weight of a variable within a function, times the range of the variable
 WEIGHTS = (0.4, 1.0, 2.5)  # the same, where it is looked for
-HALVED = (
-    0.3,
-    1.0,
-    3.0,
-    10.0,
-)  # what an amount adds to the denominator of a rate at its largest: where it is looked for
-MOST = 50.0  # the same, at most
+ADDED = (0.3, 1.0, 3.0, 10.0)  # what an amount at its largest adds to 1 below a rate, where that is looked for
+MOST_ADDED = 50.0  # the same, at most
 PLACES = (-0.5, 0.0, 0.5, 1.0, 1.5)  # middles of a step, from one end of the range of the sum to the other
 NO_UNITS: Mapping[str, str | None] = MappingProxyType({})
 LEAST = 0.1  # radians that what has a sine moves over: those of less are lines
@@ -134,10 +129,10 @@ def _limited(one: str, other: str, values: Mapping[str, FloatArray], taken: Coll
     if any(float(values[n].min()) <= -NEGLIGIBLE * most for n, most in zip(names, largest, strict=True)):
         return []
     constants = tuple(
-        Constant(free_name(f"{BELOW}_{n}", taken), 0.0, MOST / most, 0.0)
+        Constant(free_name(f"{BELOW}_{n}", taken), 0.0, MOST_ADDED / most, 0.0)
         for n, most in zip(names, largest, strict=True)
     )
-    grid = product(*([share / most for share in HALVED] for most in largest))
+    grid = product(*([share / most for share in ADDED] for most in largest))
     points = tuple(tuple((c.name, v) for c, v in zip(constants, at, strict=True)) for at in grid)
     below = " + ".join(["1", *(f"{c.name}*{n}" for c, n in zip(constants, names, strict=True))])
     scope = Scope.of(names, constants=[c.name for c in constants])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -79,11 +80,11 @@ def choices_of(families: Sequence[Family], beside: Sequence[Term], falling: Sequ
     pairs = [
         Choice(tuple(c.terms[0] for c in both), both[0].constants) for both in waves.values() if len(both) == len("ab")
     ]
-    grown = [(f, rest) for rest in beside for f in families if f.rises]
-    both = [
-        (up, down, rest) for up, rest in grown for down in families if down.falls and down.constants != up.constants
+    ways = [
+        Choice((up.term * rest, down.term * rest), (*up.constants, *down.constants))
+        for rest, up, down in product(beside, families, families)
+        if up.rises and down.falls and down.constants != up.constants
     ]
-    ways = [Choice((up.term * rest, down.term * rest), (*up.constants, *down.constants)) for up, down, rest in both]
     return (*found, *pairs, *ways)
 
 

@@ -192,12 +192,13 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
         if (begun := small(work, filtered, regressed)) is not None:
             return begun
     network = networks(work, filtered, regressed) if relations else None
-    if network is not None and _beats(work, filtered, posed, network[1]):
+    if network is not None and evidently_better(network[1], _as_long(work, filtered, posed, network[1])):
         return network
     flowing = flows(work, filtered, regressed) if relations else None
     if flowing is not None and conclusive(flowing[1], filtered.signals):
         noisy = flowing[1].process is not None and not flowing[1].says_all
-        if not (noisy and _followed(work, filtered, posed, flowing[1])):
+        other = _as_long(work, filtered, posed, flowing[1]) if noisy else None
+        if other is None or not other.exact:  # what follows the record without such noise may be the law
             return flowing
     refinement = refine_form(work, filtered, posed)
     if work.late:
@@ -209,29 +210,16 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
     return posed, refinement
 
 
-def _beats(work: Work, filtered: Filtered, posed: Posed, small: Refinement) -> bool:
-    """Say whether the model of a small library is evidently better than where as long a search in a form's own ends.
+def _as_long(work: Work, filtered: Filtered, posed: Posed, small: Refinement) -> Refinement | None:
+    """Return the model that as long a search in a form's own library ends with, None where it has none.
 
     Args:
         work: whose study says how.
         filtered: the records and their signals.
         posed: the form in its own library.
-        small: the model.
+        small: the model of a small one.
     """
-    return evidently_better(small, refine_form(within(work, max(LEAST, TIMES * small.spent)), filtered, posed))
-
-
-def _followed(work: Work, filtered: Filtered, posed: Posed, small: Refinement) -> bool:
-    """Say whether as long a search in a form's own library follows the record without noise of the process.
-
-    Args:
-        work: whose study says how.
-        filtered: the records and their signals.
-        posed: the form in its own library.
-        small: the model of a small one, which has such noise.
-    """
-    other = refine_form(within(work, max(LEAST, TIMES * small.spent)), filtered, posed)
-    return other is not None and other.exact
+    return refine_form(within(work, max(LEAST, TIMES * small.spent)), filtered, posed)
 
 
 def _with_more(

@@ -147,7 +147,10 @@ def _wider(work: Work, filtered: Filtered, sources: Collection[str]) -> Iterator
         alike = len({units.get(n) for n in (source, speed)} - {None}) < 2
         if alike and min(size[source], size[speed]) > ALIKE * max(size[source], size[speed]):
             between = f"{source} - {speed}"
-            yield with_extra(plain, (f"sign({between})", f"({between})**1*abs({between})", f"abs({between})", *own))
+            difference = values[source] - values[speed]
+            both_ways = float(difference.min()) < 0.0 < float(difference.max())
+            bent = (f"abs({between})",) if both_ways else ()  # else the difference itself
+            yield with_extra(plain, (f"sign({between})", f"({between})**1*abs({between})", *bent, *own))
         if min(-values[source].min(), values[source].max()) > ALIKE * size[source]:
-            both = f"{source}*abs({source})", f"{speed}*abs({source})", f"{source}*abs({speed})"
-            yield with_extra(plain, (*both, *own))
+            sized = f"{source}*abs({source})", f"{speed}*abs({source})", f"{source}*abs({speed})"
+            yield with_extra(plain, (*sized, *own))

@@ -190,7 +190,7 @@ def test_what_is_fixed_by_name_is_not_suspected():
 def ending(exact, deviance, error, block=1, width=0.001, noisy=None, terms=5, spread=0.0):
     """Return what the choice between two ends of a likelihood stage looks at; with noise of the process its cost."""
     segments = SimpleNamespace(block=block, samples=1000, driven=None)
-    outcome = SimpleNamespace(deviance=deviance, width=width)
+    outcome = SimpleNamespace(deviance=deviance, width=width, sure=exact)
     made = SimpleNamespace(exact=exact, outcome=outcome, free_run_error=error, space=SimpleNamespace(segments=segments))
     made.path = SimpleNamespace(choice=SimpleNamespace(spread=spread))
     made.process = None if noisy is None else SimpleNamespace(penalised=noisy)
