@@ -1,5 +1,6 @@
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from odescope.library.mechanism import candidate
 from odescope.likelihood.add_and_drop import Moves
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.evaluator import Evaluator
-from odescope.likelihood.search import WhiteResiduals, search
+from odescope.likelihood.search import WhiteResiduals, _to_earn, search
 from odescope.likelihood.search_space import SearchSpace
 
 NOISE = 0.02
@@ -215,3 +216,9 @@ def test_a_search_stops_at_the_next_evaluation_that_is_told_to(states):
     with pytest.raises(Stopped):
         search(space(states, 0, budget=Budget(monitor=monitor)), begin([1, 2, 3, 4]))
     assert next(asked, "none left") == "none left"
+
+
+def test_a_constant_that_a_term_needs_earns_nothing_by_itself():
+    """At its nominal value it is told from that by no error, and its term is in no doubt for that."""
+    space = SimpleNamespace(needed={"energy": 2}, penalty=np.array([16.0, 14.0, 13.0]))
+    assert _to_earn(space, SimpleNamespace(free=np.array([0, 2]))).tolist() == [16.0, 0.0]
