@@ -64,13 +64,16 @@ class Family:
     @property
     def falls(self) -> bool:
         """Whether it is an exponential that falls as its variable grows."""
-        own = any(c.name.startswith((f"{RISE}_", f"{FALL}_")) for c in self.constants)
-        return self.term.text.startswith("exp(-") and own
+        return self._scaled and self.term.text.startswith("exp(-")
 
     @property
     def rises(self) -> bool:
         """Whether it is an exponential that grows with its variable."""
-        return self.term.text.startswith("exp(") and not self.falls and self.constants[0].name.startswith(f"{RISE}_")
+        return self._scaled and self.term.text.startswith("exp(") and not self.falls
+
+    @property
+    def _scaled(self) -> bool:
+        return any(c.name.startswith((f"{RISE}_", f"{FALL}_")) for c in self.constants)
 
     def suits(self, squared: bool, divided: bool, position: bool) -> bool:
         """Say whether it may be in a relation: what has a square below it only where something divides.
