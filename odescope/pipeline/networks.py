@@ -26,7 +26,7 @@ from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed, relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import refine_form, regress_at
-from odescope.pipeline.wider import basis_of, promises, with_basis, within
+from odescope.pipeline.wider import basis_of, follows_surely, promises, with_basis, within
 from odescope.pipeline.work import Work
 
 MANY = 6  # variables of a sum, at most
@@ -107,9 +107,7 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
     fewer = {r: _without(balances[r], s, refinement) for r, s in steps.items()}
     if any(fewer[r].names != step.names for r, step in steps.items()):
         posed, refinement = _refined(wide, filtered, fewer, _regressed(wide, filtered, fewer))
-    if refinement is None or not _weighs_surely(fewer.values(), refinement):
-        return None
-    if not (refinement.says_all or (refinement.exact and refinement.outcome.sure)):
+    if refinement is None or not (follows_surely(refinement) and _weighs_surely(fewer.values(), refinement)):
         return None
     return posed, replace(refinement, finished=True)
 

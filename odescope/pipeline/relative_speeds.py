@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 from itertools import product
 
+from odescope.arrays import FloatArray
 from odescope.events import Progress
 from odescope.library.expression import Call
 from odescope.library.friction import speeds
@@ -24,8 +25,8 @@ from odescope.pipeline.units import units_of
 from odescope.pipeline.wider import (
     basis_of,
     evidently_better,
+    follows_surely,
     regressed_with,
-    settles_closely,
     with_basis,
     with_extra,
     within,
@@ -41,24 +42,24 @@ def relative_speeds(work: Work, filtered: Filtered, regressed: Regressed) -> tup
 
     What lies on a belt rubs by its speed relative to the belt, a balloon drifts by that of the wind, and the difference
     of an input and a speed is in no function of one of the two. Behind a propeller that turns both ways go products of
-    its speed and the ship's with the size of one of them: two functions of one input. The model is kept where it leaves
-    nothing to look for, and imitates nothing: such friction may itself be part of an imitation. Nothing is tried where
-    no input may be a speed, or a library was written by hand.
+    its speed and the ship's with the size of one of them: two functions of one input. The model is kept where it
+    follows the record surely and imitates nothing: such friction may itself be part of an imitation. Nothing is tried
+    where no input may be a speed, or a library was written by hand.
 
     Args:
         work: whose study says of which variables functions may be looked for.
         filtered: the records and their signals.
         regressed: what regression in the default library found.
     """
-    wide, found = _most_promising(work, filtered, _multiplied(work, regressed)) or (work, None)
-    if found is None or not found.explicit < regressed.explicit - EVIDENT:
-        return None
-    posed, refinement = _refined(within(wide, AT_FIRST), filtered, found)
-    if refinement is None or not (settles_closely(refinement, filtered.signals) and _is_relative(work, refinement)):
-        return None
-    if any(s.terms for s in suspicions(refinement, work.study.suspects, work.study.parameters)):
-        return None
-    return posed, replace(refinement, finished=True)
+    for wide, found in _promising(work, filtered, _multiplied(work, regressed)):
+        if not found.explicit < regressed.explicit - EVIDENT:
+            continue
+        posed, refinement = _refined(within(wide, AT_FIRST), filtered, found)
+        if refinement is None or not (follows_surely(refinement) and _holds_an_input(work, refinement)):
+            continue
+        if not any(s.terms for s in suspicions(refinement, work.study.suspects, work.study.parameters)):
+            return posed, replace(refinement, finished=True)
+    return None
 
 
 def with_relative_speeds(
@@ -77,12 +78,11 @@ def with_relative_speeds(
     """
     if refinement is not None and not refinement.wanting:
         return posed, refinement
-    wide, found = _most_promising(work, filtered, work.study.inputs) or (work, None)
-    if found is None:
-        return posed, refinement
-    wider, other = _refined(within(wide, AT_FIRST), filtered, found)
-    better = other is not None and _is_relative(work, other) and evidently_better(other, refinement)
-    return (wider, other) if better else (posed, refinement)
+    for wide, found in _promising(work, filtered, work.study.inputs):
+        wider, other = _refined(within(wide, AT_FIRST), filtered, found)
+        if other is not None and _holds_an_input(work, other) and evidently_better(other, refinement):
+            return wider, other
+    return posed, refinement
 
 
 def _multiplied(work: Work, regressed: Regressed) -> list[str]:
@@ -92,24 +92,25 @@ def _multiplied(work: Work, regressed: Regressed) -> list[str]:
     return [name for name in work.study.inputs if name in held or not regressed.relations]
 
 
-def _most_promising(work: Work, filtered: Filtered, sources: Collection[str]) -> tuple[Work, Regressed] | None:
-    """Return the work with friction of one difference among the candidates, and what regression finds with it.
+def _promising(work: Work, filtered: Filtered, sources: Collection[str]) -> Iterator[tuple[Work, Regressed]]:
+    """Yield the work with the most promising candidates of each kind, and what regression finds with them.
 
-    The friction is too steep for products to be told from it by differences: a forward selection ranks it.
+    The friction is too steep for products to be told from it by differences: a forward selection ranks it. Differences
+    come first, for products with sizes imitate such friction.
 
     Args:
         work: for the study.
         filtered: the records and their signals.
-        sources: the inputs that differences may be from.
+        sources: the inputs that these may be of.
     """
     if work.study.library.by_hand or not work.study.suspects or not filtered.sample.complete:
-        return None
-    tried = [
-        (wide, found)
-        for wide in _wider(work, filtered, sources)
-        if (found := regressed_with(wide, filtered)) is not None
-    ]
-    return min(tried, key=lambda one: one[1].explicit, default=None)
+        return
+    plain = with_basis(work, basis_of(work.study), DEGREE)
+    for kind in (_of_differences, _of_sizes):
+        wider = (with_extra(plain, extra) for extra in kind(filtered, sources))
+        tried = [(wide, found) for wide in wider if (found := regressed_with(wide, filtered)) is not None]
+        if tried:
+            yield min(tried, key=lambda one: one[1].explicit)
 
 
 def _refined(work: Work, filtered: Filtered, found: Regressed) -> tuple[Posed, Refinement | None]:
@@ -119,38 +120,51 @@ def _refined(work: Work, filtered: Filtered, found: Regressed) -> tuple[Posed, R
     return posed, refine_form(work, filtered, posed)
 
 
-def _is_relative(work: Work, refinement: Refinement) -> bool:
-    """Say whether a model holds a function of an input, by itself or with something else."""
+def _holds_an_input(work: Work, refinement: Refinement) -> bool:
+    """Say whether a function of a model holds an input, by itself or with something else."""
     atoms = (a for r in refinement.relations for t in r.terms for a, _ in t.product.term.factors)
     return any(isinstance(a, Call) and not a.argument.names.isdisjoint(work.study.inputs) for a in atoms)
 
 
-def _wider(work: Work, filtered: Filtered, sources: Collection[str]) -> Iterator[Work]:
-    """Yield the work with friction of the difference of an input and a speed, of one pair after the other.
-
-    Then with products of the two and the size of one, where the input has both signs: with one these are squares.
+def _of_differences(filtered: Filtered, sources: Collection[str]) -> Iterator[tuple[str, ...]]:
+    """Yield friction of the difference of an input and a speed, and its size, of one pair after the other.
 
     Args:
-        work: for the study.
         filtered: the records and their signals.
         sources: the inputs.
     """
-    signals, units = filtered.signals, units_of(filtered)
-    rated = [c.derivative(1) for c in signals.coordinates if c.order == 2]
-    moving = [*rated, *speeds(signals.coordinates)]
-    joined = signals.joined()
-    values = {n: joined[signals.row(n)] for n in (*moving, *sources)}
-    size = {n: float(abs(v).max()) for n, v in values.items()}
-    plain = with_basis(work, basis_of(work.study), DEGREE)
-    for source, speed in product(sources, moving):
-        own = () if speed in rated else (f"{speed}*abs({speed})",)  # that of rates is in the library
+    units, values = units_of(filtered), _values(filtered)
+    for source, (speed, own) in product(sources, _moving(filtered)):
         alike = len({units.get(n) for n in (source, speed)} - {None}) < 2
-        if alike and min(size[source], size[speed]) > ALIKE * max(size[source], size[speed]):
-            between = f"{source} - {speed}"
-            difference = values[source] - values[speed]
+        small, large = sorted(float(abs(values[n]).max()) for n in (source, speed))
+        if alike and small > ALIKE * large:
+            between, difference = f"{source} - {speed}", values[source] - values[speed]
             both_ways = float(difference.min()) < 0.0 < float(difference.max())
             bent = (f"abs({between})",) if both_ways else ()  # else the difference itself
-            yield with_extra(plain, (f"sign({between})", f"({between})**1*abs({between})", *bent, *own))
-        if min(-values[source].min(), values[source].max()) > ALIKE * size[source]:
-            sized = f"{source}*abs({source})", f"{speed}*abs({source})", f"{source}*abs({speed})"
-            yield with_extra(plain, (*sized, *own))
+            yield f"sign({between})", f"({between})**1*abs({between})", *bent, *own
+
+
+def _of_sizes(filtered: Filtered, sources: Collection[str]) -> Iterator[tuple[str, ...]]:
+    """Yield products of a speed and an input that has both signs, with the size of one: with one sign it is a square.
+
+    Args:
+        filtered: the records and their signals.
+        sources: the inputs.
+    """
+    values = _values(filtered)
+    for source, (speed, own) in product(sources, _moving(filtered)):
+        if min(-values[source].min(), values[source].max()) > ALIKE * float(abs(values[source]).max()):
+            yield f"{source}*abs({source})", f"{speed}*abs({source})", f"{source}*abs({speed})", *own
+
+
+def _moving(filtered: Filtered) -> list[tuple[str, tuple[str, ...]]]:
+    """Return what may be a speed, and its own quadratic friction, which the library has of rates."""
+    coordinates = filtered.signals.coordinates
+    rates = [(c.derivative(1), ()) for c in coordinates if c.order == 2]
+    return [*rates, *((name, (f"{name}*abs({name})",)) for name in speeds(coordinates))]
+
+
+def _values(filtered: Filtered) -> dict[str, FloatArray]:
+    """Return states, targets and inputs by name, (N,)."""
+    signals = filtered.signals
+    return dict(zip(signals.names, signals.joined(), strict=True))

@@ -32,7 +32,6 @@ from odescope.signals.estimate import Signals
 from odescope.study.options import Study
 
 MANY = 120  # candidates of a target: more take longer than a suspicion is worth
-SHARE = 0.3  # of every target: what a model of a small library leaves to noise of the process, at most, to be kept
 LEAST = 1.0  # units of budget, where the search before cost next to nothing,
 TIMES = 2.0  # and times what it cost
 
@@ -178,26 +177,20 @@ def evidently_better(other: Refinement, before: Refinement | None) -> bool:
     return replaces(other, before) and (gain is None or gain > EVIDENT)
 
 
-def settles(refinement: Refinement, signals: Signals) -> bool:
-    """Say whether a model in a small library leaves nothing to look for: it follows the record with no term in doubt.
+def follows_surely(refinement: Refinement) -> bool:
+    """Say whether a model follows the record with no term in doubt, or leaves white noise of the process."""
+    return refinement.says_all or (refinement.exact and refinement.outcome.sure)
 
-    Or what it leaves to noise of the process is white, or little, and free runs stay near: what disturbs a tank for
-    hours, as rain or a leak, is no white noise.
+
+def settles(refinement: Refinement, signals: Signals) -> bool:
+    """Say whether a model in a small library leaves nothing to look for: it follows the record surely, or closely.
+
+    What it leaves to noise of the process is little then, and free runs stay near: what disturbs a tank for hours, as
+    rain or a leak, is no white noise.
 
     Args:
         refinement: whose model it is.
         signals: the targets as they were measured.
     """
     little = refinement.free_run_error < WELL and left_by(refinement, signals) < MINOR
-    return (refinement.exact and refinement.outcome.sure) or refinement.says_all or little
-
-
-def settles_closely(refinement: Refinement, signals: Signals) -> bool:
-    """Say the same of a model that leaves no more than a share of any target to noise of the process, too.
-
-    Args:
-        refinement: whose model it is.
-        signals: the targets as they were measured.
-    """
-    close = refinement.process is None or left_by(refinement, signals) < SHARE
-    return close and settles(refinement, signals)
+    return follows_surely(refinement) or little
