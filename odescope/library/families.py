@@ -22,7 +22,7 @@ EXPONENTS = (0.2, 4.0)
 ORDERS = (1.2, 12.0)  # of Hill's function: at 1 it is a saturation
 NEGLIGIBLE = 0.05  # of the largest value: a quantity that is never further below zero is one that has no sign
 STEEP = 200.0  # times as wide as a step of tanh or of a logistic function the range of its variable may be
-GROWTH = 30.0  # largest argument of an exponential, over the range of its variable,
+GROWTH = 30.0  # largest argument of an exponential, over the range of its variable, or to one side of what has a sign,
 WAVES = 12.0  # and of a sine
 MOSTLY = 0.9  # of the samples, that have the least or the largest value
 ARC, TURNS = 0.4, 60.0  # radians that an angle moves over: over less its functions are powers
@@ -158,7 +158,7 @@ def families_of(
     if not (reach > 0.0 and np.isfinite(reach)) or is_switched(values):
         return ()
 
-    constant = partial(_constant, variable, taken)
+    constant = partial(constant_of, variable, taken)
     scale = constant("scale", reach / STEEP, reach / FLAT)
     rate = constant(RATE, 1.0 / reach, WAVES / reach)
     slope = constant("slope", 1.0 / reach, 2.0 * STEEP / reach)
@@ -178,8 +178,10 @@ def families_of(
     if least < reach:
         drawn.append((f"tanh({variable}/{scale.name})", (scale,)))
     if size / OFF < reach / FLAT:
-        ends, signed = (max(reach / GROWTH, size / OFF), reach / FLAT), least < -NEGLIGIBLE * size
-        gentle, fall = constant(RISE, *ends), constant(FALL if signed else RISE, *ends)
+        signed = least < -NEGLIGIBLE * size
+        up, down = (high, -low) if signed else (reach, reach)
+        gentle = constant(RISE, max(up / GROWTH, size / OFF), reach / FLAT)
+        fall = constant(FALL if signed else RISE, max(down / GROWTH, size / OFF), reach / FLAT)
         drawn += [(f"exp({variable}/{gentle.name})", (gentle,)), (f"exp(-{variable}/{fall.name})", (fall,))]
         drawn += [(f"sinh({variable}/{gentle.name})", (gentle,))] if signed else []
     drawn += [
@@ -239,7 +241,7 @@ def _by_sign(
         raised = f"{amount}**{order.name}"
         for above in (raised, f"{level.name}**{order.name}"):  # what activates, and what represses
             yield f"{above}/({level.name}**{order.name} + {raised})", (level, order)
-        half = constant(HALF, max(largest / OFF, -POLE * least), largest / FLAT)
+        half = constant(HALF, *half_range(least, largest))
         for above in (variable, half.name):
             yield f"{above}/({half.name} {plus} {variable})", (half,)
         affinity = constant("affinity", half.low, half.high)
@@ -256,6 +258,11 @@ def _by_sign(
         yield f"(abs({edge.name} + {variable}) - abs({edge.name} - {variable}))**1", (edge,)
 
 
+def half_range(least: float, largest: float) -> tuple[float, float]:
+    """Return the range of the amount that half saturates a rate, from the least and the largest in the data."""
+    return max(largest / OFF, -POLE * least), largest / FLAT
+
+
 def stribeck(speed: str, values: FloatArray, taken: Collection[str]) -> Family:
     """Return what is left at a speed of that by which friction at rest exceeds dry friction, to be multiplied by this.
 
@@ -267,15 +274,15 @@ def stribeck(speed: str, values: FloatArray, taken: Collection[str]) -> Family:
         taken: names that the constant may not have.
     """
     size = float(np.abs(values).max())
-    constant = _constant(speed, taken, STRIBECK, size / STEEP, SLOW * size)
+    constant = constant_of(speed, taken, STRIBECK, size / STEEP, SLOW * size)
     return _family(speed, f"exp(-{speed}**2/{constant.name}**2)", (constant,), values)
 
 
-def _constant(variable: str, taken: Collection[str], role: str, least: float, largest: float) -> Constant:
+def constant_of(variable: str, taken: Collection[str], role: str, least: float, largest: float) -> Constant:
     """Return a constant of a function of a variable.
 
     Args:
-        variable: its name.
+        variable: its name, or those of several.
         taken: names that the constant may not have.
         role: of the constant in the function.
         least: its least value.

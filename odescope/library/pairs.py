@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations, product
 from types import MappingProxyType
 
@@ -12,7 +13,21 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant
 from odescope.library.expression import Term
-from odescope.library.families import BELOW, NEGLIGIBLE, may_be_angle
+from odescope.library.families import (
+    BELOW,
+    EDGES,
+    FALL,
+    FLAT,
+    GROWTH,
+    HALF,
+    NEGLIGIBLE,
+    OFF,
+    POINTS,
+    RISE,
+    constant_of,
+    half_range,
+    may_be_angle,
+)
 from odescope.library.parse import Scope, parse_term
 from odescope.recordings.checks import is_angular
 from odescope.recordings.coordinate import free_name
@@ -53,6 +68,7 @@ def pair_families(
     for one, other in combinations(moving if len(moving) <= MANY else (), 2):
         found += _plain(one, other, values, units)
         found += _weighted(one, other, values, taken)
+        found += _of_difference(one, other, values, taken, units)
         found += _limited(one, other, values, taken)
     return tuple(found)
 
@@ -86,7 +102,7 @@ def _plain(one: str, other: str, values: Mapping[str, FloatArray], units: Mappin
     Sine and cosine where these may be angles; of a difference its root, with its sign where that changes, or its size.
     """
     difference, total = values[one] - values[other], values[one] + values[other]
-    texts, unit = list[str](), {u for u in (units.get(one), units.get(other)) if u is not None}
+    texts, unit = list[str](), _units_of(one, other, units)
     if len(unit) > 1:
         return []
     for sign, column in (("-", difference), ("+", total)):
@@ -100,6 +116,11 @@ def _plain(one: str, other: str, values: Mapping[str, FloatArray], units: Mappin
         texts += [f"abs({one} - {other})", signed_root(one, other)]
     scope = Scope.of([one, other])
     return [PairFamily(parse_term(text, scope)) for text in texts]
+
+
+def _units_of(one: str, other: str, units: Mapping[str, str | None]) -> set[str]:
+    """Return the units of two variables, as far as they are known."""
+    return {u for u in (units.get(one), units.get(other)) if u is not None}
 
 
 def _weighted(one: str, other: str, values: Mapping[str, FloatArray], taken: Collection[str]) -> list[PairFamily]:
@@ -122,22 +143,58 @@ def _weighted(one: str, other: str, values: Mapping[str, FloatArray], taken: Col
     ]
 
 
-def _limited(one: str, other: str, values: Mapping[str, FloatArray], taken: Collection[str]) -> list[PairFamily]:
-    """Return the rates of amounts that the other one limits, too, as a competitor for an enzyme does, or of both."""
-    names = (one, other)
-    largest = [float(values[n].max()) for n in names]
-    if any(float(values[n].min()) <= -NEGLIGIBLE * most for n, most in zip(names, largest, strict=True)):
+def _of_difference(
+    one: str, other: str, values: Mapping[str, FloatArray], taken: Collection[str], units: Mapping[str, str | None]
+) -> list[PairFamily]:
+    """Return the functions of a difference that have one constant: exponentials and what is left between two limits.
+
+    So a diode conducts, and gears with backlash push. What changes its sign has both.
+    """
+    difference = values[one] - values[other]
+    low, high = float(difference.min()), float(difference.max())
+    if len(_units_of(one, other, units)) > 1 or not low < 0.0 < high:
         return []
-    constants = tuple(
-        Constant(free_name(f"{BELOW}_{n}", taken), 0.0, MOST_ADDED / most, 0.0)
-        for n, most in zip(names, largest, strict=True)
+    constant = partial(constant_of, f"{one}_{other}", taken)
+    size, reach, least = max(high, -low), high - low, min(high, -low)
+    found = list[tuple[str, Constant]]()
+    for role, above, below, most in ((RISE, one, other, high), (FALL, other, one, -low)):
+        scale = constant(role, max(most / GROWTH, size / OFF), reach / FLAT)
+        found.append((f"exp(({above} - {below})/{scale.name})", scale))
+    edge = constant("edge", *(share * least for share in EDGES))
+    found.append((f"(abs({edge.name} + {one} - {other}) - abs({edge.name} - {one} + {other}))**1", edge))
+    return [
+        PairFamily(
+            parse_term(text, Scope.of([one, other], constants=[c.name])),
+            (c,),
+            tuple(((c.name, v),) for v in c.evenly(POINTS).tolist()),
+        )
+        for text, c in found
+    ]
+
+
+def _limited(one: str, other: str, values: Mapping[str, FloatArray], taken: Collection[str]) -> list[PairFamily]:
+    """Return the rates of amounts that the other one limits, too, as a competitor for an enzyme does, or of both.
+
+    Both limit in one denominator, or each saturates by itself, as with a substrate and oxygen.
+    """
+    names, ends = (one, other), [(float(values[n].min()), float(values[n].max())) for n in (one, other)]
+    if any(low <= -NEGLIGIBLE * high for low, high in ends):
+        return []
+    below = tuple(
+        Constant(free_name(f"{BELOW}_{n}", taken), 0.0, MOST_ADDED / high, 0.0)
+        for n, (_, high) in zip(names, ends, strict=True)
     )
-    grid = product(*([share / most for share in ADDED] for most in largest))
-    points = tuple(tuple((c.name, v) for c, v in zip(constants, at, strict=True)) for at in grid)
-    below = " + ".join(["1", *(f"{c.name}*{n}" for c, n in zip(constants, names, strict=True))])
-    scope = Scope.of(names, constants=[c.name for c in constants])
-    texts = (f"{above}/({below})" for above in (one, other, f"{one}*{other}"))
-    return [PairFamily(parse_term(text, scope), constants, points) for text in texts]
+    half = tuple(constant_of(n, taken, HALF, *half_range(*e)) for n, e in zip(names, ends, strict=True))
+    total = " + ".join(["1", *(f"{c.name}*{n}" for c, n in zip(below, names, strict=True))])
+    saturating = "*".join(f"{n}/({c.name} + {n})" for c, n in zip(half, names, strict=True))
+    drawn = [*((f"{above}/({total})", below, 1) for above in (one, other, f"{one}*{other}")), (saturating, half, -1)]
+    most, found = [high for _, high in ends], list[PairFamily]()
+    for text, constants, power in drawn:
+        grid = product(*([(share / high) ** power for share in ADDED] for high in most))
+        points = tuple(tuple((c.name, v) for c, v in zip(constants, at, strict=True)) for at in grid)
+        scope = Scope.of(names, constants=[c.name for c in constants])
+        found.append(PairFamily(parse_term(text, scope), constants, points))
+    return found
 
 
 def step_of_sum(

@@ -164,7 +164,7 @@ class _Walk:
             case ast.BinOp(op=ast.Mult(), left=left, right=right):
                 return self.product(self.node(left, depth + 1), self.node(right, depth + 1))
             case ast.BinOp(op=ast.Div(), left=left, right=right):
-                return self.product(self.node(left, depth + 1), self.power(self.node(right, depth + 1), -1))
+                return self.product(self.node(left, depth + 1), self.below(right, depth + 1))
             case ast.BinOp(op=ast.Pow(), left=left, right=right):
                 return self.raised(self.node(left, depth + 1), right)
             case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
@@ -172,6 +172,14 @@ class _Walk:
             case ast.BinOp(op=ast.BitXor()):
                 raise self.fail("a power is written with two stars: x**3, not x^3")
         raise self.fail("only names, numbers, + - * / ** and known functions may appear")
+
+    def below(self, node: ast.AST, depth: int) -> Combination:
+        """Return the reciprocal of a denominator, factor by factor: sums stay apart, as in 1/((a + x)*(b + y))."""
+        match node:
+            case ast.BinOp(op=ast.Mult(), left=left, right=right):
+                return self.product(self.below(left, depth + 1), self.below(right, depth + 1))
+            case _:
+                return self.power(self.node(node, depth), -1)
 
     def declaring(self, name: str) -> str:
         """Return how to declare a name as an input or as a constant, where there can be some."""

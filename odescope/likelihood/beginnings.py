@@ -34,7 +34,7 @@ class Beginnings(Saturating):
 
         Those of least penalised cost: few terms and functions, functions with a saturation, functions in the place of
         all that a relation has, Stribeck's curve, or functions beside what is no imitation alone, or beside all
-        variables and a constant, too, and what holds a variable but once.
+        variables and a constant, too, and what holds a variable but once; then the same with functions of pairs.
 
         Args:
             found: the model before.
@@ -46,11 +46,13 @@ class Beginnings(Saturating):
         ways = (self.sparse(found, plain), self.saturating(found), self.substituted(found, plain), rubbing)
         standings = [s for s in ways if s is not None]
         single = self.single(found)
-        for given in dict.fromkeys(((), single, self.lines, (*self.lines, *single))):
+        bases = tuple(dict.fromkeys(((), single, self.lines, (*self.lines, *single))))
+        pairs = (False,) if self.exact else (False, True)  # what follows the record was said by few, pairs among them
+        for given, paired in ((given, paired) for paired in pairs for given in bases):
             if standings and self.space.budget.late:
                 break
             bar = min((price(s.fit) for s in standings), default=np.inf)
-            near = self.beside(found, given, bar)
+            near = self.beside(found, given, bar, paired)
             standings += [] if near is None else [near]
         return min(standings, key=lambda s: price(s.fit), default=None)
 
@@ -220,13 +222,14 @@ class Beginnings(Saturating):
             standing.said,
         )
 
-    def beside(self, found: Fit, given: Collection[str], bar: float) -> Standing | None:
+    def beside(self, found: Fit, given: Collection[str], bar: float, paired: bool) -> Standing | None:
         """Return the model with functions that come near to it, None where its penalised cost is above a bar.
 
         Args:
             found: the model before.
             given: variables by name, or a constant, that may stand beside functions.
             bar: the penalised cost.
+            paired: whether functions of two variables may be among them.
         """
         theta, placed = found.theta, [Placed(Choice())] * len(self.suspected)
         for r in dict.fromkeys(s.relation for s in self.suspected):
@@ -235,7 +238,7 @@ class Beginnings(Saturating):
             imitated = self.imitated(r, found, base, any(self.suspected[k].reason in MEASURED for k in mine))
             if imitated is None:
                 return None
-            chosen = imitated.together([[*self.simple(k), Choice(), *self.linear(k)] for k in mine])
+            chosen = imitated.together([[*self.simple(k, paired), Choice(), *self.linear(k)] for k in mine])
             written = self.written(r, theta, base, chosen, imitated)
             if written is None:
                 return None
@@ -246,11 +249,19 @@ class Beginnings(Saturating):
         fit = self.tightened(theta, bar + float(self.space.penalty[plain].sum()))  # all of which pruning may leave out
         return None if fit is None else Standing(self.pruned(fit), tuple(placed), found if self.exact else None)
 
-    def simple(self, k: int) -> list[Choice]:
-        """Return the functions for a suspicion that stand alone and have no more than one constant, of one variable."""
-        if self.suspected[k].reason in JOINT:
+    def simple(self, k: int, paired: bool) -> list[Choice]:
+        """Return the functions for a suspicion that stand alone: those of one variable with a constant at most.
+
+        Those of two, where they are asked for, have two at most.
+
+        Args:
+            k: number of the suspicion.
+            paired: whether functions of two variables are asked for.
+        """
+        joint = self.suspected[k].reason in JOINT
+        if joint and not paired:
             return []
-        return [c for c in self.choices[k] if len(c.constants) < 2 and len(c.terms) < 2]
+        return [c for c in self.choices[k] if len(c.constants) <= 1 + joint and len(c.terms) < 2]
 
     def linear(self, k: int) -> list[Choice]:
         """Return the variable of a suspicion as what stands for it, where it is a candidate."""

@@ -95,6 +95,11 @@ def test_what_hardly_moves_beside_its_size_has_ranges_that_go_upwards(sign):
         assert any(f.term.text.startswith("exp(rise") for f in found) == (offset < 330.0)
 
 
+def test_what_conducts_to_one_side_may_have_a_steep_exponential_there():
+    found = {c.name: c for f in families_of("v", np.linspace(-2.6, 0.6, 500), ()) for c in f.constants}
+    assert found["rise_v"].low < 0.03 < found["fall_v"].low
+
+
 def test_what_does_not_vary_has_none():
     assert families_of("z", np.full(100, 2.0), ()) == ()
 

@@ -5,8 +5,10 @@ import pytest
 
 from odescope.library.pairs import MANY, may_be_angles, pair_families
 from odescope.library.readable import readable
+from odescope.library.tape import evaluate, write_tape
 
 T = np.linspace(0.0, 9.0, 80)
+ROLES = ("rise_x_y", "fall_x_y", "edge_x_y")
 X, Y = 0.5 * np.sin(T), 3.0 + 0.2 * np.cos(1.3 * T)
 
 
@@ -67,5 +69,29 @@ def test_there_are_functions_of_every_pair_and_of_none_where_there_are_too_many(
 def test_rates_that_two_amounts_limit_are_those_of_amounts():
     amount = 1.0 + 0.5 * np.cos(1.3 * T)
     limited = {f"{above}/(1.0 + below_x*x + below_y*y)" for above in ("x", "y", "x*y")}
+    limited.add("x*y/((half_x + x)*(half_y + y))")
     assert limited <= texts({"x": amount, "y": Y})
-    assert not any("below" in t for t in texts({"x": X, "y": Y}))
+    assert not any("below" in t or "half" in t for t in texts({"x": X, "y": Y}))
+
+
+def test_diodes_and_backlash_are_of_differences_that_change_their_sign():
+    values = {"x": 6.0 * X, "y": Y - 3.0}
+    both = {f.term.text: f for f in pair_families(values, ())}
+    rise, fall, edge = (next(f for f in both.values() if name in f.term.names) for name in ROLES)
+    constants = {"rise_x_y": 0.1, "fall_x_y": 0.3, "edge_x_y": 0.2}
+    difference = values["x"] - values["y"]
+    expected = np.exp(difference / 0.1), np.exp(-difference / 0.3), 2.0 * np.clip(difference, -0.2, 0.2)
+    for family, right in zip((rise, fall, edge), expected, strict=True):
+        tape = write_tape(["x", "y", *(c.name for c in family.constants)], [family.term])
+        rows = [values["x"], values["y"], *(np.full_like(X, constants[c.name]) for c in family.constants)]
+        np.testing.assert_allclose(evaluate(tape, np.array(rows))[0], right, rtol=1e-12, atol=1e-12)
+    assert not {n for f in pair_families({"x": X, "y": Y}, ()) for n in f.term.names} & set(ROLES)
+
+
+def test_a_difference_that_has_a_limit_on_one_side_may_have_a_steep_exponential_there():
+    difference = np.linspace(-20.0, 0.8, 80)
+    families = pair_families({"x": difference + Y, "y": Y}, ())
+    (rise,) = (c for f in families for c in f.constants if c.name == "rise_x_y")
+    (fall,) = (c for f in families for c in f.constants if c.name == "fall_x_y")
+    assert rise.low == pytest.approx(20.0 / 100.0)  # of which the largest exponent is a hundred
+    assert fall.low == pytest.approx(20.0 / 30.0)
