@@ -225,6 +225,8 @@ class Beginnings(Saturating):
     def beside(self, found: Fit, given: Collection[str], bar: float, paired: bool) -> Standing | None:
         """Return the model with functions that come near to it, None where its penalised cost is above a bar.
 
+        Nor is there one where functions of two variables may be among them and none is.
+
         Args:
             found: the model before.
             given: variables by name, or a constant, that may stand beside functions.
@@ -245,6 +247,8 @@ class Beginnings(Saturating):
             theta = written
             for k, one in zip(mine, chosen, strict=True):
                 placed[k] = one
+        if paired and not any(p.choice.terms for p, s in zip(placed, self.suspected, strict=True) if s.reason in JOINT):
+            return None
         plain = [k for k in np.flatnonzero(theta) if k < self.own and self.space.mechanisms[k].parts]
         fit = self.tightened(theta, bar + float(self.space.penalty[plain].sum()))  # all of which pruning may leave out
         return None if fit is None else Standing(self.pruned(fit), tuple(placed), found if self.exact else None)

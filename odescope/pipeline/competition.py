@@ -33,7 +33,7 @@ from odescope.pipeline.one_by_one import with_terms_of_mechanisms
 from odescope.pipeline.radiation import radiated, with_radiation
 from odescope.pipeline.reciprocals import with_reciprocals
 from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.relative_speeds import relative_speeds, with_relative_speeds
+from odescope.pipeline.relative_speeds import RelativeSpeeds
 from odescope.pipeline.roots import with_roots
 from odescope.pipeline.shared_rates import with_shared_rates
 from odescope.pipeline.springs_and_dampers import with_springs_and_dampers
@@ -153,9 +153,10 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
             regressed = with_springs_and_dampers(work, filtered, regressed)
             regressed = _with_names(with_terms_of_mechanisms(work, filtered, regressed, contenders))
             posed = _relations(work, prepared, filtered, regressed)
-        posed, refinement = _refined(work, filtered, posed, regressed)
+        relative = RelativeSpeeds(work, filtered)
+        posed, refinement = _refined(work, filtered, posed, regressed, relative)
         if posed.form == "relations" and work.study.suspects and not work.late:
-            refinement, suspicions = _with_more(work, filtered, posed, regressed, refinement)
+            refinement, suspicions = _with_more(work, filtered, posed, regressed, refinement, relative)
         own = partial(_regressed, posed, regressed, signals)
         model, refinement = adopt(own, refinement, signals)
         filtered = replace(filtered, signals=under_found_holds(signals, refinement))
@@ -176,7 +177,9 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
     return Winner(best, scores, suspicions if best.form == "relations" else (), regressed)
 
 
-def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed) -> tuple[Posed, Refinement | None]:
+def _refined(
+    work: Work, filtered: Filtered, posed: Posed, regressed: Regressed, relative: RelativeSpeeds
+) -> tuple[Posed, Refinement | None]:
     """Return a form, in another library where that is the better one, and what the likelihood leads to.
 
     Args:
@@ -184,12 +187,14 @@ def _refined(work: Work, filtered: Filtered, posed: Posed, regressed: Regressed)
         filtered: the records and their signals.
         posed: the form in its own library.
         regressed: what regression on relations found.
+        relative: searches with friction relative to an input.
     """
     if not work.study.likelihood.enabled:
         return posed, None
     relations = posed.form == "relations" and not work.late
-    for small in (rates, radiated, relative_speeds) if relations else ():
-        if (begun := small(work, filtered, regressed)) is not None:
+    small = (partial(rates, work, filtered), partial(radiated, work, filtered), relative.first) if relations else ()
+    for begin in small:
+        if (begun := begin(regressed)) is not None:
             return begun
     network = networks(work, filtered, regressed) if relations else None
     if network is not None and evidently_better(network[1], _as_long(work, filtered, posed, network[1])):
@@ -223,7 +228,12 @@ def _as_long(work: Work, filtered: Filtered, posed: Posed, small: Refinement) ->
 
 
 def _with_more(
-    work: Work, filtered: Filtered, posed: Posed, regressed: Regressed, refinement: Refinement | None
+    work: Work,
+    filtered: Filtered,
+    posed: Posed,
+    regressed: Regressed,
+    refinement: Refinement | None,
+    relative: RelativeSpeeds,
 ) -> tuple[Refinement | None, tuple[SuspicionScore, ...]]:
     """Return the relations with what their library lacks, where the record asks for it, and what was suspected.
 
@@ -233,11 +243,12 @@ def _with_more(
         posed: the relations.
         regressed: what regression on these found.
         refinement: the model so far, if there is one.
+        relative: searches with friction relative to an input.
     """
     suspicions = tuple[SuspicionScore, ...]()
     # Products are simpler than functions, which are then looked for beside the candidates that the model is made of.
     posed, refinement = with_modulated(work, filtered, posed, regressed, refinement)
-    posed, refinement = with_relative_speeds(work, filtered, posed, refinement)
+    posed, refinement = relative.where_wanting(posed, refinement)
     posed, refinement = with_reciprocals(work, filtered, posed, regressed, refinement)
     posed, refinement = with_divided_friction(work, filtered, posed, refinement)
     if refinement is not None and refinement.follows:

@@ -6,7 +6,7 @@ docs/method.md, Suspicion.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 from odescope.arrays import FloatArray
@@ -32,98 +32,106 @@ from odescope.pipeline.wider import (
     within,
 )
 from odescope.pipeline.work import Work
+from odescope.study.options import Study
 
 DEGREE = 2  # of the products beside such friction: more imitates it
 ALIKE = 0.1  # size of the smaller over that of the larger: of less the difference is the larger one
 
 
-def relative_speeds(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, Refinement] | None:
-    """Return relations with friction relative to an input, and their model; None where this promises nothing.
+@dataclass(frozen=True)
+class RelativeSpeeds:
+    """Searches with friction relative to an input; each is made once, though it may be asked for twice.
 
-    What lies on a belt rubs by its speed relative to the belt, a balloon drifts by that of the wind, and the difference
-    of an input and a speed is in no function of one of the two. Behind a propeller that turns both ways go products of
-    its speed and the ship's with the size of one of them: two functions of one input. The model is kept where it
-    follows the record surely and imitates nothing: such friction may itself be part of an imitation. Nothing is tried
-    where no input may be a speed, or a library was written by hand.
-
-    Args:
+    Attributes:
         work: whose study says of which variables functions may be looked for.
         filtered: the records and their signals.
-        regressed: what regression in the default library found.
+        found: what searches with such candidates ended with, by these.
     """
-    for wide, found in _promising(work, filtered, _multiplied(work, regressed)):
-        if not found.explicit < regressed.explicit - EVIDENT:
-            continue
-        posed, refinement = _refined(within(wide, AT_FIRST), filtered, found)
-        if refinement is None or not (follows_surely(refinement) and _holds_an_input(work, refinement)):
-            continue
-        if not any(s.terms for s in suspicions(refinement, work.study.suspects, work.study.parameters)):
-            return posed, replace(refinement, finished=True)
-    return None
 
+    work: Work
+    filtered: Filtered
+    found: dict[tuple[str, ...], tuple[Posed, Refinement | None]] = field(default_factory=dict)
 
-def with_relative_speeds(
-    work: Work, filtered: Filtered, posed: Posed, refinement: Refinement | None
-) -> tuple[Posed, Refinement | None]:
-    """Return relations and their model: with friction relative to an input, where that is evidently better.
+    def first(self, regressed: Regressed) -> tuple[Posed, Refinement] | None:
+        """Return relations with friction relative to an input, and their model; None where this promises nothing.
 
-    Differences of smoothed states may be too blunt for friction that is steep: where a model is wanting the likelihood
-    is asked.
+        What lies on a belt rubs by its speed relative to the belt, a balloon drifts by that of the wind, and the
+        difference of an input and a speed is in no function of one of the two. Behind a propeller that turns both ways
+        go products of its speed and the ship's with the size of one of them: two functions of one input. The model is
+        kept where it follows the record surely and imitates nothing: such friction may itself be part of an imitation.
+        Nothing is tried where no input may be a speed, or a library was written by hand.
 
-    Args:
-        work: whose study says of which variables functions may be looked for.
-        filtered: the records and their signals.
-        posed: the relations.
-        refinement: the model so far, if there is one.
-    """
-    if refinement is not None and not refinement.wanting:
+        Args:
+            regressed: what regression in the default library found.
+        """
+        study = self.work.study
+        for wide, found in self._promising(_multiplied(study, regressed)):
+            if not found.explicit < regressed.explicit - EVIDENT:
+                continue
+            posed, refinement = self._refined(wide, found)
+            if refinement is None or not (follows_surely(refinement) and _holds_an_input(study, refinement)):
+                continue
+            if not any(s.terms for s in suspicions(refinement, study.suspects, study.parameters)):
+                return posed, replace(refinement, finished=True)
+        return None
+
+    def where_wanting(self, posed: Posed, refinement: Refinement | None) -> tuple[Posed, Refinement | None]:
+        """Return relations and their model: with friction relative to an input, where that is evidently better.
+
+        Differences of smoothed states may be too blunt for friction that is steep: where a model is wanting the
+        likelihood is asked.
+
+        Args:
+            posed: the relations.
+            refinement: the model so far, if there is one.
+        """
+        study = self.work.study
+        if refinement is not None and not refinement.wanting:
+            return posed, refinement
+        for wide, found in self._promising(study.inputs):
+            wider, other = self._refined(wide, found)
+            if other is not None and _holds_an_input(study, other) and evidently_better(other, refinement):
+                return wider, other
         return posed, refinement
-    for wide, found in _promising(work, filtered, work.study.inputs):
-        wider, other = _refined(within(wide, AT_FIRST), filtered, found)
-        if other is not None and _holds_an_input(work, other) and evidently_better(other, refinement):
-            return wider, other
-    return posed, refinement
+
+    def _promising(self, sources: Collection[str]) -> Iterator[tuple[Work, Regressed]]:
+        """Yield the work with the most promising candidates of each kind, and what regression finds with them.
+
+        The friction is too steep for products to be told from it by differences: a forward selection ranks it.
+        Differences come first, for products with sizes imitate such friction.
+        """
+        study = self.work.study
+        if study.library.by_hand or not study.suspects or not self.filtered.sample.complete:
+            return
+        plain = with_basis(self.work, basis_of(study), DEGREE)
+        for kind in (_of_differences, _of_sizes):
+            wider = (with_extra(plain, extra) for extra in kind(self.filtered, sources))
+            tried = [(w, r) for w in wider if (r := regressed_with(w, self.filtered)) is not None]
+            if tried:
+                yield min(tried, key=lambda one: one[1].explicit)
+
+    def _refined(self, wide: Work, regressed: Regressed) -> tuple[Posed, Refinement | None]:
+        """Return the relations of a wider study, and the model that a search in them ends with."""
+        extra = tuple(wide.study.library.extra)
+        if extra not in self.found:
+            wide.monitor.tell(Progress("suspicion", "search with friction relative to an input", 0, 1))
+            wide = within(wide, AT_FIRST)
+            posed = relations_form(wide.study, (regressed,), lambda _: regressed)
+            self.found[extra] = posed, refine_form(wide, self.filtered, posed)
+        return self.found[extra]
 
 
-def _multiplied(work: Work, regressed: Regressed) -> list[str]:
+def _multiplied(study: Study, regressed: Regressed) -> list[str]:
     """Return the inputs that the best relations hold in products, which may imitate friction; all, if there is none."""
-    products = (t.term for r in regressed.relations for t in r.terms if t.text not in work.study.inputs)
+    products = (t.term for r in regressed.relations for t in r.terms if t.text not in study.inputs)
     held = frozenset[str]().union(*(term.names for term in products))
-    return [name for name in work.study.inputs if name in held or not regressed.relations]
+    return [name for name in study.inputs if name in held or not regressed.relations]
 
 
-def _promising(work: Work, filtered: Filtered, sources: Collection[str]) -> Iterator[tuple[Work, Regressed]]:
-    """Yield the work with the most promising candidates of each kind, and what regression finds with them.
-
-    The friction is too steep for products to be told from it by differences: a forward selection ranks it. Differences
-    come first, for products with sizes imitate such friction.
-
-    Args:
-        work: for the study.
-        filtered: the records and their signals.
-        sources: the inputs that these may be of.
-    """
-    if work.study.library.by_hand or not work.study.suspects or not filtered.sample.complete:
-        return
-    plain = with_basis(work, basis_of(work.study), DEGREE)
-    for kind in (_of_differences, _of_sizes):
-        wider = (with_extra(plain, extra) for extra in kind(filtered, sources))
-        tried = [(wide, found) for wide in wider if (found := regressed_with(wide, filtered)) is not None]
-        if tried:
-            yield min(tried, key=lambda one: one[1].explicit)
-
-
-def _refined(work: Work, filtered: Filtered, found: Regressed) -> tuple[Posed, Refinement | None]:
-    """Return the relations of a study, and the model that a search in them ends with."""
-    work.monitor.tell(Progress("suspicion", "search with friction relative to an input", 0, 1))
-    posed = relations_form(work.study, (found,), lambda _: found)
-    return posed, refine_form(work, filtered, posed)
-
-
-def _holds_an_input(work: Work, refinement: Refinement) -> bool:
+def _holds_an_input(study: Study, refinement: Refinement) -> bool:
     """Say whether a function of a model holds an input, by itself or with something else."""
     atoms = (a for r in refinement.relations for t in r.terms for a, _ in t.product.term.factors)
-    return any(isinstance(a, Call) and not a.argument.names.isdisjoint(work.study.inputs) for a in atoms)
+    return any(isinstance(a, Call) and not a.argument.names.isdisjoint(study.inputs) for a in atoms)
 
 
 def _of_differences(filtered: Filtered, sources: Collection[str]) -> Iterator[tuple[str, ...]]:
