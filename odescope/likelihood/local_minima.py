@@ -1,0 +1,28 @@
+"""A trajectory that is joined may hang in a local minimum of the cost: it is opened and joined once more."""
+
+from __future__ import annotations
+
+from odescope.likelihood.add_and_drop import GAIN
+from odescope.likelihood.search import WIDTHS, Outcome, fitted_again
+from odescope.likelihood.search_space import SearchSpace
+
+OPENED = 0.1  # width of the defects, in smoothing errors of each state, at which a trajectory leaves a local minimum
+
+
+def joined_again(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace, Outcome]:
+    """Return space and end of a search, with the same terms in a lower minimum of the cost where there is one.
+
+    Where states change fast, as in a reactor that ignites, a joined trajectory of many samples is held by where it is:
+    its segments move towards each other's ends again from where each fits its own samples.
+
+    Args:
+        space: data, candidates.
+        outcome: the end of the search.
+    """
+    found = outcome.fit
+    for width in (w for w in WIDTHS if outcome.width <= w <= OPENED):
+        again = space.again(found, found.x0, space.segments.spread * width)
+        if again is None:
+            return space, outcome
+        found = again
+    return space, fitted_again(space, outcome, found) if found.cost < outcome.fit.cost - GAIN else outcome
