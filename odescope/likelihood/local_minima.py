@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from odescope.likelihood.add_and_drop import GAIN
-from odescope.likelihood.search import WIDTHS, Outcome, fitted_again
+from odescope.likelihood.search import WIDTHS, Outcome, fitted_again, settle_again
 from odescope.likelihood.search_space import SearchSpace
 
 OPENED = 0.1  # width of the defects, in smoothing errors of each state, at which a trajectory leaves a local minimum
@@ -13,7 +13,8 @@ def joined_again(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace, Out
     """Return space and end of a search, with the same terms in a lower minimum of the cost where there is one.
 
     Where states change fast, as in a reactor that ignites, a joined trajectory of many samples is held by where it is:
-    its segments move towards each other's ends again from where each fits its own samples.
+    its segments move towards each other's ends again from where each fits its own samples. Terms whose case is thin
+    then are tested again.
 
     Args:
         space: data, candidates.
@@ -25,4 +26,7 @@ def joined_again(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace, Out
         if again is None:
             return space, outcome
         found = again
-    return space, fitted_again(space, outcome, found) if found.cost < outcome.fit.cost - GAIN else outcome
+    if not found.cost < outcome.fit.cost - GAIN:
+        return space, outcome
+    end = fitted_again(space, outcome, found)
+    return space, end if end.clear else settle_again(space, end, found)
