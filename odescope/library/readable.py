@@ -25,9 +25,19 @@ def _raised(atom: Atom, power: Power) -> str:
     elif atom.function == "exp" and (found := _exponential(atom.argument)) is not None:
         body = found if power == 1 else f"({found})"
     else:
-        inner = signed_sum(((c, readable(t)) for c, t in atom.argument.parts), inverse=True)
-        body = f"{atom.function}({inner})"
+        body = f"{atom.function}({_argument(atom.argument)})"
     return body if power == 1 else f"{body}**{power}"
+
+
+def _argument(argument: Combination) -> str:
+    """Return the argument of a function; what divides all of a sum stands below it once, as in (y - x)/s."""
+    dividing = [{f for f in t.factors if isinstance(f[0], Name) and f[1] == -1} for _, t in argument.parts]
+    below = set[tuple[Atom, Power]]().union(*dividing[:1]).intersection(*dividing)
+    if len(dividing) < 2 or len(below) != 1:
+        return signed_sum(((c, readable(t)) for c, t in argument.parts), inverse=True)
+    above = [(c, Term(tuple(f for f in t.factors if f not in below))) for c, t in argument.parts]
+    above.sort(key=lambda part: part[0] < 0.0)
+    return f"({signed_sum((c, readable(t)) for c, t in above)})/{next(iter(below))[0].text}"
 
 
 def _exponential(argument: Combination) -> str | None:

@@ -9,8 +9,9 @@ from odescope.errors import InputError
 from odescope.library.derivative import derivative as ours
 from odescope.library.expression import ONE, Combination, Name, Term, signed_sum
 from odescope.library.latex import LATEX, latex_name, latex_sum
-from odescope.library.parse import parse_term
+from odescope.library.parse import Scope, parse_term
 from odescope.library.printer import print_term
+from odescope.library.readable import readable
 from odescope.library.tape import evaluate, write_tape
 
 powers = st.sampled_from([-3, -2, -1, 1, 2, 3, 0.5, 1.5])
@@ -180,3 +181,14 @@ def test_latex_of_sums_signs_and_powers_of_ten():
 def test_the_oracle_itself_reads_as_sympy_does():
     x, u = SYMBOLS["x"], SYMBOLS["u"]
     assert read("2*x**2*sin(u - x)", SYMBOLS, {"sin": sympy.sin}) == 2 * x**2 * sympy.sin(u - x)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["exp((y - x)/s)", "exp((x - 2.0*y)/s)", "tanh((1.0 - x)/s)", "exp(-x/s)", "exp(1/s - 1/x)", "sin(x/s - y)"],
+)
+def test_what_divides_all_of_an_argument_stands_below_it_once_and_reads_back(text):
+    scope = Scope.of(["x", "y", "s"])
+    term = parse_term(text, scope)
+    assert readable(term) == text
+    assert parse_term(readable(term), scope) == term
