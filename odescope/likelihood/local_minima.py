@@ -9,8 +9,8 @@ from odescope.likelihood.search_space import SearchSpace
 OPENED = 0.1  # width of the defects, in smoothing errors of each state, at which a trajectory leaves a local minimum
 
 
-def joined_again(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace, Outcome]:
-    """Return space and end of a search, with the same terms in a lower minimum of the cost where there is one.
+def joined_again(space: SearchSpace, outcome: Outcome) -> Outcome:
+    """Return the end of a search, with the same terms in a lower minimum of the cost where there is one.
 
     Where states change fast, as in a reactor that ignites, a joined trajectory of many samples is held by where it is:
     its segments move towards each other's ends again from where each fits its own samples. Terms whose case is thin
@@ -24,9 +24,9 @@ def joined_again(space: SearchSpace, outcome: Outcome) -> tuple[SearchSpace, Out
     for width in (w for w in WIDTHS if outcome.width <= w <= OPENED):
         again = space.again(found, found.x0, space.segments.spread * width)
         if again is None:
-            return space, outcome
+            return outcome
         found = again
     if not found.cost < outcome.fit.cost - GAIN:
-        return space, outcome
+        return outcome
     end = fitted_again(space, outcome, found)
-    return space, end if end.clear else settle_again(space, end, found)
+    return end if end.clear else settle_again(space, end, found)

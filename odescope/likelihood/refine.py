@@ -274,8 +274,8 @@ def _judged(
 ) -> Refinement:
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
     if joined(best):
-        space, best = joined_again(*with_steps_settled(space, best, begun, workers))
-        space, best = with_narrow_friction(space, without_negligible(space, best))
+        space, best = with_steps_settled(space, best, begun, workers)
+        space, best = with_narrow_friction(space, without_negligible(space, joined_again(space, best)))
         best = with_simpler_terms(space, without_negligible(space, best))  # friction is wider, and may ask for less
     cut, apart = partial(between.cut, holds_of(space)), dict[str, Hold]()
     process, adopted, scale = None, False, best.scale
