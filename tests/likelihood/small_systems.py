@@ -9,7 +9,10 @@ from scipy.integrate import solve_ivp
 from odescope.library.mechanism import Mechanism, Part, candidate
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
+from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.program import Frame, Program
+from odescope.likelihood.search import search
+from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
 from odescope.recordings.coordinate import Coordinate, following_states, state_names
 
@@ -265,6 +268,14 @@ def shots(states, nodes, step, noise, rng, spread, length=25):
     return Segments(
         measured, nodes, states, edges[:-1], np.diff(edges), joined, np.array([noise]), spread, step, 1, ((0, count),)
     )  # fmt: skip
+
+
+def spring_search():
+    """Return the space of a record of the spring, and the end of a search in it that begins at the truth."""
+    spread = np.array([1e-3, 5e-3])
+    data = shots(spring_run(), drive(), SPRING_STEP, 2e-3, np.random.default_rng(1), spread)
+    space = SearchSpace(Evaluator(data, 2), SPRING.mechanisms, SPRING.frame)
+    return space, search(space, SPRING.theta)
 
 
 @dataclass(frozen=True)

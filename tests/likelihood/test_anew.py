@@ -2,23 +2,16 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from small_systems import SPRING, SPRING_STEP, drive, shots, spring_run
+from small_systems import SPRING, spring_search
 
 from odescope.likelihood import anew
-from odescope.likelihood.evaluator import Evaluator
-from odescope.likelihood.search import search
-from odescope.likelihood.search_space import SearchSpace
 from odescope.parallel.workers import Threads
 
 
 @pytest.fixture(scope="module")
 def spring():
-    spread = np.array([1e-3, 5e-3])
-    data = shots(spring_run(SPRING.theta), drive(), SPRING_STEP, 2e-3, np.random.default_rng(1), spread)
-    space = SearchSpace(Evaluator(data, 2), SPRING.mechanisms, SPRING.frame)
-    return space, search(space, SPRING.theta)
+    return spring_search()
 
 
 def settled(spring, monkeypatch, rise, known=1.0):
