@@ -19,6 +19,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.fit_without import fit_without
 from odescope.likelihood.linear_relations import by_least_squares
 from odescope.likelihood.search_space import Move, SearchSpace
+from odescope.likelihood.smoothed_targets import singular
 from odescope.likelihood.subsets import subsets
 
 LOOK_ALIKE = 40.0  # times its penalty: a mechanism that earns more is in its place
@@ -27,6 +28,7 @@ SHOWN = 2  # steps of a fit begun anew after which it is better
 GAIN = 0.5  # fall of the penalised cost that makes it better: fits are no more accurate than this
 FAR_FROM_DONE = 100.0  # times as much a delay or an offset has to earn as a term, where a model lacks most
 UNEVEN = 3  # mechanisms, at most, that are tried at a time although their scores differ between blocks
+POLE = 1e12  # more than any cost: what has a pole loses to all that has none
 HOPELESS = 10.0  # times the cost before: a detour that stands there is given up
 
 
@@ -79,8 +81,9 @@ class Moves:
         return self.space.segments.spread * self.width
 
     def penalised(self, found: Fit) -> float:
-        """Cost and the penalties of the parameters."""
-        return found.cost / self.scale + self.space.price(found)
+        """Cost and the penalties of the parameters; of a pole where none may be, too."""
+        pole = POLE if self.space.no_poles and singular(self.space, found) else 0.0
+        return found.cost / self.scale + self.space.price(found) + pole
 
     def limit(self, here: Fit, present: IntArray, theta: FloatArray) -> float:
         """Return the cost above which a fit of other mechanisms is worth less than the one at hand.

@@ -52,13 +52,14 @@ class SearchSpace:
     """Everything a search needs that does not change on the way.
 
     `zeros_are_off` says whether the zeros of inputs are as likely off as not: under noise of the process, which hides
-    them. Elsewhere a constant is a term like any other.
+    them. Elsewhere a constant is a term like any other. With `no_poles` no model counts whose denominators pass zero.
     """
 
     evaluator: Evaluator
     mechanisms: tuple[Mechanism, ...]
     frame: Frame
     zeros_are_off: bool = False
+    no_poles: bool = False
 
     @property
     def segments(self) -> Segments:
@@ -225,8 +226,7 @@ class SearchSpace:
             better = rechosen(self.mechanisms, present, held, whole, found.information, self._size(whole))
             if np.array_equal(better, held):
                 break
-            held, x0 = better, found.x0
-            theta = self._rescaled(whole, held)
+            theta, held, x0 = self._rescaled(whole, better), better, found.x0
         return found
 
     def alive(self, present: IntArray, theta: FloatArray) -> IntArray:
@@ -312,8 +312,7 @@ class SearchSpace:
         evaluated = self.evaluated([p.product.term for _, p in parts], np.zeros(len(self.mechanisms)))
         for (k, part), values in zip(parts, evaluated, strict=True):
             found[k] = max(found[k], abs(part.share) * float(np.sqrt(np.mean(values**2))))
-        for k in self._scaling:
-            found[k] *= BARE if self.frame.own(self.mechanisms[k]) else 1.0
+        found[[k for k in self._scaling if self.frame.own(self.mechanisms[k])]] *= BARE
         return found
 
     def evaluated(self, terms: Sequence[Term], theta: FloatArray) -> FloatArray:

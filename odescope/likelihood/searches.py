@@ -12,6 +12,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
+from odescope.likelihood.budget import Budget
 from odescope.likelihood.division import divided_in_part
 from odescope.likelihood.process_noise import only_noise_lacks
 from odescope.likelihood.search import TIED, WIDTHS, Outcome, full, search, torn, unbounded
@@ -39,8 +40,9 @@ def searches(
 
     Of few samples every start is searched from, and where a denominator of the model passes zero; of a record whose
     noise turns out to be less than it was taken for, every one that is shorter than the clear end. An end that lacks
-    nothing but noise of the process is the last, too: no other start can be followed more closely. Where the best end
-    may be a law times something, one more search begins with the law.
+    nothing but noise of the process is the last, too: no other start can be followed more closely. So is one that
+    follows the record and that two searches come to. Where the best end has a pole on the data, the first start is
+    searched from once more without such models; where it may be a law times something, the law is.
 
     Every search has its own part of the budget, so that it ends alike wherever it runs.
 
@@ -56,29 +58,18 @@ def searches(
     """
     share = JOINED_SHARE / max(len(begun), 2)
     budget = space.budget.part(share)
-    outcomes, failed, left = list[Outcome](), False, list(begun)
-    monitor.tell(Progress("likelihood", "search", 0, len(begun)))
-    while left:
-        ends = workers.map(_search, left, space.within(budget), alone=True, check=monitor.check)
-        for number, found in enumerate(ends, start=1):
-            monitor.check()
-            monitor.tell(Progress("likelihood", "search", len(begun) - len(left) + number, len(begun)))
-            failed = failed or found is None
-            if found is not None:
-                outcomes.append(found)
-            rest = left[number:]
-            if found is not None and rest and _settles(space, found):
-                left = worth_it(space, found, rest)
-                budget = replace(budget, limit=min(budget.limit, found.spent / max(len(left), 1)))
-                break
-        else:
-            break
+    outcomes, failed = _from_all(space, begun, budget, monitor, workers)
     if failed and plain is not None:
         monitor.tell(Progress("likelihood", "search from plain relations", 0, 1))
         found = _search(_shorter(space, plain, outcomes), space.within(space.budget.part(share)))
         if found is not None:
             outcomes.append(found)
     best = min(outcomes, key=lambda o: o.rank, default=None)
+    if best is not None and begun and singular(space, best.fit):
+        monitor.tell(Progress("likelihood", "search without poles", 0, 1))
+        found = _search(begun[0], replace(space, no_poles=True).within(budget.part(1.0)))
+        if found is not None and joined(found) and not singular(space, found.fit):
+            return [found]
     if best is not None and (begin := divided_in_part(space, best.fit.theta)) is not None:
         monitor.tell(Progress("likelihood", "search from divided relations", 0, 1))
         own = budget.part(min(best.spent / budget.limit, 1.0))
@@ -91,6 +82,39 @@ def searches(
         if found is not None:
             outcomes.append(found)
     return outcomes
+
+
+def _from_all(
+    space: SearchSpace, begun: Sequence[FloatArray], budget: Budget, monitor: Monitor, workers: Workers
+) -> tuple[list[Outcome], bool]:
+    """Return the ends of searches from starts until one settles it, and whether some start could not be followed.
+
+    Args:
+        space: data, candidates, budget.
+        begun: (mechanisms,) coefficients of each start.
+        budget: of every search.
+        monitor: told what goes on, and asked whether to stop.
+        workers: where it is searched.
+    """
+    outcomes, failed, left = list[Outcome](), False, list(begun)
+    monitor.tell(Progress("likelihood", "search", 0, len(begun)))
+    while left:
+        ends = workers.map(_search, left, space.within(budget), alone=True, check=monitor.check)
+        for number, found in enumerate(ends, start=1):
+            monitor.check()
+            monitor.tell(Progress("likelihood", "search", len(begun) - len(left) + number, len(begun)))
+            rest, failed = left[number:], failed or found is None
+            if found is None:
+                continue
+            settled = _settles(space, found) or _met(space, found, outcomes)
+            outcomes.append(found)
+            if rest and settled:
+                left = worth_it(space, found, rest)
+                budget = replace(budget, limit=min(budget.limit, found.spent / max(len(left), 1)))
+                break
+        else:
+            break
+    return outcomes, failed
 
 
 def _settles(space: SearchSpace, found: Outcome) -> bool:
@@ -106,6 +130,12 @@ def _settles(space: SearchSpace, found: Outcome) -> bool:
         return space.segments.samples > FEW
     loosely = joined(found) and found.sure and found.width >= WIDTHS[1] and not full(space, found.fit)
     return loosely and space.segments.samples > SHORT_RECORD and only_noise_lacks(space, found.fit.theta)
+
+
+def _met(space: SearchSpace, found: Outcome, before: Sequence[Outcome]) -> bool:
+    """Say whether a search that follows the record ends where another did, though it began elsewhere."""
+    alike = any(np.array_equal(found.fit.present, o.fit.present) for o in before if joined(o))
+    return alike and joined(found) and not singular(space, found.fit)
 
 
 def worth_it(space: SearchSpace, found: Outcome, left: Sequence[FloatArray]) -> list[FloatArray]:

@@ -5,7 +5,7 @@ docs/method.md, Suspicion.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -23,6 +23,7 @@ FUNCTIONS = 2  # of a relation
 STEPS, FEWER_STEPS = 40, 12  # of the fit of constants, at the end and while terms are left out
 COARSER = 3  # points of a grid from one that is looked at to the next: a fit goes on from there
 SMALL = 1e-14  # share of what is said that rounding leaves
+SAME = 1e-8  # the same, of what says it in other words
 ROUNDING = 1e-12  # length, of 1, below which what others leave of a row is rounding
 
 
@@ -71,8 +72,7 @@ def sparse(
         if best is (best := min((best, *ends), key=lambda one: one.dear)):
             break
     distinct = {(one.kept, tuple(p.choice for p in one.placed)): one for one in found}
-    better = (one for one in distinct.values() if one.dear < unknown * DEARER**terms)
-    return sorted(better, key=lambda one: one.dear)[:SHORTLIST]
+    return _shortlisted((one for one in distinct.values() if one.dear < unknown * DEARER**terms), unknown)
 
 
 def grown(imitated: Imitated, choices: Sequence[Sequence[Choice]], bar: tuple[float, int]) -> list[Sparse]:
@@ -217,7 +217,17 @@ def _promising(
             for missed, one in seen.ranked(among, placed):
                 left = missed / whole + unknown
                 found.append(Sparse(tuple(rows), (*placed[:k], one, *placed[k + 1 :]), left))
-    return sorted(found, key=lambda one: one.dear)[:SHORTLIST]
+    return _shortlisted(found, unknown)
+
+
+def _shortlisted(found: Iterable[Sparse], unknown: float) -> list[Sparse]:
+    """Return the best, and those beside them that leave nothing, the best first.
+
+    What leaves nothing is no imitation, however much of what is said is not known.
+    """
+    ranked = sorted(found, key=lambda one: one.dear)
+    same = [one for one in ranked[SHORTLIST:] if one.missed < unknown + SAME]
+    return [*ranked[:SHORTLIST], *same[:SHORTLIST]]
 
 
 def _couples(
@@ -253,14 +263,19 @@ def _couples(
 def _leaner(imitated: Imitated, found: Sparse, unknown: float) -> Sparse:
     """Return what is left where every row of the base goes that is worth less than a coefficient.
 
+    Of what says the same in other words only a row goes without which it still does.
+
     Args:
         imitated: what the relation says.
         found: rows and functions.
         unknown: share of what is said that is not known.
     """
+    off = found.missed - unknown
+    hidden = min(unknown, SAME) if off < SAME else unknown
+    found = replace(found, missed=off + hidden)
     while True:
         fewer = [replace(found, kept=tuple(k for k in found.kept if k != gone)) for gone in found.kept]
-        ends = (_fitted(imitated, one, FEWER_STEPS, unknown) for one in fewer)
+        ends = (_fitted(imitated, one, FEWER_STEPS, hidden) for one in fewer)
         best = min(ends, key=lambda one: one.dear, default=found)
         if not best.dear < found.dear:
             return _fitted(imitated, found, STEPS, unknown)

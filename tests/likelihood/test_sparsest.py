@@ -38,6 +38,19 @@ def test_a_function_of_one_variable_is_found_beside_one_of_two():
     assert [c.choice.terms[0].text for c in best.placed] == ["sqrt(x)", "sin(x - y)"]
 
 
+def test_what_says_the_same_in_other_words_is_found_however_little_is_known():
+    """Of a model that follows its record; what its rates are known to hides no more than which imitation is near."""
+    amounts = {"x": VALUES["x"], "w": 1.2 + np.cos(0.7 * T + 0.4)}
+    said = 0.4 - 0.1 * amounts["x"] - 2.0 * amounts["x"] / (1.0 + 1.2 * amounts["x"] + 1.7 * amounts["w"])
+    base = np.array([np.ones_like(T), *amounts.values()])
+    single = [choices_of(families_of(name, amounts[name], ()), (ONE,)) for name in amounts]
+    pairs = [Choice((f.term,), f.constants, f.points) for f in pair_families(amounts, ())]
+    found = sparse(Imitated(said, base, Samples(amounts)), [*single, pairs], ([0], [0, 1], range(3)), (5e-3, 9))
+    exact = [one for one in found if one.missed < 5e-3 + 1e-8]
+    assert {one.placed[-1].choice.terms[0].text for one in exact} == {"x*(1.0 + below_w*w + below_x*x)**-1"}
+    assert all(one.kept == (0, 1) for one in exact)
+
+
 def test_nothing_is_begun_that_would_be_dearer_than_the_terms_there_are():
     assert ends(VALUES["x"] - 0.5 * VALUES["x"] ** 2, terms=1) == []
 
