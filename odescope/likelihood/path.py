@@ -113,15 +113,15 @@ class ModelPath:
     def keeping_sure(self) -> ModelPath:
         """The path with no model chosen that lacks what earned more than SURE times its price in a longer one.
 
-        Unless that was slight, and runs are near enough: a misfit of thousandths may look white, and holds ever more
-        that is sure.
+        Unless that was slight, no zero of an input, and runs are near enough: a misfit of thousandths may look white,
+        and holds ever more that is sure.
         """
         price, allowed, lacks = surely(self.space), 0, False
         for k, (longer, step) in enumerate(pairwise(self.steps[: self.chosen + 1]), start=1):
             dropped = self.space.mechanisms.index(step.dropped)
             if step.statistic > price[dropped]:
                 lacks = True
-                if contributions(self.space, longer.fit.theta)[dropped] > SLIGHT:
+                if dropped in self.space.zeros or contributions(self.space, longer.fit.theta)[dropped] > SLIGHT:
                     break
             if not lacks or near_enough(self.steps, k, VERY):
                 allowed = k

@@ -152,6 +152,15 @@ def test_the_zero_of_an_input_stays_for_its_price(earned, left):
         assert ModelPath(it, models, 1).keeping_sure.chosen == stays
 
 
+def test_the_zero_of_an_input_is_never_too_slight_to_stay():
+    it = replace(spring(1), zeros_are_off=True)
+    (zero,) = (k for k, m in enumerate(it.mechanisms) if m.term == "1" and m.place == "x_ddot")
+    for k, stays in ((zero, 0), (5, 1)):
+        sure = PathStep(fitted(it), np.full(3, 0.004), it.mechanisms[k], 100.0 * it.penalty[k], 7)
+        models = PathStep(with_share(it, 0.001, k), np.full(3, 0.002), None, 0.0, 8), sure
+        assert ModelPath(it, models, 1).keeping_sure.chosen == stays
+
+
 def test_a_constant_where_nothing_drives_is_a_term_like_any_other():
     it = replace(spring(1), zeros_are_off=True)
     undriven = it.among([m for m in it.mechanisms if "u" not in m.names])
