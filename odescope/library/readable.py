@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 from odescope.library.expression import Atom, Call, Combination, Name, Power, Term, signed_sum
+
+_FIRST_POWER = re.compile(r"\)\*\*1(?![\d.])")
 
 
 def readable(term: Term) -> str:
@@ -17,6 +21,16 @@ def readable(term: Term) -> str:
     below = "*".join(bottom)
     over = f"/({below})" if len(bottom) > 1 else f"/{below}" if bottom else ""
     return ("*".join(top) or "1") + over
+
+
+def displayed(term: Term) -> str:
+    """Return a term as people are shown it: as `readable` has it, with no power that only keeps a sum together."""
+    return without_first_powers(readable(term))
+
+
+def without_first_powers(text: str) -> str:
+    """Return what `readable` gave without the powers that only keep sums together, (1 - x)*y for (1 - x)**1*y."""
+    return _FIRST_POWER.sub(")", text)
 
 
 def _raised(atom: Atom, power: Power) -> str:

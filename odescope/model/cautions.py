@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite, tau
 
-from odescope.library.readable import readable
+from odescope.library.readable import displayed
 from odescope.model.model import Model
 from odescope.model.notes import uncertain
 from odescope.model.scores import FreeRun
@@ -62,7 +62,7 @@ def _terms(model: Model) -> Iterator[str]:
     else:
         pairs = zip(model.targets, model.shown_relations, strict=True)
         found = [
-            (f"{readable(t.product.expanded)} in {target}", t.coefficient, t.std_error)
+            (f"{displayed(t.product.expanded)} in {target}", t.coefficient, t.std_error)
             for target, r in pairs
             for t in r.terms
         ]

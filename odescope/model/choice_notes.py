@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from odescope.library.readable import without_first_powers
 from odescope.model.scores import (
     Conserved,
     Doubts,
@@ -138,7 +139,8 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
         gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
         tried = f" ({many} functions competed)" if of_it and many > 1 else ""
         said = REPLACED.get(found.reason, f"{what}: {{found}} instead")
-        said = said.format(target=found.target, found=listed(found.found), variable=found.variable)
+        functions = listed([without_first_powers(text) for text in found.found])
+        said = said.format(target=found.target, found=functions, variable=found.variable)
         return f"{said}{gain}{tried}{left}"
     tried = f"{many} functions{of_it} were tried" if many > 1 else f"{found.tried[0]} was tried"
     return f"{what}: {tried}, {_no_better(found.gain, many)}{left}"

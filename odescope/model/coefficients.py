@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from odescope.library.mechanism import Kind
-from odescope.library.readable import readable
+from odescope.library.readable import displayed
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation, interval_of
 from odescope.model.rounding import rounded
 from odescope.model.scores import ModelScores
@@ -72,7 +72,7 @@ def term_rows(relations: Sequence[Relation], targets: Sequence[str]) -> Iterator
                 yield CoefficientRow.of("term", target, t.text, t.coefficient, t.std_error)
         for t in divided.terms:
             if t.factor is None:
-                text = readable(t.term).removesuffix("**1")
+                text = displayed(t.term)
                 # 0 is added because -0.0 is no number that anyone writes.
                 yield CoefficientRow.of("term", target, text, 0.0 - t.coefficient, t.std_error)
 

@@ -16,7 +16,7 @@ from odescope.errors import InputError
 from odescope.library.constants import term_at
 from odescope.library.expression import Term
 from odescope.library.parse import Scope, parse_term
-from odescope.library.readable import readable
+from odescope.library.readable import displayed, readable
 from odescope.library.tape import Tape, write_tape
 from odescope.model.coefficients import CoefficientRow, mechanism_rows, other_rows, rows_with_errors, term_rows
 from odescope.model.display import equations_html, equations_latex
@@ -128,9 +128,11 @@ class Model:
     @cached_property
     def shown_mechanisms(self) -> tuple[FoundMechanism, ...]:
         """The mechanisms as people are shown them, with the names of constants, and quotients with a bar."""
-        written = {term.text: readable(named) for term, (share, named) in self._written.items() if share == 1.0}
+        whole = {term.text: named for term, (share, named) in self._written.items() if share == 1.0}
+        written = {text: readable(named) for text, named in whole.items()}
         terms = (read_term(m.term, Scope.of(self.variables)) for m in self.mechanisms)
-        typed = {t.text: readable(t).removesuffix("**1") for t in terms if t is not None} | written
+        typed = {t.text: displayed(t) for t in terms if t is not None}
+        typed |= {text: displayed(named) for text, named in whole.items()}
         return tuple(
             msgspec.structs.replace(m, term=written.get(m.term, m.term), name=typed.get(m.name, m.name))
             for m in self.mechanisms
@@ -166,7 +168,7 @@ class Model:
         """Every number of the model with its standard error, for a dataframe: see `CoefficientRow`."""
         mechanisms, terms = mechanism_rows(self.shown_mechanisms), term_rows(self.shown_relations, self.targets)
         rest = other_rows([p for p in self.parameters if p.written], self.coordinates, self.inputs, self.scores)
-        named = {term.text: readable(term) for term in self.named_terms}
+        named = {term.text: displayed(term) for term in self.named_terms}
         found = (*mechanisms, *terms, *rest)
         return tuple(replace(row, term=named.get(row.term, row.term)) for row in found)
 

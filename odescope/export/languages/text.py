@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from odescope.errors import InputError, check_kind
 from odescope.library.expression import Combination, Term
-from odescope.library.readable import readable
+from odescope.library.readable import displayed
 from odescope.model.coefficients import coefficient_lines, rows_with_errors
 from odescope.model.display import equation_text, parameters_text
 from odescope.model.equations import Equation
@@ -53,8 +53,8 @@ def _terms(equation: Equation) -> list[Term]:
 
 def _readable(line: str, terms: Iterable[Term]) -> str:
     """Return a line with terms as a person would type them, those that name constants and quotients."""
-    for term in sorted((t for t in terms if readable(t) != t.text), key=lambda t: -len(t.text)):
-        typed = readable(term)
+    for term in sorted((t for t in terms if displayed(t) != t.text), key=lambda t: -len(t.text)):
+        typed = displayed(term)
         if typed.startswith("1/"):  # 0.43/v, not 0.43*1/v
             line = line.replace(f"*{term.text}", typed.removeprefix("1"))
         line = line.replace(term.text, typed)
