@@ -228,6 +228,8 @@ def _by_sign(
         constant: makes one of a role, from the least to the largest.
     """
     least, largest = (low, high) if high > -low else (-high, -low)
+    critical = constant(LARGEST_AT, *(share * largest for share in CRITICAL))
+    yield f"{variable}/({critical.name}**2 + {variable}**2)", (critical,)
     amount, plus = (variable, "+") if high > -low else (f"(-{variable})", "-")
     if least > 0.0:
         power = constant("exponent", *EXPONENTS)
@@ -244,6 +246,8 @@ def _by_sign(
         half = constant(HALF, *half_range(least, largest))
         for above in (variable, half.name):
             yield f"{above}/({half.name} {plus} {variable})", (half,)
+        filled = constant("filled", largest / OFF, largest / FLAT)
+        yield f"(1 - exp(-{amount}/{filled.name}))**1", (filled,)
         affinity = constant("affinity", half.low, half.high)
         inhibition = constant("inhibition", largest / OFF, largest / FLAT)
         yield (
@@ -252,8 +256,6 @@ def _by_sign(
         )
     else:
         yield from ((f"abs({variable})", ()), (f"{variable}*abs({variable})", ()))
-        critical = constant(LARGEST_AT, *(share * largest for share in CRITICAL))
-        yield f"{variable}/({critical.name}**2 + {variable}**2)", (critical,)
         edge = constant("edge", EDGES[0] * -least, EDGES[1] * -least)
         yield f"(abs({edge.name} + {variable}) - abs({edge.name} - {variable}))**1", (edge,)
 

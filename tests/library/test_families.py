@@ -87,6 +87,18 @@ def test_what_is_always_negative_has_the_functions_of_its_size():
             np.testing.assert_allclose(np.abs(turned), np.abs(at), rtol=1e-12)
 
 
+@pytest.mark.parametrize(("low", "there"), [(0.2, True), (-0.01, True), (-1.0, False)])
+def test_an_amount_may_fill_up_as_an_exponential_does(low, there):
+    filling = "(1.0 - exp(-{}/filled_z))**1"
+    known = {filling.format("z"), filling.format("abs(z)")}
+    assert bool(known & texts(np.linspace(low, 3.0, 500))) is there
+
+
+def test_what_falls_again_with_a_speed_is_a_function_of_an_amount_too():
+    falling = "z/(critical_z**2 + z**2)"
+    assert all(falling in texts(np.linspace(low, 3.0, 500)) for low in (0.0, 0.2, -1.0))
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_what_hardly_moves_beside_its_size_has_ranges_that_go_upwards(sign):
     for offset in (3.0, 30.0, 300.0, 1000.0, 101_325.0):
