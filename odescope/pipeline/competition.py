@@ -22,6 +22,7 @@ from odescope.pipeline.contender import Contender, best_of, contender_of, leave_
 from odescope.pipeline.degree import with_higher_degree
 from odescope.pipeline.divided_friction import with_divided_friction
 from odescope.pipeline.drag import with_drag
+from odescope.pipeline.energies import with_energies
 from odescope.pipeline.filtering import Filtered, Prepared
 from odescope.pipeline.flows import conclusive, flows
 from odescope.pipeline.forms import Posed, mechanisms_form, relations_form
@@ -35,7 +36,7 @@ from odescope.pipeline.reciprocals import with_reciprocals
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.relative_speeds import RelativeSpeeds
 from odescope.pipeline.roots import with_roots
-from odescope.pipeline.shared_rates import with_shared_rates
+from odescope.pipeline.shared_rates import imitates, with_shared_rates
 from odescope.pipeline.springs_and_dampers import with_springs_and_dampers
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
 from odescope.pipeline.sums import with_sums
@@ -141,8 +142,9 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
         for text in chain.from_iterable(doubts):
             work.monitor.tell(Note(text, warns=True))
     contenders, lost, suspicions = list[Contender](), list[Refinement](), tuple[SuspicionScore, ...]()
+    lagrangian: Posed | None = None
     for posed in _posed(work, prepared, filtered, regressed):
-        signals = filtered.signals
+        signals, lagrangian = filtered.signals, posed if posed.form == "lagrangian" else lagrangian
         done = [c.refinement for c in contenders if c.refinement is not None]
         if posed.form == "relations" and done:
             asis = [] if regressed.model is None else [contender_of(posed, regressed.model, None, done, signals)]
@@ -172,8 +174,9 @@ def compete(work: Work, prepared: Prepared, filtered: Filtered, regressed: Regre
             stage, "no model follows the record, even in short segments: look for missing physics or wrong units"
         )
         raise NoLaw(why.stage, why.message, filtered.sample.records, lost[-1] if lost else None)
-    best = best_of(contenders)
-    scores = tuple(c.score(c is best) for c in contenders) if len(contenders) > 1 else ()
+    forms = with_energies(work, filtered, lagrangian, contenders)
+    best = best_of(forms)
+    scores = tuple(c.score(c is best) for c in forms) if len(forms) > 1 else ()
     return Winner(best, scores, suspicions if best.form == "relations" else (), regressed)
 
 
@@ -253,7 +256,7 @@ def _with_more(
     posed, refinement = with_divided_friction(work, filtered, posed, refinement)
     if refinement is not None and refinement.follows:
         refinement = with_common_denominators(work, filtered, posed, refinement)
-        refinement = with_shared_rates(work, filtered, refinement)
+    apart, refinement = refinement, with_shared_rates(work, filtered, refinement)
     # Too many terms imitate a rate that goes with a temperature for one function at a time to be seen in their place.
     wanting = refinement is None or refinement.wanting
     if wanting:
@@ -261,7 +264,12 @@ def _with_more(
     if not suspicions:
         refinement, suspicions = with_radiation(work, filtered, refinement)
     if refinement is not None and not suspicions:
-        refinement, suspicions = with_suspected(work, filtered, posed, refinement)
+        shared, (refinement, suspicions) = refinement, with_suspected(work, filtered, posed, refinement)
+        if apart is not None and refinement is shared and imitates(shared, apart):
+            # What two saturate by may be another function, of which both balances hold an imitation.
+            found, own = with_suspected(work, filtered, posed, apart)
+            if found is not apart and (found.gained_over(shared) or 0.0) > 0.0:
+                refinement, suspicions = found, own
     if not wanting:
         refinement, warm = with_arrhenius(work, filtered, refinement, suspicions)
         suspicions = warm or suspicions

@@ -135,8 +135,13 @@ def best_of(contenders: Sequence[Contender]) -> Contender:
 
 def _says_as_much(one: Contender, loose: Contender) -> bool:
     """Say whether a form runs as well as another of which a part is not told, with no more coefficients."""
-    runs = one.follows and one.free_run <= SPREAD * loose.free_run
+    runs = one.follows and _runs_as_well(one, loose)
     return runs and not one.loose and one.coefficients <= loose.coefficients
+
+
+def _runs_as_well(one: Contender, other: Contender) -> bool:
+    """Say whether the free runs of a form are no further from what is held out than those of another, or hardly."""
+    return one.free_run <= SPREAD * other.free_run
 
 
 def leave_little(contenders: Sequence[Contender], asis: Sequence[Contender]) -> bool:
@@ -147,7 +152,8 @@ def leave_little(contenders: Sequence[Contender], asis: Sequence[Contender]) -> 
     any law: where it is white, or takes up next to nothing, there is nothing left to find, too. A Lagrangian with
     negative inertia is none: forces that do no work, as of a magnet or a flywheel, are no mechanisms. Nor is one of
     which a part is not told from nothing: what is coupled one way alone, as a load that hangs from a driven trolley,
-    has none. A potential that may imitate a function, as gravity far out, leaves this to find where more is left.
+    has none. Nor is one that takes more coefficients to run as well as relations do: it weighs equations as no energy
+    does. A potential that may imitate a function, as gravity far out, leaves this to find where more is left.
 
     Args:
         contenders: the mechanisms.
@@ -157,7 +163,8 @@ def leave_little(contenders: Sequence[Contender], asis: Sequence[Contender]) -> 
     least = bar if asis and bar < WELL else np.inf  # what runs well, and better, needs no such noise
     fewest = min((a.coefficients for a in asis if a.free_run < LOST), default=np.inf)
     return any(
-        c.clear or (c.coefficients <= fewest and _does_well(c, bar, least) and not _imitates(c))
+        (c.clear and not any(a.coefficients < c.coefficients and _runs_as_well(a, c) for a in asis))
+        or (c.coefficients <= fewest and _does_well(c, bar, least) and not _imitates(c))
         for c in contenders
         if c.inertial and not c.loose
     )

@@ -130,22 +130,50 @@ def mechanisms_form(
         signals: noise, cutoffs and values.
     """
     mechanisms, left_out = library
-
-    def noisy() -> Signals:
-        rng = np.random.default_rng(study.random.seed)
-        noise = {c.name: c.noise for c in signals.channels}
-        twice = Records(tuple(_with_noise(run, noise, rng) for run in records))
-        return signals_like(signals, twice.stretches, study.signals.differentiator, study.signals.margin)
-
-    plain = [mechanism_at(m, {c.name: c.nominal for c in constants}) for m in mechanisms]
-    problem, little = MechanismProblem.of(signals, plain), _little(mechanisms, signals)
+    problem, little = _problem(mechanisms, constants, signals), _little(mechanisms, signals)
     starts = [little]
-    if np.any((rubbing := _with_friction(little, plain, signals)) != little):
+    if np.any((rubbing := _with_friction(little, problem.mechanisms, signals)) != little):
         starts.append(rubbing)
-    if not problem.linear and (theta := explained(problem, noisy())) is not None:
+    if (theta := explaining(study, mechanisms, constants, records, signals)) is not None:
         starts.insert(0, theta)
     own = tuple(map(Start, starts))
-    return Posed(form, mechanisms, constants, left_out, own, regression=lambda: proposed(problem, noisy()))
+    return Posed(
+        form,
+        mechanisms,
+        constants,
+        left_out,
+        own,
+        regression=lambda: proposed(problem, _noisy(study, records, signals)),
+    )
+
+
+def explaining(
+    study: Study, mechanisms: Sequence[Mechanism], constants: tuple[Constant, ...], records: Records, signals: Signals
+) -> FloatArray | None:
+    """Return coefficients (mechanisms,) of the few that leave no more than noise does, None where there are none.
+
+    Args:
+        study: how signals are filtered, and the seed.
+        mechanisms: the candidates.
+        constants: that these name.
+        records: what the signals were found in.
+        signals: noise, cutoffs and values.
+    """
+    problem = _problem(mechanisms, constants, signals)
+    return None if problem.linear else explained(problem, _noisy(study, records, signals))
+
+
+def _problem(mechanisms: Sequence[Mechanism], constants: Sequence[Constant], signals: Signals) -> MechanismProblem:
+    """Return the problem with numbers for constants."""
+    return MechanismProblem.of(signals, [mechanism_at(m, {c.name: c.nominal for c in constants}) for m in mechanisms])
+
+
+def _noisy(study: Study, records: Records, signals: Signals) -> Signals:
+    """Return the signals of the same records with as much noise once more."""
+    rng = np.random.default_rng(study.random.seed)
+    noise = {c.name: c.noise for c in signals.channels}
+    twice = Records(tuple(_with_noise(run, noise, rng) for run in records))
+    return signals_like(signals, twice.stretches, study.signals.differentiator, study.signals.margin)
 
 
 def _with_noise(run: Record, noise: dict[str, float], rng: np.random.Generator) -> Record:

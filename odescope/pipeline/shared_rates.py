@@ -52,7 +52,7 @@ def with_shared_rates(work: Work, filtered: Filtered, refinement: Refinement | N
     """
     study, signals = work.study, filtered.signals
     several = len(signals.targets) > 1 and all(c.order == 1 for c in signals.coordinates)
-    if refinement is None or not several or study.library.by_hand or not filtered.sample.complete:
+    if refinement is None or not (refinement.follows and several and filtered.sample.complete) or study.library.by_hand:
         return refinement
     taken = {*signals.names, *signals.targets, *study.parameters}
     least = dict(zip(signals.names, signals.joined().min(axis=1).tolist(), strict=True))
@@ -71,6 +71,24 @@ def with_shared_rates(work: Work, filtered: Filtered, refinement: Refinement | N
     posed = relations_form(wide.study, (found, *found.elsewhere), lambda _: found)
     other = refine_form(limited, filtered, posed)
     return other if other is not None and evidently_better(other, refinement) else refinement
+
+
+def imitates(shared: Refinement, apart: Refinement) -> bool:
+    """Say whether a model with shared rates has other terms of the same variables beside one.
+
+    Both together may be another function of these.
+
+    Args:
+        shared: the model.
+        apart: that before rates were shared, or the same.
+    """
+    if shared is apart:
+        return False
+    constants = frozenset(shared.space.frame.constants)
+    parts = [p for k in shared.fit.present for p in shared.space.mechanisms[k].parts if p.product.factor is None]
+    names = [(p.relation, p.product.term.names) for p in parts]
+    rates = {(r, of - constants) for r, of in names if of & constants}
+    return any((r, of) in rates for r, of in names)
 
 
 def _with_rates(work: Work, rates: Mapping[str, Mapping[str, Span]]) -> Work:

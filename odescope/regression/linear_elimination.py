@@ -52,13 +52,16 @@ def _simpler(problem: MechanismProblem) -> BoolArray:
     """Return sets of mechanisms (sets, m): all, and those of which the kinetic energy stays where something is moved.
 
     What is moved along or turned as a whole keeps its kinetic energy: this holds not one coordinate, nothing of angles
-    but their differences, or no coordinate at all, and the mass matrix is constant.
+    but their differences, or no coordinate at all, and the mass matrix is constant. That of masses each of which one
+    coordinate moves is diagonal, too: what is linear has others, in which every force acts on all.
     """
     coordinates = problem.signals.coordinates
     fixed = np.array([m.kind != "kinetic" for m in problem.mechanisms])
     alone = [fixed | problem.stays([c.name]) for c in coordinates]
     turned = fixed | problem.stays([c.name for c in coordinates if c.angle])
-    sets: BoolArray = np.unique([np.ones_like(fixed), *alone, np.all(alone, axis=0), turned], axis=0)
+    constant = np.all(alone, axis=0)
+    apart = fixed | (constant & (problem.holds.sum(axis=1) == 1))
+    sets: BoolArray = np.unique([np.ones_like(fixed), *alone, constant, apart, turned], axis=0)
     return sets
 
 

@@ -1,0 +1,80 @@
+"""Lagrange's equations begun from the motion that relations say, which has next to no noise.
+
+docs/method.md, Mechanisms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from odescope.arrays import FloatArray
+from odescope.events import Progress
+from odescope.likelihood.settings import Start
+from odescope.model.model import Model
+from odescope.pipeline.contender import Contender, best_of, contender_of
+from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.forms import Posed, explaining
+from odescope.pipeline.joint_models import adopt
+from odescope.pipeline.stages import refine_form
+from odescope.pipeline.wider import LEAST, TIMES, within
+from odescope.pipeline.work import Work
+from odescope.recordings.record import Record, Records
+from odescope.signals.estimate import signals_like
+from odescope.validation.free_runs import FreeRunOf, free_runs
+
+
+def with_energies(
+    work: Work, filtered: Filtered, posed: Posed | None, contenders: Sequence[Contender]
+) -> Sequence[Contender]:
+    """Return the forms with Lagrange's equations found anew where exact relations had won, if these are then better.
+
+    Noise hides from regression which few energies a record asks for, and a search from many ends with many.
+
+    Args:
+        work: whose study says how.
+        filtered: the records and their signals.
+        posed: Lagrange's equations as they competed, if they did.
+        contenders: the forms so far.
+    """
+    best = best_of(contenders)
+    if posed is None or best.form != "relations" or not best.exact or best.refinement is None or work.late:
+        return contenders
+    theta = _explaining(work, filtered, posed, best.model)
+    if theta is None or np.count_nonzero(theta) > best.coefficients:
+        return contenders
+    work.monitor.tell(Progress("likelihood", "search from the motion that relations say", 0, 1))
+    begun = replace(posed, starts=(Start(theta),), regression=lambda: None)
+    found = refine_form(within(work, max(LEAST, TIMES * best.refinement.spent)), filtered, begun)
+    model, refinement = adopt(lambda: None, found, filtered.signals)
+    if model is None or refinement is None:
+        return contenders
+    energies = contender_of(begun, model, refinement, (), filtered.signals)
+    anew = [energies, *(c for c in contenders if c.form != posed.form)]
+    return anew if best_of(anew) is energies else contenders
+
+
+def _explaining(work: Work, filtered: Filtered, posed: Posed, model: Model) -> FloatArray | None:
+    """Return coefficients (mechanisms,) of the few that explain the free runs of a model, None where they do not.
+
+    Args:
+        work: whose study says how.
+        filtered: the records and their signals.
+        posed: the mechanisms.
+        model: that is run.
+    """
+    options = work.study.signals
+    runs = Records(tuple(_as_run(model, of) for of in free_runs(model, filtered.records, work.monitor.check)))
+    signals = signals_like(filtered.signals, runs.stretches, options.differentiator, options.margin)
+    return explaining(work.study, posed.mechanisms, posed.constants, runs, signals)
+
+
+def _as_run(model: Model, of: FreeRunOf) -> Record:
+    """Return a recording with a free run in the place of what was measured, as far as that went."""
+    record = of.record.part(0, len(of.run.t))
+    values = record.values.copy()
+    for c in model.coordinates:
+        values[:, record.names.index(c.name)] = of.run.column(c.name)
+    return replace(record, values=values, counts=None)
