@@ -256,7 +256,7 @@ class Beginnings(Saturating):
     def simple(self, k: int, paired: bool) -> list[Choice]:
         """Return the functions for a suspicion that stand alone: those of one variable with a constant at most.
 
-        Those of two, where they are asked for, have two at most.
+        Or those that multiply all that a fraction divides; those of two variables, where they are asked for, have two.
 
         Args:
             k: number of the suspicion.
@@ -265,7 +265,8 @@ class Beginnings(Saturating):
         joint = self.suspected[k].reason in JOINT
         if joint and not paired:
             return []
-        return [c for c in self.choices[k] if len(c.constants) <= 1 + joint and len(c.terms) < 2]
+        few = [c for c in self.choices[k] if len(c.constants) <= 1 + joint]
+        return [c for c in few if len(c.terms) < 2 or c.common]
 
     def linear(self, k: int) -> list[Choice]:
         """Return the variable of a suspicion as what stands for it, where it is a candidate."""

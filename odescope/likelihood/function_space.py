@@ -90,7 +90,7 @@ class FunctionSpace:
         choices = tuple(
             joint.get(s.reason)
             or (
-                *choices_of(families.get(s.variable, ()), s.beside, s.falling),
+                *choices_of(families.get(s.variable, ()), s.beside, s.falling, s.divided),
                 *_stribeck(s, refinement, values, taken),
             )
             for s in suspected

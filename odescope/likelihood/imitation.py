@@ -11,7 +11,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant, grid_of
-from odescope.library.expression import Name, Term
+from odescope.library.expression import ONE, Name, Term
 from odescope.library.families import HALF, Family
 from odescope.library.tape import Tape, evaluate, write_tape
 from odescope.likelihood.least_within import LARGEST, Curves, least_within
@@ -19,6 +19,7 @@ from odescope.likelihood.unexplained import unexplained
 
 SEEN = 2000  # samples on which functions are compared
 ROUNDS = 3  # of choosing each function, given the others
+MOST_DIVIDED = 3  # terms that one function multiplies
 DEARER = 2.0  # times less that one coefficient or constant more has to leave
 EACH = 8  # points of each of two constants
 NEAR = 8  # functions that come nearest on the grid of their constant, which is fitted to rank them
@@ -42,6 +43,13 @@ class Choice:
         return len(self.terms) + len(self.constants)
 
     @property
+    def common(self) -> bool:
+        """Whether one function multiplies several terms."""
+        names = {c.name for c in self.constants}
+        held = [{f for f in t.factors if names & Term((f,)).names} for t in self.terms]
+        return len(held) > 1 and bool(held[0]) and all(factors == held[0] for factors in held)
+
+    @property
     def saturates(self) -> bool:
         """Whether it is a saturation, such as x/(half_x + x), with or without something beside."""
         return any(c.name.startswith(f"{HALF}_") for c in self.constants)
@@ -55,17 +63,21 @@ class Placed:
     values: Mapping[str, float] = field(default_factory=dict)
 
 
-def choices_of(families: Sequence[Family], beside: Sequence[Term], falling: Sequence[Term] = ()) -> tuple[Choice, ...]:
+def choices_of(
+    families: Sequence[Family], beside: Sequence[Term], falling: Sequence[Term] = (), divided: Sequence[Term] = ()
+) -> tuple[Choice, ...]:
     """Return what may stand for a suspicion.
 
     A function with two constants is not multiplied by its own variable: with it the curve would be any. Nor is what
     its constant is before, K/(K + x): x/(K + x) is the same curve then. An exponential that rises and one that falls
-    stand together where each has a scale of its own, as in Butler and Volmer's law of an electrode.
+    stand together where each has a scale of its own, as in Butler and Volmer's law of an electrode. A function of one
+    constant may multiply all that a fraction of its variable divides, as warmth speeds up growth and what limits it.
 
     Args:
         families: of its variable.
         beside: what they may be multiplied by.
         falling: what an exponential that falls may be multiplied by, too.
+        divided: what a fraction divides, a function of whose variable may multiply all of it.
     """
     before = {f for f in families if any(f.term.power_of(Name(c.name)) for c in f.constants)}
     single = [f for f in families if len(f.constants) < 2 and f not in before]
@@ -85,7 +97,10 @@ def choices_of(families: Sequence[Family], beside: Sequence[Term], falling: Sequ
         for rest, up, down in product(beside, families, families)
         if up.rises and down.falls and down.constants != up.constants
     ]
-    return (*found, *pairs, *ways)
+    rests = [rest for rest in divided if rest != ONE]
+    common = (f for f in single if f.constants and not any(f.variable in rest.names for rest in rests))
+    able = common if 1 < len(rests) <= MOST_DIVIDED else ()
+    return (*found, *pairs, *ways, *(Choice(tuple(f.term * rest for rest in rests), f.constants) for f in able))
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,10 +40,11 @@ class Suspicion:
 
     `reason` is what says so: several powers of it, a fraction of it, a term of it that drives where dry friction
     brakes, or a residual that goes with it; `beside` is what such a function may be multiplied by, `terms` how many
-    terms of the relation may be one; `squared` whether its square or a higher power divides; `falling` is what stands
-    beside a function that falls off with an amount, the amount among it. What is "measured" of all
-    variables says what a model imitates so badly that nothing is near to it. A "pair" is of no variable, but of two
-    together, and a "sine" is of any that may be an angle: a relation that imitates something may hold these.
+    terms of the relation may be one; `squared` whether its square or a higher power divides, `divided` what a fraction
+    divides; `falling` is what stands beside a function that falls off with an amount, the amount among it. What is
+    "measured" of all variables says what a model imitates so badly that nothing is near to it. A "pair" is of no
+    variable, but of two together, and a "sine" is of any that may be an angle: a relation that imitates something may
+    hold these.
     """
 
     relation: int
@@ -53,6 +54,7 @@ class Suspicion:
     terms: int = 0
     squared: bool = False
     falling: tuple[Term, ...] = ()
+    divided: tuple[Term, ...] = ()
 
 
 def suspicions(refinement: Refinement, names: Collection[str], declared: Collection[str]) -> tuple[Suspicion, ...]:
@@ -187,9 +189,11 @@ def _imitation(
     if any(p.factor is not None and p.term.power_of(Name(name)) for p in products):
         # A fraction divides the whole relation, so the function may be in any of its terms: those that hold its
         # numerator, or all where that is a number, as in M/(1 + I), or may be a pole, V**2/(c - x)**2.
+        # What is divided by 1 + a/N**2 is multiplied by N**2 and divided by N**2 + a.
         below = [p.term for p in products if p.factor is not None]
-        squared = any(t.power_of(Name(name)) > 1 for t in below)
-        above = [rest for rest, found in powers.items() if squared or found != {0}] or list(powers)
+        lowest, *_, highest = sorted((0.0, *(t.power_of(Name(name)) for t in below), 0.0))
+        squared = highest - lowest > 1
+        above = [rest for rest, found in powers.items() if squared or found != {lowest}] or list(powers)
         terms = sum(p.term.power_of(Name(name)) != 0 for p in products)
         if len(below) == 1:  # what is divided by it goes with powers, which may be a law: i**2/x**2 - g
             divided = ({power - below[0].power_of(Name(name)) for power in found} - {0} for found in powers.values())
@@ -209,10 +213,11 @@ def _imitation(
 
 
 def _less_outside(suspected: Suspicion, divided: Sequence[Product]) -> Suspicion:
-    """Return a suspicion with the terms of a fraction counted without those that stand outside of it."""
+    """Return a suspicion with the terms of a fraction, and what it divides, without those that stand outside of it."""
     if suspected.reason != "fractions" or not suspected.terms:
         return suspected
-    return replace(suspected, terms=sum(p.term.power_of(Name(suspected.variable)) != 0 for p in divided))
+    terms = sum(p.term.power_of(Name(suspected.variable)) != 0 for p in divided)
+    return replace(suspected, terms=terms, divided=tuple(_powers(divided, suspected.variable)))
 
 
 def _powers(products: Iterable[Product], name: str) -> dict[Term, set[float]]:

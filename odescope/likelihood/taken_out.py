@@ -35,6 +35,7 @@ class _Proportion:
     below: int
 
 
+@np.errstate(over="ignore")  # of coefficients that ran away
 def with_terms_outside(space: SearchSpace, found: Fit, covariance: FloatArray) -> tuple[Fit, FloatArray]:
     """Return a fit in which what stands in proportion to a denominator does so exactly, and its covariance.
 
