@@ -139,12 +139,12 @@ def families_of(
 
     Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power, saturation and the
     rates of Hill, what they leave of one, as of a gene that is repressed, and Haldane's rate, of what is always
-    negative (a depth) those of its size; of both what goes with the square of its reciprocal, as gravity; of what
-    changes its sign the size, the square with its sign, twice what is left of it between two limits, and the hyperbolic
-    sine, as of two diodes or an electrode; of all exponentials, tanh, the logistic function and sines, those of the
-    variable itself where it may be an angle. Of a temperature, by its unit, there are Arrhenius' law, about the middle
-    of its range, and the fourth power of what it is above absolute zero, as it radiates. What hardly moves beside its
-    size has no tanh, and further still no exponentials, which would be lines.
+    negative (a depth) those of its size, and what fills up as an exponential does; of both what goes with the square of
+    its reciprocal, as gravity; of what changes its sign the size, the square with its sign, twice what is left of it
+    between two limits, and the hyperbolic sine, as of two diodes or an electrode; of all exponentials, tanh, the
+    logistic function and sines, those of the variable itself where it may be an angle. Of a temperature, by its unit,
+    there are Arrhenius' law, about the middle of its range, and the fourth power of what it is above absolute zero, as
+    it radiates. What hardly moves beside its size has no tanh, and further still no exponentials, which would be lines.
 
     Args:
         variable: its name.

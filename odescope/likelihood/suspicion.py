@@ -191,8 +191,8 @@ def _imitation(
         # numerator, or all where that is a number, as in M/(1 + I), or may be a pole, V**2/(c - x)**2.
         # What is divided by 1 + a/N**2 is multiplied by N**2 and divided by N**2 + a.
         below = [p.term for p in products if p.factor is not None]
-        lowest, *_, highest = sorted((0.0, *(t.power_of(Name(name)) for t in below), 0.0))
-        squared = highest - lowest > 1
+        dividing = [0.0, *(t.power_of(Name(name)) for t in below)]
+        lowest, squared = min(dividing), max(dividing) - min(dividing) > 1
         above = [rest for rest, found in powers.items() if squared or found != {lowest}] or list(powers)
         terms = sum(p.term.power_of(Name(name)) != 0 for p in products)
         if len(below) == 1:  # what is divided by it goes with powers, which may be a law: i**2/x**2 - g

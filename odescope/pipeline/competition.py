@@ -36,7 +36,7 @@ from odescope.pipeline.reciprocals import with_reciprocals
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.relative_speeds import RelativeSpeeds
 from odescope.pipeline.roots import with_roots
-from odescope.pipeline.shared_rates import imitates, with_shared_rates
+from odescope.pipeline.shared_rates import leaves_imitation, with_shared_rates
 from odescope.pipeline.springs_and_dampers import with_springs_and_dampers
 from odescope.pipeline.stages import draw_anew, refine_form, regress_at, regress_at_all
 from odescope.pipeline.sums import with_sums
@@ -265,8 +265,8 @@ def _with_more(
         refinement, suspicions = with_radiation(work, filtered, refinement)
     if refinement is not None and not suspicions:
         shared, (refinement, suspicions) = refinement, with_suspected(work, filtered, posed, refinement)
-        if apart is not None and refinement is shared and imitates(shared, apart):
-            # What two saturate by may be another function, of which both balances hold an imitation.
+        if apart is not None and refinement is shared and leaves_imitation(shared, apart):
+            # What the rate and the terms beside it say together may be one function.
             found, own = with_suspected(work, filtered, posed, apart)
             if found is not apart and (found.gained_over(shared) or 0.0) > 0.0:
                 refinement, suspicions = found, own

@@ -73,10 +73,8 @@ def with_shared_rates(work: Work, filtered: Filtered, refinement: Refinement | N
     return other if other is not None and evidently_better(other, refinement) else refinement
 
 
-def imitates(shared: Refinement, apart: Refinement) -> bool:
-    """Say whether a model with shared rates has other terms of the same variables beside one.
-
-    Both together may be another function of these.
+def leaves_imitation(shared: Refinement, apart: Refinement) -> bool:
+    """Say whether a model with shared rates has other terms of the same variables beside one: half of an imitation.
 
     Args:
         shared: the model.

@@ -103,3 +103,17 @@ def test_functions_that_come_near_together_are_found_where_none_does_alone():
     placed = found.together(simple)
     assert ["tanh" in p.choice.terms[0].text for p in placed] == [True, True]
     assert found.missed(placed) < 1e-6 * float(said @ said)
+
+
+def test_one_function_may_multiply_all_that_a_fraction_divides():
+    scope = Scope.of(["x", "w"])
+    rests = [parse_term(text, scope) for text in ("x", "x**2")]
+    among = choices_of(families_of("w", W + 3.0, ()), (ONE, *rests), (), (ONE, *rests))
+    common = [c for c in among if c.common]
+    assert common
+    assert all(c.size == 3 for c in common)
+    found = Imitated(np.exp(0.7 * W) * (Z - 0.2 * Z**2), np.array([np.ones_like(Z)]), Samples({"x": Z, "w": W + 3.0}))
+    (squares, placed), *_ = found.ranked(among, [])
+    assert [t.text for t in placed.choice.terms] == ["x*exp(rise_w**-1*w)", "x**2*exp(rise_w**-1*w)"]
+    assert placed.values["rise_w"] == pytest.approx(1.0 / 0.7, rel=1e-6)
+    assert squares < 1e-12 * float(found.said @ found.said)

@@ -179,6 +179,16 @@ def test_what_is_divided_by_one_power_goes_with_powers(below, texts, terms):
     assert _imitation(0, products, "x", (), None).terms == terms
 
 
+def test_what_negative_powers_divide_may_be_a_function_although_it_holds_none():
+    """N - 0.25 N^2 - k P N^2/(1 + N^2), written by N^2."""
+    scope = Scope.of(["N", "P", "k"])
+    products = [Product("N_dot", parse_term(t, scope)) for t in ("1", "N**-2")]
+    products += [Product(None, parse_term(t, scope)) for t in ("N", "1/N", "N**2", "1", "P*k")]
+    found = _imitation(0, products, "N", (), None)
+    assert found.squared
+    assert parse_term("P*k", scope) in found.beside
+
+
 def test_what_is_fixed_by_name_is_not_suspected():
     assert study().suspects == ("x", "u")
     assert study(suspect=False).suspects == ()

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from odescope.likelihood.path import LOST
-from odescope.pipeline.contender import Contender, best_of
+from odescope.pipeline.contender import Contender, best_of, leave_little
 
 
 def contender(form, coefficients, free_run, cost):
@@ -56,3 +56,10 @@ def test_an_energy_that_is_not_told_from_nothing_gives_way_to_what_says_as_much(
 
     forms = [exact("lagrangian", 6, 0.0, True), exact("relations", coefficients, 5.0, False)]
     assert best_of(forms).form == kept
+
+
+@pytest.mark.parametrize(("coefficients", "free_run", "left"), [(13, 0.021, False), (13, 0.03, True), (20, 0.02, True)])
+def test_mechanisms_that_take_more_to_run_as_well_as_relations_do_leave_these_to_find(coefficients, free_run, left):
+    clear = SimpleNamespace(clear=True, follows=True, exact=True, says_all=True)
+    mechanisms = Contender("lagrangian", None, clear, None, 20, 0.02)
+    assert leave_little([mechanisms], [Contender("relations", None, None, None, coefficients, free_run)]) is left
