@@ -321,7 +321,7 @@ def _of_the_budget(judged: Likelihood, doubts: Doubts, clear: bool) -> Iterator[
     settled = judged.exact and not (doubts.thin or doubts.alike or doubts.crowded)
     if judged.finished or doubts.late or settled != clear:
         return
-    more = "[likelihood] budget (60 by default, each about half a second of two cores)"
+    more = "[likelihood] budget = 120 (60 by default, about half a minute of two cores)"
     if clear:
         yield (
             "the search ended with its budget, at a model that follows the record to within its noise and has no term"
