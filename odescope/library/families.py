@@ -49,6 +49,8 @@ ENERGIES = (500.0, 50_000.0)  # of activation over the gas constant, in kelvins:
 
 POLES = ("before", "behind")  # how the constants of poles are called, before the name of their variable
 LARGEST_AT = "critical"  # how that of what falls again is called
+FILLED = "filled"  # how that of what fills up as an exponential does is called
+ORDER = "order"  # how the exponent of Hill's rate is called
 
 Drawn = tuple[str, tuple[Constant, ...]]  # a function as text, and its constants
 
@@ -239,14 +241,14 @@ def _by_sign(
         yield f"sqrt({amount})", ()
     if least > -NEGLIGIBLE * largest:
         # What is not half saturated at the largest amount is a power, or a polynomial.
-        level, order = constant("level", largest / OFF, largest), constant("order", *ORDERS)
+        level, order = constant("level", largest / OFF, largest), constant(ORDER, *ORDERS)
         raised = f"{amount}**{order.name}"
         for above in (raised, f"{level.name}**{order.name}"):  # what activates, and what represses
             yield f"{above}/({level.name}**{order.name} + {raised})", (level, order)
         half = constant(HALF, *half_range(least, largest))
         for above in (variable, half.name):
             yield f"{above}/({half.name} {plus} {variable})", (half,)
-        filled = constant("filled", largest / OFF, largest / FLAT)
+        filled = constant(FILLED, largest / OFF, largest / FLAT)
         yield f"(1 - exp(-{amount}/{filled.name}))**1", (filled,)
         affinity = constant("affinity", half.low, half.high)
         inhibition = constant("inhibition", largest / OFF, largest / FLAT)

@@ -96,6 +96,9 @@ class FunctionSpace:
             for s in suspected
         )
         constants = {c.name: c for found in choices for choice in found for c in choice.constants}
+        families = {
+            n: tuple(f for f in of if {c.name for c in f.constants} <= constants.keys()) for n, of in families.items()
+        }
         known = {(p.relation, p.product) for m in space.mechanisms for p in m.parts}
         made = dict.fromkeys(
             candidate(s.relation, Product(None, term), space.frame.targets[s.relation])

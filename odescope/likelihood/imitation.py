@@ -12,7 +12,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.library.constants import Constant, grid_of
 from odescope.library.expression import ONE, Name, Term
-from odescope.library.families import HALF, Family
+from odescope.library.families import FILLED, HALF, LARGEST_AT, ORDER, Family
 from odescope.library.tape import Tape, evaluate, write_tape
 from odescope.likelihood.least_within import LARGEST, Curves, least_within
 from odescope.likelihood.unexplained import unexplained
@@ -69,9 +69,11 @@ def choices_of(
     """Return what may stand for a suspicion.
 
     A function with two constants is not multiplied by its own variable: with it the curve would be any. Nor is what
-    its constant is before, K/(K + x): x/(K + x) is the same curve then. An exponential that rises and one that falls
-    stand together where each has a scale of its own, as in Butler and Volmer's law of an electrode. A function of one
-    constant may multiply all that a fraction of its variable divides, as warmth speeds up growth and what limits it.
+    its constant is before, K/(K + x): x/(K + x) is the same curve then; nor x/(c**2 + x**2) of an amount: that is
+    Hill's rate of order 2, and the record says which order. An exponential that rises and one that falls stand together
+    where each has a scale of its own, as in Butler and Volmer's law of an electrode. What fills up, 1 - exp(-x/c), is
+    multiplied by something else: beside a constant it is the exponential that falls. A function of one constant may
+    multiply all that a fraction of its variable divides, as warmth speeds up growth and what limits it.
 
     Args:
         families: of its variable.
@@ -79,9 +81,13 @@ def choices_of(
         falling: what an exponential that falls may be multiplied by, too.
         divided: what a fraction divides, a function of whose variable may multiply all of it.
     """
-    before = {f for f in families if any(f.term.power_of(Name(c.name)) for c in f.constants)}
-    single = [f for f in families if len(f.constants) < 2 and f not in before]
-    made = ((f, rest) for rest in beside for f in families if f in single or f.variable not in rest.names)
+    alone = {f for f in families if any(f.term.power_of(Name(c.name)) for c in f.constants)}
+    if any(c.name.startswith(f"{ORDER}_") for f in families for c in f.constants):
+        alone |= {f for f in families if any(c.name.startswith(f"{LARGEST_AT}_") for c in f.constants)}
+    single = [f for f in families if len(f.constants) < 2 and f not in alone]
+    filling = {f for f in families if any(c.name.startswith(f"{FILLED}_") for c in f.constants)}
+    able = ((f, rest) for rest in beside for f in families if rest != ONE or f not in filling)
+    made = ((f, rest) for f, rest in able if f.variable not in rest.names or (f in single and f not in filling))
     more = ((f, rest) for rest in falling if rest not in beside for f in families if f.falls)
     found = [Choice((f.term * rest,), f.constants) for f, rest in (*made, *more)]
     waves = dict[tuple[str, ...], list[Choice]]()
@@ -99,8 +105,8 @@ def choices_of(
     ]
     rests = [rest for rest in divided if rest != ONE]
     common = (f for f in single if f.constants and not any(f.variable in rest.names for rest in rests))
-    able = common if 1 < len(rests) <= MOST_DIVIDED else ()
-    return (*found, *pairs, *ways, *(Choice(tuple(f.term * rest for rest in rests), f.constants) for f in able))
+    few = common if 1 < len(rests) <= MOST_DIVIDED else ()
+    return (*found, *pairs, *ways, *(Choice(tuple(f.term * rest for rest in rests), f.constants) for f in few))
 
 
 @dataclass(frozen=True, eq=False)
