@@ -39,8 +39,8 @@ def with_energies(
         posed: Lagrange's equations as they competed, if they did.
         contenders: the forms so far.
     """
-    best = best_of(contenders)
-    if posed is None or best.form != "relations" or not best.exact or best.refinement is None or work.late:
+    best, able = best_of(contenders), filtered.sample.complete and not work.late
+    if posed is None or best.refinement is None or not (able and best.exact and best.form == "relations"):
         return contenders
     theta = _explaining(work, filtered, posed, best.model)
     if theta is None or np.count_nonzero(theta) > best.coefficients:
@@ -59,22 +59,27 @@ def with_energies(
 def _explaining(work: Work, filtered: Filtered, posed: Posed, model: Model) -> FloatArray | None:
     """Return coefficients (mechanisms,) of the few that explain the free runs of a model, None where they do not.
 
+    Nor is there one of runs that end before the recordings do, or under inputs that act later than they are recorded.
+
     Args:
         work: whose study says how.
         filtered: the records and their signals.
         posed: the mechanisms.
         model: that is run.
     """
-    options = work.study.signals
-    runs = Records(tuple(_as_run(model, of) for of in free_runs(model, filtered.records, work.monitor.check)))
-    signals = signals_like(filtered.signals, runs.stretches, options.differentiator, options.margin)
-    return explaining(work.study, posed.mechanisms, posed.constants, runs, signals)
+    if any(i.delay for i in model.inputs):
+        return None
+    runs, options = free_runs(model, filtered.records, work.monitor.check), work.study.signals
+    if any(of.run.ended for of in runs):
+        return None
+    records = Records(tuple(_as_run(model, of) for of in runs))
+    signals = signals_like(filtered.signals, records.stretches, options.differentiator, options.margin)
+    return explaining(work.study, posed.mechanisms, posed.constants, records, signals)
 
 
 def _as_run(model: Model, of: FreeRunOf) -> Record:
-    """Return a recording with a free run in the place of what was measured, as far as that went."""
-    record = of.record.part(0, len(of.run.t))
-    values = record.values.copy()
+    """Return a recording with a free run in the place of what was measured."""
+    values = of.record.values.copy()
     for c in model.coordinates:
-        values[:, record.names.index(c.name)] = of.run.column(c.name)
-    return replace(record, values=values, counts=None)
+        values[:, of.record.names.index(c.name)] = of.run.column(c.name)
+    return replace(of.record, values=values, counts=None)
