@@ -115,13 +115,18 @@ def networks(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Pose
 def _weighs_surely(steps: Iterable[_Step], refinement: Refinement) -> bool:
     """Say whether a model holds steps, with no weight in doubt.
 
+    A step of one variable whose middle may as well be at zero is a tanh beside a constant: a function of two numbers
+    less, which is looked for later.
+
     Args:
         steps: that the model may hold.
         refinement: the model.
     """
     held, weak = {p.name for p in refinement.settings.parameters}, _weak(refinement)
-    inside = {name for step in steps if held.issuperset(step.weights) for name in step.weights}
-    return bool(inside) and weak.isdisjoint(inside)
+    there = [step for step in steps if held.issuperset(step.weights)]
+    inside = {name for step in there for name in step.weights}
+    odd = any(len(step.names) == 1 and step.placed.choice.constants[-1].name in weak for step in there)
+    return bool(inside) and weak.isdisjoint(inside) and not odd
 
 
 def _regressed(work: Work, filtered: Filtered, steps: Mapping[int, _Step]) -> Regressed:

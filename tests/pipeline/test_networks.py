@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from logs import smooth
 from scipy.integrate import solve_ivp
 
 from odescope.likelihood.imitation import Imitated, Samples
@@ -88,3 +89,18 @@ def test_what_lines_say_as_well_is_no_step():
     samples = Samples({"x": x, "u": u})
     balance = _Balance(0, "x", Imitated(said, np.array([np.ones_like(x), x]), samples), dict.fromkeys("xu", 0.57))
     assert _step(balance) is None
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
+def test_a_step_of_one_variable_about_zero_is_a_tanh(seed):
+    """A valve that saturates to both sides: a step says the same with an offset and a constant more."""
+    rng, period = np.random.default_rng(seed), float(T[1])
+    u, x = smooth(rng, len(T), period, 0.5, 1.0), [0.0]
+    for now, after in pairwise(u):
+        middle = np.tanh(0.5 * (now + after) / 0.6)
+        x.append(x[-1] * np.exp(-0.5 * period) + middle / 0.5 * (1.0 - np.exp(-0.5 * period)))
+    log = {"t": T, "x": np.array(x) + 0.01 * np.std(x) * rng.standard_normal(len(T)), "u": u}
+    model = identify(Study(data=Data(time="t"), coordinates={"x": Measured()}, inputs={"u": Driven()}), log).model
+    (scale,) = model.parameters
+    assert (scale.name, scale.value) == ("scale_u", pytest.approx(0.6, rel=0.05))
+    assert len(model.relations[0].terms) == 3
