@@ -22,6 +22,7 @@ from odescope.pipeline.stages import refine_form
 from odescope.pipeline.wider import LEAST, TIMES, within
 from odescope.pipeline.work import Work
 from odescope.recordings.record import Record, Records
+from odescope.regression.mechanisms import MechanismProblem
 from odescope.signals.estimate import signals_like
 from odescope.validation.free_runs import FreeRunOf, free_runs
 
@@ -74,7 +75,7 @@ def _explaining(work: Work, filtered: Filtered, posed: Posed, model: Model) -> F
         return None
     records = Records(tuple(_as_run(model, of) for of in runs))
     signals = signals_like(filtered.signals, records.stretches, options.differentiator, options.margin)
-    return explaining(work.study, posed.mechanisms, posed.constants, records, signals)
+    return explaining(work.study, MechanismProblem.of(signals, posed.at_nominal), records)
 
 
 def _as_run(model: Model, of: FreeRunOf) -> Record:

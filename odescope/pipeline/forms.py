@@ -130,11 +130,12 @@ def mechanisms_form(
         signals: noise, cutoffs and values.
     """
     mechanisms, left_out = library
-    problem, little = _problem(mechanisms, constants, signals), _little(mechanisms, signals)
+    plain = [mechanism_at(m, {c.name: c.nominal for c in constants}) for m in mechanisms]
+    problem, little = MechanismProblem.of(signals, plain), _little(mechanisms, signals)
     starts = [little]
-    if np.any((rubbing := _with_friction(little, problem.mechanisms, signals)) != little):
+    if np.any((rubbing := _with_friction(little, plain, signals)) != little):
         starts.append(rubbing)
-    if (theta := explaining(study, mechanisms, constants, records, signals)) is not None:
+    if (theta := explaining(study, problem, records)) is not None:
         starts.insert(0, theta)
     own = tuple(map(Start, starts))
     return Posed(
@@ -147,25 +148,15 @@ def mechanisms_form(
     )
 
 
-def explaining(
-    study: Study, mechanisms: Sequence[Mechanism], constants: tuple[Constant, ...], records: Records, signals: Signals
-) -> FloatArray | None:
+def explaining(study: Study, problem: MechanismProblem, records: Records) -> FloatArray | None:
     """Return coefficients (mechanisms,) of the few that leave no more than noise does, None where there are none.
 
     Args:
         study: how signals are filtered, and the seed.
-        mechanisms: the candidates.
-        constants: that these name.
+        problem: the mechanisms, with numbers for constants, on signals.
         records: what the signals were found in.
-        signals: noise, cutoffs and values.
     """
-    problem = _problem(mechanisms, constants, signals)
-    return None if problem.linear else explained(problem, _noisy(study, records, signals))
-
-
-def _problem(mechanisms: Sequence[Mechanism], constants: Sequence[Constant], signals: Signals) -> MechanismProblem:
-    """Return the problem with numbers for constants."""
-    return MechanismProblem.of(signals, [mechanism_at(m, {c.name: c.nominal for c in constants}) for m in mechanisms])
+    return None if problem.linear else explained(problem, _noisy(study, records, problem.signals))
 
 
 def _noisy(study: Study, records: Records, signals: Signals) -> Signals:
