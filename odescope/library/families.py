@@ -32,6 +32,7 @@ FLAT = 0.3  # least one
 POLE = 2.0  # times as far below zero as noise takes what has no sign the pole of a saturation is, at least
 EDGES = (0.05, 0.95)  # of a limit to both sides, over the smaller of what its variable reaches on either side
 SLOW = 0.5  # of the largest speed: above it friction at rest is not told from dry friction
+BENDS = (0.02, 0.98)  # quantiles of its variable that the place of a bend is between
 HEADS = (0.005, 3.0)  # of the range of its variable: how far outside of it a root may end
 GAPS = (0.02, 10.0)  # of the range of its variable: how far outside of it a pole may be
 CRITICAL = (0.1, 3.0)  # of its largest size: where what falls again with a speed may be largest
@@ -50,6 +51,7 @@ ENERGIES = (500.0, 50_000.0)  # of activation over the gas constant, in kelvins:
 POLES = ("before", "behind")  # how the constants of poles are called, before the name of their variable
 LARGEST_AT = "critical"  # how that of what falls again is called
 FILLED = "filled"  # how that of what fills up as an exponential does is called
+BEND = "bend"  # how the place of a bend is called
 ORDER = "order"  # how the exponent of Hill's rate is called
 
 Drawn = tuple[str, tuple[Constant, ...]]  # a function as text, and its constants
@@ -260,6 +262,24 @@ def _by_sign(
         yield from ((f"abs({variable})", ()), (f"{variable}*abs({variable})", ()))
         edge = constant("edge", EDGES[0] * -least, EDGES[1] * -least)
         yield f"(abs({edge.name} + {variable}) - abs({edge.name} - {variable}))**1", (edge,)
+
+
+def bends(variable: str, values: FloatArray, taken: Collection[str]) -> tuple[Family, ...]:
+    """Return what is zero to one side of a place and a line to the other, rising or falling.
+
+    As a stop pushes that is reached, a weir spills, a valve opens, or a command stays where it saturates.
+
+    Args:
+        variable: its name.
+        values: (N,) on the data.
+        taken: names that the constant may not have.
+    """
+    low, high = (float(q) for q in np.quantile(values, BENDS))
+    if not low < high or is_switched(values):
+        return ()
+    bend = constant_of(variable, taken, BEND, low, high)
+    sides = f"{variable} - {bend.name}", f"{bend.name} - {variable}"
+    return tuple(_family(variable, f"max({side}, 0)", (bend,), values) for side in sides)
 
 
 def half_range(least: float, largest: float) -> tuple[float, float]:

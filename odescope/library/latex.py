@@ -79,4 +79,5 @@ LATEX = Language(
     product=lambda factors: r" \, ".join(factors) or "1",
     sum=latex_sum,
     fraction=latex_fraction,
+    extreme=lambda name, first, second, power: rf"\{name}{_up(power)}\left({first}, \, {second}\right)",
 )

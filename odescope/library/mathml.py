@@ -135,4 +135,5 @@ MATHML = Language(
     product=lambda factors: TIMES.join(factors) or _ONE,
     sum=mathml_sum,
     fraction=lambda over, under: mathml_fraction(f"<mrow>{over}</mrow>", f"<mrow>{under}</mrow>"),
+    extreme=lambda name, first, second, power: _call(name, f"{first}<mo>,</mo>{second}", power),
 )

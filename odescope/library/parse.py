@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from odescope.errors import InputError, nearest
 from odescope.library.expression import Atom, Call, Combination, Name, Power, Term
+from odescope.library.extremes import EXTREMES, Extreme
 from odescope.library.functions import FUNCTIONS
 
 MAXIMUM_LENGTH = 1000
@@ -72,7 +73,7 @@ class Scope:
                 raise InputError(f"the function {d.name!r} is defined twice")
             if len(set(d.parameters)) < len(d.parameters):
                 raise InputError(f"the function {d.name!r} has two parameters of one name")
-            if d.name in FUNCTIONS or d.name in names or d.name == "identity":
+            if d.name in {*FUNCTIONS, *EXTREMES, *names, "identity"}:
                 raise InputError(f"the function {d.name!r} cannot be defined: that name is taken; choose another")
         numbers = None if constants is None else frozenset(constants)
         return Scope(frozenset(names) | (numbers or frozenset()), {d.name: d for d in definitions}, numbers)
@@ -250,8 +251,10 @@ class _Walk:
         definition = self.scope.definitions.get(name)
         if definition is not None:
             return self.expand(definition, arguments)
+        if name in EXTREMES:
+            return self.extreme(name, arguments)
         if name not in FUNCTIONS and name != "identity":
-            known = [*FUNCTIONS, "identity", *self.scope.definitions]
+            known = [*FUNCTIONS, *EXTREMES, "identity", *self.scope.definitions]
             raise self.fail(f"there is no function {name!r}; {nearest(name, known)}")
         if len(arguments) != 1:
             raise self.fail(f"{name} takes one argument, {len(arguments)} came")
@@ -261,6 +264,14 @@ class _Walk:
         if name == "identity":
             return argument if len(argument.parts) == 1 else _lone(Call("", argument))
         return _lone(Call(name, argument))
+
+    def extreme(self, name: str, arguments: list[Combination]) -> Combination:
+        if len(arguments) != 2:
+            raise self.fail(f"{name} takes two arguments, {len(arguments)} came")
+        extreme = Extreme.of(name, *arguments)
+        if not extreme.difference.names:
+            raise self.fail(f"the arguments of {name} differ by no variable")
+        return _lone(Call("", extreme.total))
 
     def expand(self, definition: Definition, arguments: list[Combination]) -> Combination:
         if len(arguments) != len(definition.parameters):

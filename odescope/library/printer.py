@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from odescope.library.expression import Atom, Combination, Name, Power, Term
+from odescope.library.extremes import Extreme
 
 T = TypeVar("T")
 
@@ -26,6 +27,7 @@ class Language(Generic[T]):
         product: of the factors of a term, of which there may be none.
         sum: of coefficients and what they multiply, of which there may be none.
         fraction: of a numerator and a denominator; without one, a factor in a denominator has a negative power.
+        extreme: of "max" or "min" and its two arguments, to a power; without one, it is the sum that it stands for.
     """
 
     name: Callable[[str, Power], T]
@@ -34,6 +36,7 @@ class Language(Generic[T]):
     product: Callable[[Iterable[T]], T]
     sum: Callable[[Iterable[tuple[float, T]]], T]
     fraction: Callable[[T, T], T] | None = None
+    extreme: Callable[[str, T, T, Power], T] | None = None
 
 
 def print_term(language: Language[T], term: Term) -> T:
@@ -64,5 +67,9 @@ def print_product(language: Language[T], factor: str | None, term: Term) -> T:
 def _print_factor(language: Language[T], atom: Atom, power: Power) -> T:
     if isinstance(atom, Name):
         return language.name(atom.name, power)
+    found = Extreme.read(atom.argument) if language.extreme is not None and not atom.function else None
+    if language.extreme is not None and found is not None:
+        first, second = (print_combination(language, c) for c in (found.first, found.second))
+        return language.extreme(found.name, first, second, power)
     inside = print_combination(language, atom.argument)
     return language.call(atom.function, inside, power) if atom.function else language.group(inside, power)

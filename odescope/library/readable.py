@@ -1,10 +1,12 @@
-"""Terms as a person would type them: a quotient with a bar, and x**n where the exponent is a constant."""
+"""Terms as a person would type them: a quotient with a bar, x**n where the exponent is a constant, max(x - c, 0)."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 from odescope.library.expression import Atom, Call, Combination, Name, Power, Term, signed_sum
+from odescope.library.extremes import Extreme
 
 _FIRST_POWER = re.compile(r"\)\*\*1(?![\d.])")
 
@@ -13,7 +15,7 @@ def readable(term: Term) -> str:
     """Return a term as text that reads back as the same: x_dot/v0 for v0**-1*x_dot, x**n for exp(n*log(x))."""
     # Without a power a sum would be multiplied out when it is read back.
     top = [
-        _raised(atom, power) + ("**1" if power == 1 and isinstance(atom, Call) and not atom.function else "")
+        _raised(atom, power) + ("**1" if power == 1 and _is_sum(atom) else "")
         for atom, power in term.factors
         if power > 0
     ]
@@ -38,9 +40,29 @@ def _raised(atom: Atom, power: Power) -> str:
         body = atom.name
     elif atom.function == "exp" and (found := _exponential(atom.argument)) is not None:
         body = found if power == 1 else f"({found})"
+    elif not atom.function and (larger := _extreme(atom.argument)) is not None:
+        body = larger
     else:
         body = f"{atom.function}({_argument(atom.argument)})"
     return body if power == 1 else f"{body}**{power}"
+
+
+def _is_sum(atom: Atom) -> bool:
+    """Say whether an atom is a sum in brackets."""
+    return isinstance(atom, Call) and not atom.function and _extreme(atom.argument) is None
+
+
+def _extreme(argument: Combination) -> str | None:
+    """Return max(a, b) or min(a, b) for what one of them is written out as, None for another sum."""
+    found = Extreme.read(argument)
+    if found is None:
+        return None
+    first, second = (sorted(c.parts, key=lambda part: part[0] < 0.0) for c in (found.first, found.second))
+    return f"{found.name}({_sum(first)}, {_sum(second) if second else 0})"
+
+
+def _sum(parts: Iterable[tuple[float, Term]]) -> str:
+    return signed_sum(((c, readable(t)) for c, t in parts), inverse=True)
 
 
 def _argument(argument: Combination) -> str:
@@ -48,7 +70,7 @@ def _argument(argument: Combination) -> str:
     dividing = [{f for f in t.factors if isinstance(f[0], Name) and f[1] == -1} for _, t in argument.parts]
     below = set[tuple[Atom, Power]]().union(*dividing[:1]).intersection(*dividing)
     if len(dividing) < 2 or len(below) != 1:
-        return signed_sum(((c, readable(t)) for c, t in argument.parts), inverse=True)
+        return _sum(argument.parts)
     above = [(c, Term(tuple(f for f in t.factors if f not in below))) for c, t in argument.parts]
     above.sort(key=lambda part: part[0] < 0.0)
     return f"({signed_sum((c, readable(t)) for c, t in above)})/{next(iter(below))[0].text}"

@@ -231,9 +231,9 @@ class Beginnings(Saturating):
             found: the model before.
             given: variables by name, or a constant, that may stand beside functions.
             bar: the penalised cost.
-            paired: whether functions of two variables may be among them.
+            paired: whether functions of two variables, and bends, may be among them.
         """
-        theta, placed = found.theta, [Placed(Choice())] * len(self.suspected)
+        theta, turned, placed = found.theta, found.theta, [Placed(Choice())] * len(self.suspected)
         for r in dict.fromkeys(s.relation for s in self.suspected):
             mine = [k for k, s in enumerate(self.suspected) if s.relation == r]
             base = self.base(r, found.theta, given)
@@ -241,17 +241,47 @@ class Beginnings(Saturating):
             if imitated is None:
                 return None
             chosen = imitated.together([[*self.simple(k, paired), Choice(), *self.linear(k)] for k in mine])
-            written = self.written(r, theta, base, chosen, imitated)
-            if written is None:
+            other = [self.turned(k, one) for k, one in zip(mine, chosen, strict=True)]
+            written, mirrored = (self.written(r, t, base, p, imitated) for t, p in ((theta, chosen), (turned, other)))
+            if written is None or mirrored is None:
                 return None
-            theta = written
+            theta, turned = written, mirrored
             for k, one in zip(mine, chosen, strict=True):
                 placed[k] = one
         if paired and not any(p.choice.terms for p, s in zip(placed, self.suspected, strict=True) if s.reason in JOINT):
             return None
+        starts = [(theta, placed)]
+        starts += [(turned, [self.turned(k, p) for k, p in enumerate(placed)])] if (turned != theta).any() else []
+        ends = [s for start, there in starts if (s := self.begun(start, there, found, bar)) is not None]
+        return min(ends, key=lambda s: self.moves().penalised(s.fit), default=None)
+
+    def begun(self, theta: FloatArray, placed: Sequence[Placed], found: Fit, bar: float) -> Standing | None:
+        """Return the fit of a model with functions, pruned; None where its penalised cost is above a bar.
+
+        Args:
+            theta: (mechanisms,) coefficients.
+            placed: the functions, by number of the suspicion.
+            found: the model before.
+            bar: the penalised cost.
+        """
         plain = [k for k in np.flatnonzero(theta) if k < self.own and self.space.mechanisms[k].parts]
         fit = self.tightened(theta, bar + float(self.space.penalty[plain].sum()))  # all of which pruning may leave out
         return None if fit is None else Standing(self.pruned(fit), tuple(placed), found if self.exact else None)
+
+    def turned(self, k: int, placed: Placed) -> Placed:
+        """Return a bend that is a line to the other side of its place, any other function as it is.
+
+        The two are the same beside the variable and a constant, and which of these is needed decides between them.
+
+        Args:
+            k: number of the suspicion.
+            placed: what stands for it.
+        """
+        if self.suspected[k].reason != "bend" or not placed.choice.terms:
+            return placed
+        able = (c for c in self.choices[k] if {n.name for n in c.constants} == placed.values.keys())
+        others = (c for c in able if c.terms != placed.choice.terms)
+        return Placed(next(others, placed.choice), placed.values)
 
     def simple(self, k: int, paired: bool) -> list[Choice]:
         """Return the functions for a suspicion that stand alone: those of one variable with a constant at most.

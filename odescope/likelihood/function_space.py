@@ -13,7 +13,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.library.expression import ONE, Name, Term
-from odescope.library.families import STRIBECK, Family, families_of, stribeck
+from odescope.library.families import STRIBECK, Family, bends, families_of, stribeck
 from odescope.library.mechanism import Mechanism, candidate
 from odescope.library.pairs import NO_UNITS, may_be_angles, pair_families, sines
 from odescope.library.product import Product
@@ -372,4 +372,5 @@ def _joint(
     if not any(s.reason in JOINT for s in suspected):
         return {}
     pairs = tuple(Choice((f.term,), f.constants, f.points) for f in pair_families(values, taken, units))
-    return {"pair": pairs, "sine": tuple(Choice((term,)) for term in sines(may_be_angles(values, units)))}
+    bent = tuple(Choice((f.term,), f.constants) for n, v in values.items() for f in bends(n, v, taken))
+    return {"pair": pairs, "bend": bent, "sine": tuple(Choice((term,)) for term in sines(may_be_angles(values, units)))}

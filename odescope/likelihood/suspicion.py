@@ -29,8 +29,8 @@ GOES_WITH = 0.05  # least share of a residual's variance that goes with a variab
 DRIVES = 0.1  # of the power that dry friction takes: what a term has to give for that to be no chance
 SURE = 3.0  # times what chance alone would give
 
-Reason = Literal["powers", "fractions", "driven", "residual", "measured", "pair", "sine"]
-JOINT: tuple[Reason, ...] = ("pair", "sine")  # reasons that are of no variable
+Reason = Literal["powers", "fractions", "driven", "residual", "measured", "pair", "sine", "bend"]
+JOINT: tuple[Reason, ...] = ("pair", "sine", "bend")  # reasons that are of no variable
 MEASURED: tuple[Reason, ...] = ("residual", "measured")  # for which functions come near to what rates were measured
 
 

@@ -28,6 +28,7 @@ SUSPECTED = {
     "measured": "{target} may hold a function of {variable}",
     "pair": "{target} may hold a function of two variables together",
     "sine": "{target} may hold sines of angles",
+    "bend": "{target} may hold what begins to act at a limit",
     "angle": "{variable} may be an angle",
     "temperature": "{variable} is a temperature by its unit, or by name and size: rates may go with it by Arrhenius",
     "radiation": "{variable} is a temperature by its unit, or by name and size: what is hot radiates",
@@ -48,10 +49,13 @@ REPLACED = {  # what functions were found for, where it is in the model no more
     "powers": "{target} has {found} in place of several powers of {variable}",
     "fractions": "{target} has {found} in place of a fraction in {variable}",
     "measured": "{target} has {found}, found among functions of all variables",
+    "pair": "{target} has {found}, found among functions of two variables together",
+    "sine": "{target} has {found}, found among sines of angles",
+    "bend": "{target} has {found}, found among what begins to act at a limit",
 }
 WAVES = ("periodic", "swinging", "recurring")  # reasons that ask for a sine of a rate of its own
 UNCOUNTED = ("driven", "residual", *WAVES)  # reasons that no number of terms gives
-JOINT = ("pair", "sine")  # reasons that are of no variable, and of too many functions to name
+JOINT = ("pair", "sine", "bend")  # reasons that are of no variable, and of too many functions to name
 ALIKE = 0.01  # of a sum: by less recordings do not differ in it
 MANY = 3  # powers of one variable that are rarely a law; of a fraction a function with two constants says as much
 FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
@@ -136,7 +140,7 @@ def _of_a_suspicion(found: SuspicionScore) -> str:
         return f"{what}: functions of it could not be tried{left}"
     many, of_it = len(found.tried), "" if found.reason in JOINT else " of it"
     if found.found:
-        gain = "" if found.gain is None else f", worth {found.gain:,.0f} of cost and price"
+        gain = "" if found.gain is None else f", which lowers -2 log-likelihood + penalty by {found.gain:,.0f}"
         tried = f" ({many} functions competed)" if of_it and many > 1 else ""
         said = REPLACED.get(found.reason, f"{what}: {{found}} instead")
         functions = listed([without_first_powers(text) for text in found.found])
@@ -151,7 +155,7 @@ def _no_better(gain: Number, many: int) -> str:
     if gain == -math.inf:
         return "with none of them can the record be followed"
     lost = f"{'none is' if many > 1 else 'it is not'} better{' in the end' if gain and gain > 0.0 else ''}"
-    by = f", the best is worse by {-gain:,.0f} in cost and price" if gain is not None and gain <= -1.0 else ""
+    by = f", the best raises -2 log-likelihood + penalty by {-gain:,.0f}" if gain is not None and gain <= -1.0 else ""
     return f"{lost} than the model's own terms{by}"
 
 

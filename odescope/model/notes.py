@@ -127,7 +127,8 @@ def notes_of(
         dependent: every candidate that was left out of a library, with those it is a combination of.
         doubts: those of the likelihood stage, where it ran.
     """
-    said = [*left_out_sentences(dependent)]
+    constant = () if scores is None else tuple(c.sum for c in scores.conserved if c.values)
+    said = [*left_out_sentences(dependent, constant)]
     if scores is not None:
         said += [*findings(scores), *parting_sentences(scores.free_runs, scores.likelihood)]
         said += [*warnings_of(scores, doubts), *_of_the_data(scores)]
@@ -183,7 +184,9 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
         if found.delay:
             error = "" if found.std_error is None else f" (standard error {found.std_error:.2g} s)"
             when = "after" if found.delay > 0.0 else "before"
-            yield f"{name} acts {abs(found.delay):.4g} s {when} it was recorded{error}"
+            held = name in scores.holds and scores.holds[name].hold == "zero"
+            why = ", as what steps between two samples does" if found.delay < 0.0 and held else ""
+            yield f"{name} acts {abs(found.delay):.4g} s {when} it was recorded{error}{why}"
     for name, between in scores.holds.items():
         acts = _acting(between.hold)
         if between.other is not None:
@@ -194,7 +197,11 @@ def _of_the_data(scores: ModelScores) -> Iterator[str]:
             continue
         if between.hold == "band-limited" and between.gain is not None and between.gain < TELLING:
             continue
-        steps = f", {between.steps} of its steps come before the sample that shows them" if between.steps else ""
+        steps = (
+            f"; {between.steps} of its steps fall between two samples, at times that were found"
+            if between.steps
+            else ""
+        )
         yield f"{name} is {acts} between samples{_over_linear(between.gain)}{steps}"
     for name, count in scores.outliers.items():
         if count and name in scores.gated:

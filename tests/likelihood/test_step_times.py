@@ -110,7 +110,7 @@ def test_the_law_is_found_where_an_input_steps_between_samples(seeds):
         result = identify(STUDY, boost(seed, whole=False)[0])
         right += exact(result)
         assert result.model.scores.holds["d"].steps > 0
-        assert any("of its steps come before the sample that shows them" in note for note in result.notes)
+        assert any("of its steps fall between two samples" in note for note in result.notes)
     assert right >= 0.8 * seeds
 
 

@@ -33,14 +33,17 @@ def test_what_is_left_beside_a_function_in_place_of_a_fraction_is_one_too():
     wave = {"tried": ("tan(x)", "sin(x)"), "found": ("tan(x)",), "gain": 21.0}
     told = {n: SuspicionScore("x_ddot", "x", "fractions", n, -0.4, 0.5, **wave) for n in (3, 5)}
     (short,), (long,) = (said(ModelScores(suspicions=(score,))) for score in told.values())
-    assert short == "x_ddot has tan(x) in place of a fraction in x, worth 21 of cost and price (2 functions competed)"
+    assert short == (
+        "x_ddot has tan(x) in place of a fraction in x, which lowers -2 log-likelihood + penalty by 21"
+        " (2 functions competed)"
+    )
     assert long.startswith(f"{short}; if these terms imitate another function")
 
 
 @pytest.mark.parametrize(
     ("gain", "told"),
     [
-        (-17260.4, "none is better than the model's own terms, the best is worse by 17,260 in cost and price"),
+        (-17260.4, "none is better than the model's own terms, the best raises -2 log-likelihood + penalty by 17,260"),
         (-0.3, "none is better than the model's own terms"),  # by 0 is nothing to read
         (None, "none is better than the model's own terms"),
         (12.0, "none is better in the end than the model's own terms"),

@@ -108,7 +108,7 @@ def test_holds_that_hardly_differ_are_not_told_and_those_in_doubt_are():
 
 def test_steps_between_samples_are_counted():
     (line,) = said(ModelScores(holds={"u": HoldScore("zero", None, 7)}))
-    assert line == "u is held between samples, 7 of its steps come before the sample that shows them"
+    assert line == "u is held between samples; 7 of its steps fall between two samples, at times that were found"
 
 
 def test_samples_that_do_not_count_are_told_with_reason_and_time():
