@@ -65,13 +65,15 @@ def found(event: Event) -> str:
         return ""
     from odescope.export.languages.text import equation_lines
     from odescope.model.mechanism_display import mechanisms_text
+    from odescope.model.recorded_time import in_recorded_time, recorded_unit
 
-    model = event.result.model
+    model = in_recorded_time(event.result.model)
     made_of, equations = mechanisms_text(model.shown_mechanisms), equation_lines(model, 6)
+    first = [] if model is event.result.model else [f"# time in {recorded_unit(model)} here, in seconds in all files"]
     if not made_of:
-        return "\n".join(equations)
+        return "\n".join([*first, *equations])
     heading = "rates of change" if all(c.order == 1 for c in model.coordinates) else "equations of motion"
-    return "\n".join([*made_of, heading, *(f"  {line}" for line in equations)])
+    return "\n".join([*first, *made_of, heading, *(f"  {line}" for line in equations)])
 
 
 def remark(event: Event, told: Collection[str] = ()) -> str:
@@ -95,8 +97,9 @@ def remark(event: Event, told: Collection[str] = ()) -> str:
 def errors_text(model: Model) -> str:
     """Return coefficients with standard errors, as lines, as many as leave a screen for the rest; no text for none."""
     from odescope.model.coefficients import coefficient_lines, rows_with_errors
+    from odescope.model.recorded_time import in_recorded_time
 
-    lines = coefficient_lines(rows_with_errors(model.coefficients))
+    lines = coefficient_lines(rows_with_errors(in_recorded_time(model).coefficients))
     shown = (
         lines if len(lines) <= MOST_ROWS else [*lines[:MOST_ROWS], f"... {len(lines) - MOST_ROWS} more in model.json"]
     )

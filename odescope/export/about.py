@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from odescope.model.model import Model
-from odescope.recordings.headings import UNITS_OF_TIME, told_in_seconds
+from odescope.model.recorded_time import recorded_unit
+from odescope.recordings.headings import told_in_seconds
 
 ASCII = {"°": "deg", "µ": "u", "μ": "u", "Ω": "Ohm", "·": "*"}  # of units; both letters mu are in use
 
@@ -38,7 +39,7 @@ def about(model: Model, renamed: Sequence[str] = ()) -> tuple[str, ...]:
 
 def _recorded_in(model: Model) -> str:
     """Return in which unit the time of the log was, where not in seconds, and how rates are read in it."""
-    unit = next((u for u in UNITS_OF_TIME if u == model.provenance.get("time_unit")), UNITS_OF_TIME[0])
+    unit = recorded_unit(model)
     return "" if unit == "s" else f" ({told_in_seconds(unit)})"
 
 

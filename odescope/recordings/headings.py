@@ -208,10 +208,10 @@ def in_seconds(unit: TimeUnit) -> tuple[float, float]:
 
 
 def told_in_seconds(unit: TimeUnit) -> str:
-    """Return the words that times in a unit are in seconds, and, of a longer one, how rates are read in it."""
+    """Return the words that times in a unit are in seconds, and, of a longer one, how coefficients are read in it."""
     more, fewer = in_seconds(unit)
-    rates = f": a rate in 1/s times {more:g} is one in 1/{unit}" if more > fewer else ""
-    return f"time was recorded in {unit}: here it is in seconds{rates}"
+    read = f" (a coefficient times {more:g} for each 1/s in its unit is one per {unit})" if more > fewer else ""
+    return f"time was recorded in {unit}: in files and notes it is in seconds{read}"
 
 
 def since_1970(time: float) -> TimeUnit | None:

@@ -6,7 +6,9 @@ from collections.abc import Iterator, Sequence
 
 from odescope.model.model import Model
 from odescope.model.notes import share
+from odescope.model.recorded_time import recorded_unit, told_in
 from odescope.model.scores import PathScore
+from odescope.recordings.headings import TimeUnit
 from odescope.report.assemble import model_of
 from odescope.report.data import Report, RunShown
 
@@ -30,14 +32,15 @@ def trust_text(report: Report) -> str:
     """Return what held-out data and the free run say of every equation, as text."""
     model = model_of(report)
     held_out = "" if model.scores is None else "".join(_held_out(step) for step in model.scores.path if step.chosen)
-    return _equations_text(report, model) + held_out + "".join(_free_runs(report.at_work.runs))
+    return _equations_text(report, model) + held_out + "".join(_free_runs(report.at_work.runs, recorded_unit(model)))
 
 
-def _free_runs(runs: Sequence[RunShown]) -> Iterator[str]:
+def _free_runs(runs: Sequence[RunShown], unit: TimeUnit) -> Iterator[str]:
     for run in runs[:LISTED]:
         which = "free run" if len(runs) == 1 else f"free run of recording {run.recording}"
         ended = f"; {run.ended}" if run.ended else ""
-        yield f"{which}: {run.valid_time:.4g} of {_tried(run)} with the record{ended}\n"
+        valid = told_in(run.valid_time, unit).removesuffix(f" {unit}")
+        yield f"{which}: {valid} of {_tried(run, unit)} with the record{ended}\n"
     if len(runs) > LISTED:
         stay = sum(run.valid_time >= run.duration for run in runs)
         whole = all(run.recorded <= run.duration for run in runs)
@@ -45,11 +48,10 @@ def _free_runs(runs: Sequence[RunShown]) -> Iterator[str]:
         yield f"free runs of all {len(runs)} recordings tried: {stay} stay with their record {far}\n"
 
 
-def _tried(run: RunShown) -> str:
+def _tried(run: RunShown, unit: TimeUnit) -> str:
     """Return for how long a model was run, and of how long a recording where that is but the first part."""
-    if run.recorded <= run.duration:
-        return f"{run.duration:.4g} s"
-    return f"the first {run.duration:.4g} s, of {run.recorded:.4g} s,"
+    tried, recorded = told_in(run.duration, unit), told_in(run.recorded, unit)
+    return tried if run.recorded <= run.duration else f"the first {tried}, of {recorded},"
 
 
 def _equations_text(report: Report, model: Model) -> str:

@@ -62,7 +62,7 @@ def test_units_in_headings_are_found_by_either_spelling_and_told(odescope):
     for options in (HEADED, spelled):
         ended = odescope("identify", "run.csv", *options, "--basis", "x,x_dot,u", "--out", "out")
         assert ended.code == 0, ended.err
-        assert "note: time was recorded in ms: here it is in seconds" in ended.err
+        assert "note: time was recorded in ms: in files and notes it is in seconds" in ended.err
         model = is_oscillator("out")
         assert model["coordinates"][0]["unit"] == "m"
         assert model["inputs"][0]["unit"] == "V"
@@ -124,7 +124,7 @@ def test_the_unit_of_the_time_is_one_of_those_of_studies_and_goes_with_a_column(
     options = ("--coordinate", "x", "--input", "u", "--order", "2", "--basis", "x,x_dot,u", "--degree", "1")
     ended = odescope("identify", "run.csv", "--time", "t_min", "--time-unit", "min", *options)
     assert ended.code == 0, ended.err
-    assert "note: time was recorded in min: here it is in seconds" in ended.err
+    assert "note: time was recorded in min: in files and notes it is in seconds" in ended.err
     assert "taken for no unit of time" not in ended.err
     assert is_oscillator("run")["provenance"]["time_unit"] == "min"
     ended = odescope("identify", "run.csv", "--time", "t_min", "--time-unit", "minutes", *options)

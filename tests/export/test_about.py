@@ -64,7 +64,10 @@ def test_where_the_model_holds_is_said():
 def test_every_program_says_in_which_unit_time_is_and_was_recorded(language):
     model = replace(reactor() if language == "antimony" else driven_cart(), provenance={"time_unit": "min"})
     texts = [*programs.program_writer(language)(model, "plant").files.values(), to_python(model)]
-    told = "Time: seconds (time was recorded in min: here it is in seconds: a rate in 1/s times 60 is one in 1/min)"
+    told = (
+        "Time: seconds (time was recorded in min: in files and notes it is in seconds"
+        " (a coefficient times 60 for each 1/s in its unit is one per min))"
+    )
     assert any(told in text for text in texts[:-1])
     assert told in texts[-1]
 

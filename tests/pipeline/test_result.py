@@ -40,7 +40,7 @@ def test_the_table_says_what_was_simulated(result):
 
 
 def test_milliseconds_and_units_in_headings_are_told(result):
-    assert "time was recorded in ms: here it is in seconds" in result.notes
+    assert "time was recorded in ms: in files and notes it is in seconds" in result.notes
     assert (result.model.coordinates[0].unit, result.model.inputs[0].unit) == ("mm", "V")
     assert result.records.runs[0].duration == pytest.approx(LOG["t"][-1])
 
@@ -50,7 +50,7 @@ def test_a_result_shows_itself_on_a_screen(result):
     assert len(lines) < 40
     assert lines[0].startswith("x_ddot = ")
     assert [line.split()[:3] for line in lines[1:4]] == [["#", "x_ddot", t] for t in ("x", "x_dot", "u")]
-    assert lines[-1] == "time was recorded in ms: here it is in seconds"
+    assert lines[-1] == "time was recorded in ms: in files and notes it is in seconds"
     assert "<table><tr><th>equation</th>" in result._repr_html_()
 
 

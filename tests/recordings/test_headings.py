@@ -142,8 +142,10 @@ def test_times_come_in_seconds(unit, tmp_path):
 
 
 def test_rates_of_slow_logs_are_told_in_the_unit_of_the_log():
-    assert told_in_seconds("ms") == "time was recorded in ms: here it is in seconds"
-    assert told_in_seconds("h").endswith("here it is in seconds: a rate in 1/s times 3600 is one in 1/h")
+    assert told_in_seconds("ms") == "time was recorded in ms: in files and notes it is in seconds"
+    assert told_in_seconds("h").endswith(
+        "in files and notes it is in seconds (a coefficient times 3600 for each 1/s in its unit is one per h)"
+    )
 
 
 def test_dates_have_no_unit():

@@ -20,7 +20,11 @@ def shown(recording, duration, valid, recorded=None, ended=""):
     ],
 )
 def test_a_free_run_is_told_with_how_much_was_tried(run, line):
-    assert list(_free_runs([run])) == [line]
+    assert list(_free_runs([run], "s")) == [line]
+
+
+def test_durations_are_told_in_the_unit_of_the_log():
+    assert list(_free_runs([shown(1, 7200.0, 5400.0)], "h")) == ["free run: 1.5 of 2 h with the record\n"]
 
 
 @pytest.mark.parametrize(
@@ -34,6 +38,6 @@ def test_an_error_at_its_bound_is_told_as_none(error, told):
 @pytest.mark.parametrize(("recorded", "far"), [(8.0, "to its end"), (80.0, "for all that was tried of it")])
 def test_of_many_the_rest_is_counted(recorded, far):
     runs = [shown(k + 1, 8.0, 2.0 if k == 0 else 8.0, recorded) for k in range(LISTED + 2)]
-    lines = list(_free_runs(runs))
+    lines = list(_free_runs(runs, "s"))
     assert len(lines) == LISTED + 1
     assert lines[-1] == f"free runs of all {LISTED + 2} recordings tried: {LISTED + 1} stay with their record {far}\n"
