@@ -151,12 +151,13 @@ class Refinement:
         there = before.space.segments
         if self.space.segments.block != there.block or self.space.segments.samples != there.samples:
             return None
+        if before.process is not None and holds_of(self.space) != holds_of(before.space):
+            return None
         if before.process is not None:
-            if holds_of(self.space) != holds_of(before.space):
-                return None
             if self.process is not None:
                 return float(before.process.penalised - self.process.penalised)
             own = self.space.segments
+            there = replace(there, inputs=own.inputs, driven=own.driven)  # its steps come when this model has them
             pieces = replace(there, noise=own.noise, spread=own.spread, decorrelation=None)
             return float(before.process.penalised - cost_without_process_noise(self.space.on(pieces), self.outcome))
         like = self.process is None and self.outcome.width == before.outcome.width
