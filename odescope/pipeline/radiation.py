@@ -25,6 +25,7 @@ from odescope.pipeline.wider import (
     TIMES,
     basis_of,
     evidently_better,
+    likelier_and_simpler,
     promises,
     regressed_with,
     searched_with,
@@ -86,7 +87,8 @@ def with_radiation(
         return refinement, ()
     work.monitor.tell(Progress("suspicion", "search with what is radiated", 0, 1))
     _, other = searched_with(wide, filtered, found, refinement, TIMES)
-    if other is None or not (evidently_better(other, refinement) and any(_radiating(other, powers))):
+    better = other is not None and (evidently_better(other, refinement) or likelier_and_simpler(other, refinement))
+    if other is None or not (better and any(_radiating(other, powers))):
         return refinement, ()
     return other, tuple(_scores(other, powers, filtered, other.gained_over(refinement)))
 

@@ -11,7 +11,15 @@ from odescope.likelihood.refine import Refinement
 from odescope.likelihood.suspicion import values_of_variables
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.wider import TIMES, evidently_better, quotients, regressed_with, searched_with, with_extra
+from odescope.pipeline.wider import (
+    TIMES,
+    evidently_better,
+    likelier_and_simpler,
+    quotients,
+    regressed_with,
+    searched_with,
+    with_extra,
+)
 from odescope.pipeline.work import Work
 
 
@@ -43,15 +51,5 @@ def with_roots(
         return refinement
     work.monitor.tell(Progress("suspicion", "search with roots beside quotients", 0, 1))
     _, other = searched_with(wide, filtered, found, refinement, TIMES)
-    return other if other is not None and _better(other, refinement) else refinement
-
-
-def _better(other: Refinement, before: Refinement) -> bool:
-    """Say whether a model with roots replaces the one before: it is evidently better, or likelier and simpler.
-
-    A function in the place of powers may have found the law times its state.
-    """
-    gain = other.gained_over(before)
-    likelier = gain is not None and gain > 0.0 and other.exact
-    simpler = other.space.price(other.fit) < before.space.price(before.fit)
-    return evidently_better(other, before) or (likelier and simpler)
+    better = other is not None and (evidently_better(other, refinement) or likelier_and_simpler(other, refinement))
+    return other if better else refinement

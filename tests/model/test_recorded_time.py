@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from odescope.library.expression import ONE
 from odescope.library.parse import Scope, parse_term
