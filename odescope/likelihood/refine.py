@@ -148,20 +148,19 @@ class Refinement:
         """
         if before is None or not (self.follows and before.follows):
             return None
-        there = before.space.segments
-        if self.space.segments.block != there.block or self.space.segments.samples != there.samples:
+        own, there = self.space.segments, before.space.segments
+        if own.block != there.block or own.samples != there.samples:
             return None
-        if before.process is not None and holds_of(self.space) != holds_of(before.space):
+        if before.process is None:
+            like = self.process is None and self.outcome.width == before.outcome.width
+            return float(before.outcome.deviance - self.outcome.deviance) if like else None
+        if holds_of(self.space) != holds_of(before.space):
             return None
-        if before.process is not None:
-            if self.process is not None:
-                return float(before.process.penalised - self.process.penalised)
-            own = self.space.segments
-            there = replace(there, inputs=own.inputs, driven=own.driven)  # its steps come when this model has them
-            pieces = replace(there, noise=own.noise, spread=own.spread, decorrelation=None)
-            return float(before.process.penalised - cost_without_process_noise(self.space.on(pieces), self.outcome))
-        like = self.process is None and self.outcome.width == before.outcome.width
-        return float(before.outcome.deviance - self.outcome.deviance) if like else None
+        if self.process is not None:
+            return float(before.process.penalised - self.process.penalised)
+        there = replace(there, inputs=own.inputs, driven=own.driven)  # its steps come when this model has them
+        pieces = replace(there, noise=own.noise, spread=own.spread, decorrelation=None)
+        return float(before.process.penalised - cost_without_process_noise(self.space.on(pieces), self.outcome))
 
 
 def refine(

@@ -160,7 +160,7 @@ def _lost(scores: ModelScores) -> Iterator[str]:
             yield (
                 f"{name} lacks {lost}, over which a straight line is off by {share(off)} of"
                 " its standard deviation elsewhere: what it did in such gaps biases coefficients, of which standard"
-                ' errors know nothing; [data] gaps = "split" does without them'
+                ' errors know nothing; gaps = "split" in [data], or --gaps split, does without them'
             )
     if scores.left_out:
         one = scores.left_out == 1
@@ -231,6 +231,8 @@ def _of_time(found: TimeScore) -> Iterator[str]:
         yield f"{found.disordered} of {found.rows} rows were out of order: sorted"
     if found.doubled:
         yield f"{found.doubled} of {found.rows} rows had the time of another: merged, different values averaged"
+    if found.coarse:
+        yield f"the clock ticked every {found.coarse:.4g} s, while several rows came: they count as taken at even times"
     if found.jitter > READ_BADLY:
         yield (
             f"the clock was read with a jitter of {100.0 * found.jitter:.2g} % of a sample period: samples count as"

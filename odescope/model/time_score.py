@@ -17,7 +17,8 @@ class TimeScore(msgspec.Struct, frozen=True):
     deviations. `scatter` is the largest of recordings whose samples were taken off even times, in sample periods. `cut`
     counts the gaps at which recordings were cut, `unseen` those of them that were for what an input did in them; the
     others were too long, or all were to be `split`. `short` counts the rows beside these that were left out, in pieces
-    too short to use. `clocked` inputs change at even times alone, whenever they were read.
+    too short to use. `clocked` inputs change at even times alone, whenever they were read. `coarse` are the seconds
+    that a clock ticked by while several rows came; 0 for none.
     """
 
     rows: int
@@ -33,6 +34,7 @@ class TimeScore(msgspec.Struct, frozen=True):
     clocked: tuple[str, ...] = ()
     unseen: int = 0
     split: bool = False
+    coarse: float = 0.0
 
     @property
     def uneven(self) -> bool:

@@ -214,8 +214,10 @@ def time_score(
         split=split,
         short=sum(r.short for r in repairs),
         clocked=tuple(i.name for i in inputs if any(i.name in r.clocked for r in repairs)),
+        coarse=max(r.coarse for r in repairs),
     )
-    repaired = found.disordered or found.doubled or found.jitter or found.scatter or found.cut or found.short
+    rows = found.disordered or found.doubled or found.short
+    repaired = rows or found.jitter or found.scatter or found.cut or found.coarse
     return found if repaired or found.missing or found.bridged else None
 
 

@@ -104,7 +104,7 @@ def few_candidates(study: Study, degree: int | None, records: Records) -> Iterat
     for name, count in few_values(_among_candidates(study), records).items():
         if count <= most:
             powers = f"{name}**{count}" if count == most else f"{name}**{count} and higher powers"
-            yield f"{name} has {COUNTS[count]} values, of which {powers} would say no more than lower ones: left out"
+            yield f"{name} has only {COUNTS[count]} values, of which {powers} would say nothing new: left out"
 
 
 def not_ruled_out(study: Study, records: Records) -> Stays:

@@ -261,8 +261,8 @@ def degrees_hints(records: Records, coordinates: Sequence[Coordinate]) -> tuple[
         span, swings = max(spans), sum(map(_path, columns)) > TO_AND_FRO * sum(spans)
         if span > TURNS * 2.0 * np.pi and swings and max(float(np.abs(y).max()) for y in columns) <= 360.0:
             said.append(
-                f"{c.name} goes {span / (2.0 * np.pi):.3g} turns to and fro as radians; if it is in degrees, give"
-                f' unit = "deg" in [coordinates.{c.name}], and "rad" if not'
+                f"{c.name} goes {span / (2.0 * np.pi):.3g} turns to and fro as radians; if it is in degrees, head"
+                f' the column "{c.name} (deg)" or give unit = "deg" in [coordinates.{c.name}]; if not, "rad"'
             )
     return tuple(said)
 

@@ -23,7 +23,8 @@ class Repairs:
     `scatter` is how far samples that were taken off even times are from these, likewise. `cut` counts the gaps at which
     the run was cut into several, `unseen` those of them that are no long ones, but what an input did in them is not
     known; the first of these bears what was done to its rows. `short` rows lay beside gaps in pieces too short to use,
-    and were left out. `clocked` inputs change at even times alone, whenever they were read.
+    and were left out. `clocked` inputs change at even times alone, whenever they were read. `coarse` are the seconds
+    that a clock ticked by while several rows came, which were spread evenly; 0 for none.
     """
 
     rows: int = 0
@@ -35,6 +36,7 @@ class Repairs:
     unseen: int = 0
     short: int = 0
     clocked: frozenset[str] = frozenset()
+    coarse: float = 0.0
 
 
 UNREPAIRED = Repairs()
@@ -273,6 +275,7 @@ def check_increasing(t: FloatArray, rows: IntArray, source: str) -> None:
         k = stuck[0]
         fault = "repeats" if t[k + 1] == t[k] else "goes back"
         raise InputError(
-            f"time {fault} at data row {rows[k + 1]} ({t[k]:.9g}, then {t[k + 1]:.9g}){within(source)}; it must "
-            'increase. If several runs share the file, name the column that tells them apart: recording = "..."'
+            f"time {fault} at data row {rows[k + 1]} ({t[k]:.9g}, then {t[k + 1]:.9g}){within(source)}; it must"
+            " increase: sort the rows by it; if several runs share the file, name the column that tells them apart,"
+            ' --recording or recording = "..."; if the clock is too coarse, give sample_period in its place'
         )

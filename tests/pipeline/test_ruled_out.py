@@ -164,8 +164,9 @@ def test_powers_of_what_has_few_values_are_no_candidates_and_the_result_says_so(
     assert law == pytest.approx({"x": 0.8, "lamp": -1.5, "level**2": -0.3}, rel=0.02)
     said = [note for note in found.notes if " values, of which " in note]
     assert [note.split(" would")[0] for note in said] == [
-        "lamp has two values, of which lamp**2 and higher powers", "level has three values, of which level**3",
-    ]  # fmt: skip
+        "lamp has only two values, of which lamp**2 and higher powers",
+        "level has only three values, of which level**3",
+    ]
 
 
 @pytest.mark.parametrize(("basis", "stays"), [(("x", "u"), False), (("x", "u", "u**2"), True), (("x", "u**2"), True)])

@@ -69,9 +69,27 @@ def test_rows_without_a_time_are_left_out():
         (np.r_[T[70:], T[:70]], "time goes back at data row 31"),
         (T[30::-1], "time goes back at data row 2"),
         (np.full(100, 3.0), "time is 3 in every row in run1.csv; name the column that holds the time"),
-        (np.floor(T), r"time repeats at data row 2 \(0, then 0\)"),
+        (np.r_[np.floor(T[:40]), np.floor(T[40:]) + 3.0], r"time repeats at data row 2 \(0, then 0\)"),  # rows are lost
     ],
 )
 def test_what_cannot_be_repaired_is_refused(t, message):
     with pytest.raises(InputError, match=message):
         in_order(raw(t, X[: len(t)]))
+
+
+@pytest.mark.parametrize("late", [0.0, 0.3])
+def test_rows_of_a_clock_that_ticks_too_seldom_are_spread_evenly(late):
+    """Whole seconds of rows that come every 0.37 s: they count as even, and what is lost is an offset within a tick."""
+    t = late + 0.37 * np.arange(200)
+    run = in_order(raw(np.floor(t), np.sin(t)))
+    steps = np.diff(run.t)
+    assert steps == pytest.approx(np.full(199, 0.37), rel=0.01)
+    assert np.abs(run.t - t).max() < 1.0
+    assert (run.repairs.coarse, run.repairs.doubled) == (1.0, 0)
+    assert np.array_equal(run.values[:, 0], np.sin(t))
+
+
+def test_rows_that_were_all_sent_twice_are_merged_and_not_spread():
+    run = in_order(raw(np.repeat(T, 2), np.repeat(X, 2)))
+    assert np.array_equal(run.t, T)
+    assert (run.repairs.coarse, run.repairs.doubled) == (0.0, 100)
