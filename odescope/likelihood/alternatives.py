@@ -12,7 +12,7 @@ from itertools import chain
 import numpy as np
 
 from odescope.library.constants import Constant
-from odescope.library.expression import ONE
+from odescope.library.expression import ONE, Name, Term
 from odescope.library.families import ACTIVATION
 from odescope.library.product import Product
 from odescope.library.readable import readable
@@ -23,6 +23,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.function_space import FEW
 from odescope.likelihood.held_out import thinned
 from odescope.likelihood.imitation import Choice, Imitated, Placed
+from odescope.likelihood.look_alikes import TEN_TO_ONE
 from odescope.likelihood.noise_or_terms import cost_with_process_noise
 from odescope.likelihood.process_noise import Noisy
 from odescope.likelihood.refine import Refinement
@@ -70,6 +71,28 @@ class _Work(Sharing):
                         return standing
             if standing is before:
                 break
+        return standing
+
+    def plainer(self, standing: Standing) -> Standing:
+        """Return the model with variables for functions of them, where the record hardly decides between the two.
+
+        The sine of what moves little is a line.
+        """
+        price = self.moves().penalised
+        for k in [k for k in standing.fit.present.tolist() if k >= self.own and self.space.mechanisms[k].parts]:
+            part = self.space.mechanisms[k].parts[0]
+            for name in self.families:
+                split = self.split(part.product.term, name)
+                plain = None if split is None else Product(None, split[1] * Term(((Name(name), 1),)))
+                other = self.number.get((part.relation, plain)) if plain is not None else None
+                if split is None or split[0].constants or other is None:
+                    continue
+                theta = standing.fit.theta.copy()
+                theta[other], theta[k] = theta[other] + theta[k], 0.0
+                fit = self.fitted(theta, standing.fit)
+                if fit is not None and price(fit) < price(standing.fit) + TEN_TO_ONE:
+                    standing = replace(standing, fit=fit)
+                    break
         return standing
 
     def trials(self, standing: Standing, k: int) -> Iterator[Standing | None]:
@@ -271,7 +294,7 @@ def alternative(
         # Beside an imitation another is as far from its function as that is. Functions that are shared are none.
         work, shared = work.pooled(work.exchanged(shared))
         budgets.append(work.space.budget)
-    standing, price = shared, work.moves().penalised
+    standing, price = work.plainer(shared), work.moves().penalised
     before = plain if refinement.exact else None
     gain = None if before is None else price(before) - price(standing.fit)
     if gain is not None and gain > work.least_gain(standing.fit) and work.holds_functions(standing.fit):
