@@ -4,27 +4,30 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from odescope.errors import InputError
 from odescope.events import Event, FilesWritten, Note, standing, unheard
-from odescope.model.notes import uncertain
+from odescope.model.notes import verdict
 
 if TYPE_CHECKING:
     from odescope.model.model import Model
 
 MOST_ROWS = 20  # of coefficients
+QUIET = 30.0  # seconds after which a file is told once more where a run stands
 
 
 @contextmanager
 def shown(also: Callable[[Event], None] = unheard) -> Iterator[Callable[[Event], None]]:
-    """Yield what shows events: where a run stands on one line, if standard error is a terminal, and what it found.
+    """Yield what shows events: where a run stands on one line, and what it found.
 
-    `also` is told every event first.
+    Where standard error is no terminal, such a line is written after every half a minute without another. `also` is
+    told every event first.
     """
-    status = None
+    status, last = None, time.monotonic()
     if sys.stderr.isatty():
         from rich.console import Console
 
@@ -34,12 +37,16 @@ def shown(also: Callable[[Event], None] = unheard) -> Iterator[Callable[[Event],
     told = set[str]()
 
     def tell(event: Event) -> None:
+        nonlocal last
         also(event)
         line, out, err = standing(event), found(event), remark(event, told)
         if isinstance(event, Note):
             told.add(event.text)
         if status is not None and line:
             status.update(line)
+        elif line and time.monotonic() - last > QUIET:
+            err = err or line
+        last = time.monotonic() if out or err else last
         if out or err:
             if status is not None:
                 status.stop()  # it would take standard output for its own
@@ -77,7 +84,7 @@ def found(event: Event) -> str:
 
 
 def remark(event: Event, told: Collection[str] = ()) -> str:
-    """Return what is worth a line of its own that stays; before equations, whether they are uncertain.
+    """Return what is worth a line of its own that stays; before equations, what they are worth.
 
     Args:
         event: of a run.
@@ -88,7 +95,7 @@ def remark(event: Event, told: Collection[str] = ()) -> str:
     if isinstance(event, NothingFound):
         return "\n".join(f"advice: {sentence}" for sentence in event.advice if sentence not in told)
     if isinstance(event, EquationsReady):
-        return uncertain(event.result.model.scores)
+        return verdict(event.result.model.scores, bool(event.result.warnings))
     if isinstance(event, Note):
         return f"{'warning' if event.warns else 'note'}: {event.text}"
     return f"wrote {event.folder}/: {', '.join(event.names)}" if isinstance(event, FilesWritten) else ""

@@ -83,6 +83,23 @@ def uncertain(scores: ModelScores | None) -> str:
     return ""
 
 
+def verdict(scores: ModelScores | None, warned: bool) -> str:
+    """Return in a sentence what a model is worth, uncertain or not; nothing where no likelihood has judged it.
+
+    Args:
+        scores: of the model.
+        warned: whether anything is warned of.
+    """
+    judged = None if scores is None else scores.likelihood
+    if (doubt := uncertain(scores)) or judged is None:
+        return doubt
+    if judged.exact:
+        rest = "; what may be in doubt is warned of below" if warned else ", and no term of it is in doubt"
+        return f"this model follows the record to within its noise{rest}"
+    left = listed([f"{share(part)} of {t}" for t, part in (judged.unexplained or {}).items() if part > NEXT_TO_NOTHING])
+    return f"this model follows the record but for {left}" if left else "this model follows the record"
+
+
 def _parts_as_any(scores: ModelScores) -> bool:
     """Say whether a model leaves little to noise of the process and parts from its record where any law would."""
     judged = scores.likelihood

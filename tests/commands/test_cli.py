@@ -217,7 +217,7 @@ BAD_DATA = {
         replaced(t=lambda g: g["t"] % 20.0),
         ["time goes back at data row 1001 (19.98, then", "recording"],
     ),
-    "time repeats": (replaced(t=lambda g: np.floor(g["t"])), ["time repeats at data row 2"]),
+    "time repeats": (replaced(t=lambda g: np.floor(np.sqrt(g["t"]))), ["time repeats at data row 2", "sample_period"]),
     "time stands still": (replaced(t=lambda g: 0 * g["t"] + 5), ["time is 5 in every row in run.csv", "sample_period"]),
     "fewer samples than candidates": (
         less(*range(30, 1500)),
