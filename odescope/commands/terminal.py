@@ -45,7 +45,7 @@ def shown(also: Callable[[Event], None] = unheard) -> Iterator[Callable[[Event],
         if status is not None and line:
             status.update(line)
         elif line and time.monotonic() - last > QUIET:
-            err = err or line
+            err = err or f"now: {line}"
         last = time.monotonic() if out or err else last
         if out or err:
             if status is not None:

@@ -31,7 +31,7 @@ FLOWS = 'name what flows in or out as inputs, or add reactions with the world ou
 ONE_OF_TWO = "of two states one of which was measured the law is one equation with order = 2"
 MINOR = 0.1  # of the root mean square of every target: noise of the process that leaves a model most of the say
 MUCH = 0.3  # of the root mean square of a target, that a model leaves: no disturbance of what was measured whole
-LITTLE = 0.005  # of it: less is told, and no reason to doubt a law
+LITTLE = 0.02  # of it: less is told, and no reason to doubt a law
 NEXT_TO_NOTHING = 0.0005  # of it: less is not told
 HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
 BRIDGED = 0.01  # of the standard deviation of an input, that lines over its gaps are off by elsewhere

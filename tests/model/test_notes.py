@@ -133,7 +133,7 @@ def test_doubts_of_the_likelihood_are_told_with_its_scores_and_never_without():
     of_it = msgspec.structs.replace(doubts, units={"x_dot": "mm s⁻¹"})
     small = msgspec.structs.replace(judged, unexplained={"x_dot": 0.0004})  # 0.04 %
     assert not any("unexplained" in n for n in said(ModelScores(likelihood=small), of_it))
-    for part, per_cent, warns in ((0.01, "1.00", True), (0.0025, "0.25", False)):
+    for part, per_cent, warns in ((0.025, "2.50", True), (0.011, "1.10", False)):
         judged = msgspec.structs.replace(judged, unexplained={"x_dot": part})
         (sized,) = (n for n in said(ModelScores(likelihood=judged), of_it) if "unexplained" in n)
         assert f"leaves 0.5 mm s⁻¹ of x_dot ({per_cent} % of its root mean square) unexplained" in sized
