@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from odescope.errors import InputError
 from odescope.events import Event, FilesWritten, Note, standing, unheard
-from odescope.model.notes import verdict
+from odescope.model.worth import verdict
 
 if TYPE_CHECKING:
     from odescope.model.model import Model

@@ -7,8 +7,8 @@ from math import isfinite, tau
 
 from odescope.library.readable import displayed
 from odescope.model.model import Model
-from odescope.model.notes import uncertain
 from odescope.model.scores import FreeRun
+from odescope.model.worth import uncertain
 
 TOLD = 8  # ranges or terms
 DOUBTFUL = 1.0 / 3.0  # standard error over coefficient: from here on a term may as well be absent, or twice as large

@@ -24,11 +24,12 @@ from odescope.model.equations import Equation, Named, relation_with_names, shown
 from odescope.model.explicit import Quotient, explicit
 from odescope.model.given import GivenInputs, GivenState
 from odescope.model.mechanism_display import read_term
-from odescope.model.notes import trust, uncertain
+from odescope.model.notes import trust
 from odescope.model.relation import FoundMechanism, FoundParameter, Relation, in_order
 from odescope.model.scores import ModelScores
 from odescope.model.screen import screen
 from odescope.model.switches import Switched, switched
+from odescope.model.worth import uncertain
 from odescope.recordings.coordinate import Coordinate, Input, state_names
 from odescope.recordings.record import Recorded
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from math import inf, log
 
 from odescope.model.choice_notes import findings, listed, of_single_terms, unsettled
-from odescope.model.free_run_notes import free_run_sentences, grows_by_itself, parting_sentences, unexplained_parting
+from odescope.model.free_run_notes import free_run_sentences, parting_sentences, unexplained_parting
 from odescope.model.gated_notes import gated_sentence
 from odescope.model.left_out_notes import left_out_sentences
 from odescope.model.scores import (
@@ -20,20 +20,13 @@ from odescope.model.scores import (
     ModelScores,
 )
 from odescope.model.time_score import TimeScore
+from odescope.model.worth import FLOWS, NEXT_TO_NOTHING, ONE_OF_TWO, much, share
 from odescope.recordings.gaps import SHORTEST_RUN
 
 UNSIGNED = 1e-3  # of the largest power dissipated: less is what errors of the coefficients make
 IMBALANCE = 0.1  # of the energy turned over: less is what noise of the velocities makes
 LOOSE = 1.0  # standard error over coefficient of a kinetic term that another Lagrangian could do without
-FAR = 0.5  # standard deviations of the record: free runs further off say that little is known
-OPEN = 0.1  # drift of a sum: no small leak, and no gain of a sensor that is a little off
-FLOWS = 'name what flows in or out as inputs, or add reactions with the world outside, such as "-> S" and "S ->"'
-ONE_OF_TWO = "of two states one of which was measured the law is one equation with order = 2"
-MINOR = 0.1  # of the root mean square of every target: noise of the process that leaves a model most of the say
-MUCH = 0.3  # of the root mean square of a target, that a model leaves: no disturbance of what was measured whole
 LITTLE = 0.02  # of it: less is told, and no reason to doubt a law
-NEXT_TO_NOTHING = 0.0005  # of it: less is not told
-HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
 BRIDGED = 0.01  # of the standard deviation of an input, that lines over its gaps are off by elsewhere
 READ_BADLY = 0.01  # of a sample period: jitter of a clock worth telling
 TEN_TO_ONE = log(10.0)  # log-likelihood: by less a record hardly decides
@@ -43,68 +36,6 @@ TELLING = 5.0  # log-likelihood: smooth inputs that gain less by being band-limi
 def trust(scores: ModelScores | None) -> tuple[str, ...]:
     """Return sentences on how far to trust a model, from the scores it was identified with; none where it has none."""
     return () if scores is None else tuple(_trust(scores))
-
-
-def uncertain(scores: ModelScores | None) -> str:
-    """Return a sentence that says why a model is uncertain as a whole; nothing where no score says so.
-
-    A model that does not follow the record is, and so is one that only follows it with process noise and leaves much to
-    that, or whose reactions keep what the record does not, or whose free runs over what it was not fitted to go far
-    off. Those of a chaotic system do for any law: its likelihood answers for one that follows without such noise, or
-    with little of it where errors grow by themselves.
-    """
-    if scores is None:
-        return ""
-    judged = scores.likelihood
-    if judged is not None and not judged.follows:
-        return "uncertain: even in short segments this model does not follow the record to within its noise"
-    if judged is not None and judged.truncated and judged.residual_variance is not None:
-        return (
-            "uncertain: with as few terms as [likelihood] terms asks for, this model misses the record by"
-            f" {judged.residual_variance**0.5:.2g} times its noise"
-        )
-    noisy = judged is not None and bool(judged.process_noise)
-    lacking = [c.sum for c in scores.conserved if c.drift is not None and c.drift > OPEN]
-    if noisy and lacking:
-        return f"uncertain: these reactions would keep {listed(lacking)} constant, but the record does not: {FLOWS}"
-    for step in scores.path if noisy and not _parts_as_any(scores) else ():
-        if step.chosen and step.error is not None and step.error > FAR:
-            return (
-                f"uncertain: run freely over what it was not fitted to, this model is off by {step.error:.2g} times the"
-                " standard deviation of the record"
-            )
-    if much := _much(judged):
-        left = listed([f"{share(part)} of {target}" for target, part in much.items()])
-        return f"uncertain: this model leaves {left} unexplained, by root mean squares"
-    poor = [(t, s.telling_r2) for t, s in scores.targets.items() if s.telling_r2 is not None]
-    least = min(poor, key=lambda pair: pair[1], default=None)
-    if judged is None and least is not None and least[1] < HALF:
-        return f"uncertain: on held-out data this model predicts {share(least[1])} of the variance of {least[0]}"
-    return ""
-
-
-def verdict(scores: ModelScores | None, warned: bool) -> str:
-    """Return in a sentence what a model is worth, uncertain or not; nothing where no likelihood has judged it.
-
-    Args:
-        scores: of the model.
-        warned: whether anything is warned of.
-    """
-    judged = None if scores is None else scores.likelihood
-    if (doubt := uncertain(scores)) or judged is None:
-        return doubt
-    if judged.exact:
-        rest = "; what may be in doubt is warned of below" if warned else ", and no term of it is in doubt"
-        return f"this model follows the record to within its noise{rest}"
-    left = listed([f"{share(part)} of {t}" for t, part in (judged.unexplained or {}).items() if part > NEXT_TO_NOTHING])
-    return f"this model follows the record but for {left}" if left else "this model follows the record"
-
-
-def _parts_as_any(scores: ModelScores) -> bool:
-    """Say whether a model leaves little to noise of the process and parts from its record where any law would."""
-    judged = scores.likelihood
-    shares = {} if judged is None or judged.unexplained is None else judged.unexplained
-    return max(shares.values(), default=1.0) < MINOR and grows_by_itself(scores.free_runs, judged)
 
 
 def _trust(scores: ModelScores) -> Iterator[str]:
@@ -366,22 +297,16 @@ def _unexplained(judged: Likelihood, doubts: Doubts, little: bool) -> Iterator[s
         return
     sizes = ", ".join(_size(q, t, doubts.units.get(t, ""), shares.get(t)) for t, q in left.items())
     why = ""
-    if much := _much(judged):
-        order = f" ({ONE_OF_TWO})" if any(t.endswith("_dot") for t in much) else ""
+    if parts := much(judged):
+        order = f" ({ONE_OF_TWO})" if any(t.endswith("_dot") for t in parts) else ""
         why = (
-            f"; so much of {listed(list(much))} says that a state was not measured{order}, what drives it not recorded,"
-            " or that it is an input itself, which belongs in [inputs]"
+            f"; so much of {listed(list(parts))} says that a state was not measured{order}, what drives it not"
+            " recorded, or that it is an input itself, which belongs in [inputs]"
         )
     yield (
         f"the model leaves {sizes} unexplained (root mean square of averages over {doubts.window:.2g} s);"
         f" standard errors allow for it{why}"
     )
-
-
-def _much(judged: Likelihood | None) -> dict[str, float]:
-    """Return the targets of which a model leaves much unexplained, and what share."""
-    shares = None if judged is None else judged.unexplained
-    return {t: part for t, part in (shares or {}).items() if part > MUCH}
 
 
 def _size(left: float, target: str, unit: str, part: float | None) -> str:
@@ -395,11 +320,6 @@ def _size(left: float, target: str, unit: str, part: float | None) -> str:
     """
     of = "" if part is None else f" ({share(part)} of its root mean square)"
     return f"{left:.2g}{f' {unit}' if unit else ''} of {target}{of}"
-
-
-def share(part: float) -> str:
-    """Return a part of 1 as a percentage that is not rounded up to the whole."""
-    return "more than 99.99 %" if 0.9999 < part < 1.0 else f"{100.0 * part:.2f} %"
 
 
 def _poles(scores: ModelScores) -> list[str]:

@@ -14,8 +14,8 @@ from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.path import LOST
 from odescope.likelihood.refine import WELL, Refinement
 from odescope.model.model import Model
-from odescope.model.notes import MINOR
 from odescope.model.scores import FormScore
+from odescope.model.worth import MINOR
 from odescope.pipeline.forms import Posed
 from odescope.pipeline.physics import energy_of
 from odescope.signals.estimate import Signals

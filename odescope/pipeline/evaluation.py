@@ -14,10 +14,10 @@ from odescope.likelihood.findings import doubts, likelihood_scores, unexplained_
 from odescope.likelihood.refine import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Json, Model
-from odescope.model.notes import FLOWS
 from odescope.model.quantity_units import quantity_units, shown
 from odescope.model.scores import Denominator, Doubts, FreeRun, Likelihood, ModelScores, TargetScore
 from odescope.model.time_score import TimeScore
+from odescope.model.worth import FLOWS
 from odescope.pipeline.adopted import Adopted
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.joint_models import Search, samples_of

@@ -23,11 +23,12 @@ from odescope.model.coefficients import CoefficientRow, rows_with_errors
 from odescope.model.display import equations_html
 from odescope.model.given import GivenInputs, GivenState
 from odescope.model.model import SHOWN_DIGITS, Model
-from odescope.model.notes import notes_of, trust, uncertain, warnings_of
+from odescope.model.notes import notes_of, trust, warnings_of
 from odescope.model.relation import Relation, RelationTerm
 from odescope.model.scores import Doubts, ModelScores
 from odescope.model.screen import screen
 from odescope.model.simulation import Trajectory
+from odescope.model.worth import uncertain
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.adopted import Adopted, adopted
 from odescope.pipeline.coarse_inputs import with_held_cells

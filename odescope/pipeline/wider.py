@@ -18,8 +18,8 @@ from odescope.likelihood.findings import left_by
 from odescope.likelihood.refine import WELL, Refinement
 from odescope.likelihood.search import WIDTHS, full
 from odescope.likelihood.settings import Start
-from odescope.model.notes import MINOR
 from odescope.model.relation import Relation
+from odescope.model.worth import MINOR
 from odescope.pipeline.constants import constants_of, substitute
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed, relations_form

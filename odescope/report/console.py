@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from odescope.model.model import Model
-from odescope.model.notes import share
 from odescope.model.recorded_time import recorded_unit, told_in
 from odescope.model.scores import PathScore
+from odescope.model.worth import share
 from odescope.recordings.headings import TimeUnit
 from odescope.report.assemble import model_of
 from odescope.report.data import Report, RunShown

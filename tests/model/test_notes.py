@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from odescope.model.choice_notes import TOLD
-from odescope.model.notes import FLOWS, notes_of, share, trust, uncertain, verdict, warnings_of
+from odescope.model.notes import notes_of, trust, warnings_of
 from odescope.model.scores import (
     Conserved,
     DelayScore,
@@ -26,6 +26,7 @@ from odescope.model.scores import (
     TargetScore,
 )
 from odescope.model.time_score import TimeScore
+from odescope.model.worth import FLOWS, share, uncertain, verdict
 
 SOUND = Denominator(data=(0.5, 1.0), box=(0.4, 1.1))
 GOOD = TargetScore(0.998, 0.1, 0.997, 12.0, SOUND)

@@ -3,8 +3,8 @@
 import msgspec
 import pytest
 
-from odescope.model.notes import uncertain
 from odescope.model.scores import Conserved, Likelihood, ModelScores, PathScore, TargetScore
+from odescope.model.worth import uncertain
 
 
 def likelihood_of(follows, process_noise):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from odescope.library.reactions import reactions
-from odescope.model.notes import OPEN
+from odescope.model.worth import OPEN
 from odescope.pipeline.physics import _drift, constants_of
 from odescope.recordings.coordinate import Coordinate
 from odescope.recordings.record import Record, Records

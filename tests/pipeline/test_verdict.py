@@ -6,8 +6,8 @@ from identification_cases import study_of
 from scipy.integrate import solve_ivp
 
 from odescope.errors import NoModelError
-from odescope.model.notes import uncertain
 from odescope.model.scores import ModelScores, TargetScore
+from odescope.model.worth import uncertain
 from odescope.pipeline.evaluation import require_prediction
 from odescope.pipeline.identification import NothingFound, identify
 from odescope.study.library_options import Candidates

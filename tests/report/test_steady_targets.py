@@ -8,8 +8,9 @@ import pytest
 from pages import Page, blank
 
 from odescope.likelihood.search import LikelihoodSearch
-from odescope.model.notes import trust, uncertain
+from odescope.model.notes import trust
 from odescope.model.scores import ModelScores, TargetScore, hardly_varies
+from odescope.model.worth import uncertain
 from odescope.pipeline.identification import identify
 from odescope.report import summary, to_html
 from odescope.report.console import trust_text
