@@ -43,8 +43,8 @@ class Suspicion:
     terms of the relation may be one; `squared` whether its square or a higher power divides, `divided` what a fraction
     divides; `falling` is what stands beside a function that falls off with an amount, the amount among it. What is
     "measured" of all variables says what a model imitates so badly that nothing is near to it. A "pair" is of no
-    variable, but of two together, and a "sine" is of any that may be an angle: a relation that imitates something may
-    hold these.
+    variable, but of two together, a "sine" is of any that may be an angle, and a "bend" of any that may reach a limit:
+    a relation that imitates something may hold these.
     """
 
     relation: int
@@ -106,9 +106,9 @@ def everywhere(
 
 
 def with_pairs(suspected: Sequence[Suspicion]) -> tuple[Suspicion, ...]:
-    """Return suspicions with two more for every relation that imitates something.
+    """Return suspicions with three more for every relation that imitates something.
 
-    These are of functions of two variables, and of a sine of what may be an angle, beside them.
+    These are of functions of two variables, of a sine of what may be an angle, and of a bend, beside them.
     """
     relations = dict.fromkeys(s.relation for s in suspected if s.reason in ("powers", "fractions"))
     return (*suspected, *(Suspicion(r, "", reason) for r in relations for reason in JOINT))

@@ -342,13 +342,13 @@ class SuspicionScore(msgspec.Struct, frozen=True):
     """What was made of the suspicion that terms of a variable imitate a function of it.
 
     `reason` is "powers", "fractions", "driven" (by a term of a speed, where dry friction brakes), "residual",
-    "measured" (rates, where the model is near to no function), "pair" or "sine" (of functions of two variables, of
-    sines of any: no variable is named), "angle", "temperature", "radiation", "periodic" (in time), "swinging" (in time,
-    times the term that `variable` then names) or "recurring" (along a position), `terms` how many terms of the model's
-    relation may still be the imitation, `low` and `high` the range of the variable in the data (of a residual that is
-    periodic that of its rate, in rad/s or rad a unit of the position), `tried` the functions that competed, `found`
-    those in the model. `gain` is by how much the model with functions lowers cost and price together, negative where it
-    does not and None where the two cannot be compared.
+    "measured" (rates, where the model is near to no function), "pair", "sine" or "bend" (of functions of two
+    variables, of sines and of bends of any: no variable is named), "angle", "temperature", "radiation", "periodic" (in
+    time), "swinging" (in time, times the term that `variable` then names) or "recurring" (along a position), `terms`
+    how many terms of the model's relation may still be the imitation, `low` and `high` the range of the variable in
+    the data (of a residual that is periodic that of its rate, in rad/s or rad a unit of the position), `tried` the
+    functions that competed, `found` those in the model. `gain` is by how much the model with functions lowers cost and
+    price together, negative where it does not and None where the two cannot be compared.
     """
 
     target: str

@@ -24,8 +24,7 @@ from odescope.pipeline.units import units_of
 from odescope.pipeline.wider import (
     TIMES,
     basis_of,
-    evidently_better,
-    likelier_and_simpler,
+    better_or_simpler,
     promises,
     regressed_with,
     searched_with,
@@ -87,8 +86,7 @@ def with_radiation(
         return refinement, ()
     work.monitor.tell(Progress("suspicion", "search with what is radiated", 0, 1))
     _, other = searched_with(wide, filtered, found, refinement, TIMES)
-    better = other is not None and (evidently_better(other, refinement) or likelier_and_simpler(other, refinement))
-    if other is None or not (better and any(_radiating(other, powers))):
+    if other is None or not (better_or_simpler(other, refinement) and any(_radiating(other, powers))):
         return refinement, ()
     return other, tuple(_scores(other, powers, filtered, other.gained_over(refinement)))
 

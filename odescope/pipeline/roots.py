@@ -11,15 +11,7 @@ from odescope.likelihood.refine import Refinement
 from odescope.likelihood.suspicion import values_of_variables
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.regressed import Regressed
-from odescope.pipeline.wider import (
-    TIMES,
-    evidently_better,
-    likelier_and_simpler,
-    quotients,
-    regressed_with,
-    searched_with,
-    with_extra,
-)
+from odescope.pipeline.wider import TIMES, better_or_simpler, quotients, regressed_with, searched_with, with_extra
 from odescope.pipeline.work import Work
 
 
@@ -51,5 +43,4 @@ def with_roots(
         return refinement
     work.monitor.tell(Progress("suspicion", "search with roots beside quotients", 0, 1))
     _, other = searched_with(wide, filtered, found, refinement, TIMES)
-    better = other is not None and (evidently_better(other, refinement) or likelier_and_simpler(other, refinement))
-    return other if better else refinement
+    return other if other is not None and better_or_simpler(other, refinement) else refinement

@@ -177,15 +177,15 @@ def evidently_better(other: Refinement, before: Refinement | None) -> bool:
     return replaces(other, before) and (gain is None or gain > EVIDENT)
 
 
-def likelier_and_simpler(other: Refinement, before: Refinement | None) -> bool:
-    """Say whether a model that follows its record is likelier than the one before, and has a lower price.
+def better_or_simpler(other: Refinement, before: Refinement | None) -> bool:
+    """Say whether a model replaces the one before that is evidently better, or likelier and of a lower price.
 
     A function in the place of powers may have found the law times its state; powers may imitate what is radiated.
     """
     gain = other.gained_over(before)
-    if before is None or gain is None or not other.exact:
-        return False
-    return gain > 0.0 and other.space.price(other.fit) < before.space.price(before.fit)
+    likelier = gain is not None and gain > 0.0 and other.exact
+    simpler = before is not None and other.space.price(other.fit) < before.space.price(before.fit)
+    return evidently_better(other, before) or (likelier and simpler)
 
 
 def follows_surely(refinement: Refinement) -> bool:
