@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -17,17 +16,15 @@ if TYPE_CHECKING:
     from odescope.model.model import Model
 
 MOST_ROWS = 20  # of coefficients
-QUIET = 30.0  # seconds after which a file is told once more where a run stands
 
 
 @contextmanager
 def shown(also: Callable[[Event], None] = unheard) -> Iterator[Callable[[Event], None]]:
-    """Yield what shows events: where a run stands on one line, and what it found.
+    """Yield what shows events: where a run stands on one line, if standard error is a terminal, and what it found.
 
-    Where standard error is no terminal, such a line is written after every half a minute without another. `also` is
-    told every event first.
+    `also` is told every event first.
     """
-    status, last = None, time.monotonic()
+    status = None
     if sys.stderr.isatty():
         from rich.console import Console
 
@@ -37,16 +34,12 @@ def shown(also: Callable[[Event], None] = unheard) -> Iterator[Callable[[Event],
     told = set[str]()
 
     def tell(event: Event) -> None:
-        nonlocal last
         also(event)
         line, out, err = standing(event), found(event), remark(event, told)
         if isinstance(event, Note):
             told.add(event.text)
         if status is not None and line:
             status.update(line)
-        elif line and time.monotonic() - last > QUIET:
-            err = err or f"now: {line}"
-        last = time.monotonic() if out or err else last
         if out or err:
             if status is not None:
                 status.stop()  # it would take standard output for its own
@@ -72,11 +65,11 @@ def found(event: Event) -> str:
         return ""
     from odescope.export.languages.text import equation_lines
     from odescope.model.mechanism_display import mechanisms_text
-    from odescope.model.recorded_time import in_recorded_time, recorded_unit
+    from odescope.model.recorded_time import in_told_time, told_unit
 
-    model = in_recorded_time(event.result.model)
+    model = in_told_time(event.result.model)
     made_of, equations = mechanisms_text(model.shown_mechanisms), equation_lines(model, 6)
-    first = [] if model is event.result.model else [f"# time in {recorded_unit(model)} here, in seconds in all files"]
+    first = [] if model is event.result.model else [f"# time in {told_unit(model)} here, in seconds in all files"]
     if not made_of:
         return "\n".join([*first, *equations])
     heading = "rates of change" if all(c.order == 1 for c in model.coordinates) else "equations of motion"
@@ -104,9 +97,9 @@ def remark(event: Event, told: Collection[str] = ()) -> str:
 def errors_text(model: Model) -> str:
     """Return coefficients with standard errors, as lines, as many as leave a screen for the rest; no text for none."""
     from odescope.model.coefficients import coefficient_lines, rows_with_errors
-    from odescope.model.recorded_time import in_recorded_time
+    from odescope.model.recorded_time import in_told_time
 
-    lines = coefficient_lines(rows_with_errors(in_recorded_time(model).coefficients))
+    lines = coefficient_lines(rows_with_errors(in_told_time(model).coefficients))
     shown = (
         lines if len(lines) <= MOST_ROWS else [*lines[:MOST_ROWS], f"... {len(lines) - MOST_ROWS} more in model.json"]
     )

@@ -1,4 +1,4 @@
-"""A model in the unit of time that its log was recorded in, for people: files and programs have seconds."""
+"""A model in the unit of time that its log was recorded in, minutes or more, for people: files have seconds."""
 
 from __future__ import annotations
 
@@ -22,20 +22,25 @@ def recorded_unit(model: Model) -> TimeUnit:
     return next((u for u in UNITS_OF_TIME if u == model.provenance.get("time_unit")), UNITS_OF_TIME[0])
 
 
+def told_unit(model: Model) -> TimeUnit:
+    """Return the unit that people are told times in: that of the log, but seconds where it has shorter ones."""
+    more, fewer = in_seconds(unit := recorded_unit(model))
+    return unit if more > fewer else UNITS_OF_TIME[0]
+
+
 def told_in(seconds: float, unit: TimeUnit) -> str:
     """Return a duration in a unit of time."""
     more, fewer = in_seconds(unit)
     return f"{seconds * fewer / more:.4g} {unit}"
 
 
-def in_recorded_time(model: Model) -> Model:
-    """Return a model whose rates are per unit of the recorded time; the same where not all can be said so.
+def in_told_time(model: Model) -> Model:
+    """Return a model whose rates are per unit of the time that people are told; the same where not all can be said so.
 
     A coefficient in seconds is multiplied by the seconds of the unit once for every 1/s in its own unit. That is not
     known where a rate, or the time, is within a function, or where terms are parts of an energy.
     """
-    more, fewer = in_seconds(recorded_unit(model))
-    unit = more / fewer
+    unit, _ = in_seconds(told_unit(model))
     rates = {c.derivative(k): k for c in model.coordinates for k in range(1, c.order + 1)}
     reacts = all(m.kind == "reaction" for m in model.mechanisms) and not (model.mechanisms and max(rates.values()) > 1)
     terms = (t.term for r in model.relations for t in r.terms)

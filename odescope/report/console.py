@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from odescope.model.model import Model
-from odescope.model.recorded_time import recorded_unit, told_in
+from odescope.model.recorded_time import told_in, told_unit
 from odescope.model.scores import PathScore
 from odescope.model.worth import share
 from odescope.recordings.headings import TimeUnit
@@ -32,7 +32,7 @@ def trust_text(report: Report) -> str:
     """Return what held-out data and the free run say of every equation, as text."""
     model = model_of(report)
     held_out = "" if model.scores is None else "".join(_held_out(step) for step in model.scores.path if step.chosen)
-    return _equations_text(report, model) + held_out + "".join(_free_runs(report.at_work.runs, recorded_unit(model)))
+    return _equations_text(report, model) + held_out + "".join(_free_runs(report.at_work.runs, told_unit(model)))
 
 
 def _free_runs(runs: Sequence[RunShown], unit: TimeUnit) -> Iterator[str]:

@@ -78,16 +78,6 @@ def test_what_stays_is_on_standard_error_alone(capsys):
     assert remark(StageBegan("signals")) == ""
 
 
-def test_where_a_long_run_stands_is_written_to_a_file_now_and_then(capsys, monkeypatch):
-    now = iter((0.0, 10.0, 31.0, 31.0, 40.0, 62.0, 62.0))
-    monkeypatch.setattr("odescope.commands.terminal.time.monotonic", lambda: next(now))
-    with shown() as tell:
-        for part in ("one", "two", "three", "four"):
-            tell(Progress("likelihood", part, 0, 2))
-    err = capsys.readouterr().err.splitlines()
-    assert [next(part for part in ("one", "two", "three", "four") if part in line) for line in err] == ["two", "four"]
-
-
 def test_advice_that_has_been_a_warning_is_not_said_again(capsys):
     with shown() as tell:
         tell(Note("give order = 2", warns=True))

@@ -7,7 +7,7 @@ from odescope.library.expression import ONE
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.model.model import Model
-from odescope.model.recorded_time import in_recorded_time, recorded_unit, told_in
+from odescope.model.recorded_time import in_told_time, recorded_unit, told_in
 from odescope.model.relation import FoundMechanism, Relation, RelationTerm
 from odescope.model.simulation import simulate
 from odescope.recordings.coordinate import Coordinate, Input
@@ -39,7 +39,7 @@ def test_rates_and_accelerations_are_those_of_a_fit_in_that_unit():
         relation("y_dot", {"y": -2e-4, "x": 1e-4, "1": 5e-5}),
     ]
     found = model(laws, [Coordinate("x", 2), Coordinate("y", 1)])
-    hourly = in_recorded_time(found)
+    hourly = in_told_time(found)
     t = np.linspace(0.0, 7200.0, 50)
     slow = simulate(found, t, None, {"x": 1.0, "x_dot": 1e-3, "y": 0.5})
     fast = simulate(hourly, t / 3600.0, None, {"x": 1.0, "x_dot": 3.6, "y": 0.5})
@@ -53,14 +53,14 @@ def test_terms_with_a_target_keep_what_they_are_beside_it():
     law = Relation(
         (*relation("y_dot", {"y": -2e-4}).terms, RelationTerm(Product("y_dot", parse_term("y", SCOPE)), 0.3))
     )
-    (hourly,) = in_recorded_time(model([law], [Coordinate("y", 1)])).relations
+    (hourly,) = in_told_time(model([law], [Coordinate("y", 1)])).relations
     assert [t.coefficient for t in hourly.terms] == pytest.approx([1.0, 0.72, 0.3])
 
 
 def test_rates_of_reactions_are_told_likewise():
     decay = FoundMechanism("y -> ", "reaction", "y", 2e-4, 1e-5)
     found = model([relation("y_dot", {"y": -2e-4})], [Coordinate("y", 1)], mechanisms=(decay,))
-    (mechanism,) = in_recorded_time(found).mechanisms
+    (mechanism,) = in_told_time(found).mechanisms
     assert (mechanism.coefficient, mechanism.std_error) == pytest.approx((0.72, 0.036))
 
 
@@ -69,6 +69,7 @@ def test_rates_of_reactions_are_told_likewise():
     [
         model([relation("x_ddot", {"tanh(x_dot)": -1.0})], [Coordinate("x", 2)]),
         model([relation("y_dot", {"y": -1.0})], [Coordinate("y", 1)], unit="s"),
+        model([relation("y_dot", {"y": -1.0})], [Coordinate("y", 1)], unit="ms"),
         model(
             [relation("x_ddot", {"x": -1.0})],
             [Coordinate("x", 2)],
@@ -77,7 +78,7 @@ def test_rates_of_reactions_are_told_likewise():
     ],
 )
 def test_what_cannot_be_said_in_another_unit_stays_in_seconds(found):
-    assert in_recorded_time(found) is found
+    assert in_told_time(found) is found
 
 
 def test_the_time_within_a_function_stays_in_seconds():
@@ -87,7 +88,7 @@ def test_the_time_within_a_function_stays_in_seconds():
         (relation("y_dot", {"sin(t)": -1.0}),),
         provenance={"time_unit": "h", "time": "clock", "columns": {"t": "clock"}},
     )
-    assert in_recorded_time(wave) is wave
+    assert in_told_time(wave) is wave
 
 
 def test_durations_are_told_in_it():
