@@ -59,8 +59,8 @@ def _spread(run: RawRun) -> FloatArray | None:
     if len(t) < FEWEST or np.mean(steps == 0.0) <= AMBIGUOUS or not _ambiguous(run):
         return None
     numbers = np.arange(len(t))
-    slope, origin = np.polyfit(numbers, t, 1)
-    even: FloatArray = origin + slope * numbers
+    slope, origin = np.polyfit(numbers, t - t[0], 1)  # dates are large numbers
+    even: FloatArray = t[0] + origin + slope * numbers
     tick = float(steps[steps > 0.0].min())
     return even if np.abs(t - even).max() < TICK * tick and steps.max() < 2.0 * tick else None
 

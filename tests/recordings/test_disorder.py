@@ -77,7 +77,7 @@ def test_what_cannot_be_repaired_is_refused(t, message):
         in_order(raw(t, X[: len(t)]))
 
 
-@pytest.mark.parametrize("late", [0.0, 0.3])
+@pytest.mark.parametrize("late", [0.0, 0.3, 1.7e9])
 def test_rows_of_a_clock_that_ticks_too_seldom_are_spread_evenly(late):
     """Whole seconds of rows that come every 0.37 s: they count as even, and what is lost is an offset within a tick."""
     t = late + 0.37 * np.arange(200)
