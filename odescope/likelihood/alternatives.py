@@ -74,9 +74,9 @@ class _Work(Sharing):
         return standing
 
     def plainer(self, standing: Standing) -> Standing:
-        """Return the model with variables for functions of them, where the record hardly decides between the two.
+        """Return the model with variables for their sines, where the record hardly decides between the two.
 
-        The sine of what moves little is a line.
+        The sine of what moves little is a line; so is no other function without constants.
         """
         price = self.moves().penalised
         for k in [k for k in standing.fit.present.tolist() if k >= self.own and self.space.mechanisms[k].parts]:
@@ -85,7 +85,7 @@ class _Work(Sharing):
                 split = self.split(part.product.term, name)
                 plain = None if split is None else Product(None, split[1] * Term(((Name(name), 1),)))
                 other = self.number.get((part.relation, plain)) if plain is not None else None
-                if split is None or split[0].constants or other is None:
+                if split is None or split[0].term.text != f"sin({name})" or other is None:
                     continue
                 theta = standing.fit.theta.copy()
                 theta[other], theta[k] = theta[other] + theta[k], 0.0
