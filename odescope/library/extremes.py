@@ -32,17 +32,19 @@ class Extreme:
     @staticmethod
     def read(total: Combination) -> Extreme | None:
         """Return what a sum is the written-out form of; None where it is of none that is any shorter."""
-        sizes = [(c, t) for c, t in total.parts if len(t.factors) == 1 and _is_size(t)]
+        sizes = [
+            (c, t, atom.argument)
+            for c, t in total.parts
+            for atom, power in t.factors
+            if isinstance(atom, Call) and atom.function == "abs" and power == 1 and len(t.factors) == 1
+        ]
         names = [name for name, half in EXTREMES.items() if len(sizes) == 1 and sizes[0][0] == half]
         if not names:
             return None
-        ((_, size),) = sizes
-        rest = [(c, t) for c, t in total.parts if t != size]
-        ((atom, _),) = size.factors
-        halves = [(0.5 * c, t) for c, t in atom.argument.parts] if isinstance(atom, Call) else []
-        found = Extreme.of(
-            names[0], Combination.of([*rest, *halves]), Combination.of([*rest, *((-c, t) for c, t in halves)])
-        )
+        ((_, size, difference),) = sizes
+        rest, halves = [(c, t) for c, t in total.parts if t != size], [(0.5 * c, t) for c, t in difference.parts]
+        first, second = (Combination.of([*rest, *((sign * c, t) for c, t in halves)]) for sign in (1.0, -1.0))
+        found = Extreme.of(names[0], first, second)
         return found if len(found.first.parts) + len(found.second.parts) <= len(rest) else None
 
     @property
@@ -56,8 +58,3 @@ class Extreme:
         size = Term(((Call("abs", self.difference), 1),))
         halves = ((0.5 * c, t) for c, t in (*self.first.parts, *self.second.parts))
         return Combination.of([*halves, (EXTREMES[self.name], size)])
-
-
-def _is_size(term: Term) -> bool:
-    ((atom, power),) = term.factors
-    return power == 1 and isinstance(atom, Call) and atom.function == "abs"

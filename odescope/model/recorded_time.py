@@ -28,10 +28,10 @@ def told_unit(model: Model) -> TimeUnit:
     return unit if more > fewer else UNITS_OF_TIME[0]
 
 
-def told_in(seconds: float, unit: TimeUnit) -> str:
-    """Return a duration in a unit of time."""
+def counted_in(seconds: float, unit: TimeUnit) -> float:
+    """Return how many of a unit of time so many seconds are."""
     more, fewer = in_seconds(unit)
-    return f"{seconds * fewer / more:.4g} {unit}"
+    return seconds * fewer / more
 
 
 def in_told_time(model: Model) -> Model:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from odescope.model.model import Model
-from odescope.model.recorded_time import told_in, told_unit
+from odescope.model.recorded_time import counted_in, told_unit
 from odescope.model.scores import PathScore
 from odescope.model.worth import share
 from odescope.recordings.headings import TimeUnit
@@ -39,8 +39,7 @@ def _free_runs(runs: Sequence[RunShown], unit: TimeUnit) -> Iterator[str]:
     for run in runs[:LISTED]:
         which = "free run" if len(runs) == 1 else f"free run of recording {run.recording}"
         ended = f"; {run.ended}" if run.ended else ""
-        valid = told_in(run.valid_time, unit).removesuffix(f" {unit}")
-        yield f"{which}: {valid} of {_tried(run, unit)} with the record{ended}\n"
+        yield f"{which}: {counted_in(run.valid_time, unit):.4g} of {_tried(run, unit)} with the record{ended}\n"
     if len(runs) > LISTED:
         stay = sum(run.valid_time >= run.duration for run in runs)
         whole = all(run.recorded <= run.duration for run in runs)
@@ -50,7 +49,7 @@ def _free_runs(runs: Sequence[RunShown], unit: TimeUnit) -> Iterator[str]:
 
 def _tried(run: RunShown, unit: TimeUnit) -> str:
     """Return for how long a model was run, and of how long a recording where that is but the first part."""
-    tried, recorded = told_in(run.duration, unit), told_in(run.recorded, unit)
+    tried, recorded = (f"{counted_in(t, unit):.4g} {unit}" for t in (run.duration, run.recorded))
     return tried if run.recorded <= run.duration else f"the first {tried}, of {recorded},"
 
 
