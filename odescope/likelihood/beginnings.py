@@ -233,37 +233,40 @@ class Beginnings(Saturating):
             bar: the penalised cost.
             paired: whether functions of two variables, and bends, may be among them.
         """
-        theta, turned, placed = found.theta, found.theta, [Placed(Choice())] * len(self.suspected)
+        placed, ways = [Placed(Choice())] * len(self.suspected), dict[int, tuple[list[int], Imitated]]()
         for r in dict.fromkeys(s.relation for s in self.suspected):
             mine = [k for k, s in enumerate(self.suspected) if s.relation == r]
             base = self.base(r, found.theta, given)
             imitated = self.imitated(r, found, base, any(self.suspected[k].reason in MEASURED for k in mine))
             if imitated is None:
                 return None
+            ways[r] = base, imitated
             chosen = imitated.together([[*self.simple(k, paired), Choice(), *self.linear(k)] for k in mine])
-            other = [self.turned(k, one) for k, one in zip(mine, chosen, strict=True)]
-            written, mirrored = (self.written(r, t, base, p, imitated) for t, p in ((theta, chosen), (turned, other)))
-            if written is None or mirrored is None:
-                return None
-            theta, turned = written, mirrored
             for k, one in zip(mine, chosen, strict=True):
                 placed[k] = one
         if paired and not any(p.choice.terms for p, s in zip(placed, self.suspected, strict=True) if s.reason in JOINT):
             return None
-        starts = [(theta, placed)]
-        starts += [(turned, [self.turned(k, p) for k, p in enumerate(placed)])] if (turned != theta).any() else []
-        ends = [s for start, there in starts if (s := self.begun(start, there, found, bar)) is not None]
-        return min(ends, key=lambda s: self.moves().penalised(s.fit), default=None)
+        turned = [self.turned(k, p) for k, p in enumerate(placed)]
+        begun = (self.begun(found, ways, there, bar) for there in ([placed] if turned == placed else [placed, turned]))
+        return min((s for s in begun if s is not None), key=lambda s: self.moves().penalised(s.fit), default=None)
 
-    def begun(self, theta: FloatArray, placed: Sequence[Placed], found: Fit, bar: float) -> Standing | None:
+    def begun(
+        self, found: Fit, ways: Mapping[int, tuple[list[int], Imitated]], placed: Sequence[Placed], bar: float
+    ) -> Standing | None:
         """Return the fit of a model with functions, pruned; None where its penalised cost is above a bar.
 
         Args:
-            theta: (mechanisms,) coefficients.
-            placed: the functions, by number of the suspicion.
             found: the model before.
+            ways: what stands beside functions in a relation, and what they are to say there, by its number.
+            placed: the functions, by number of the suspicion.
             bar: the penalised cost.
         """
+        theta: FloatArray | None = found.theta
+        for r, (base, imitated) in ways.items():
+            here = [p for p, s in zip(placed, self.suspected, strict=True) if s.relation == r]
+            theta = None if theta is None else self.written(r, theta, base, here, imitated)
+        if theta is None:
+            return None
         plain = [k for k in np.flatnonzero(theta) if k < self.own and self.space.mechanisms[k].parts]
         fit = self.tightened(theta, bar + float(self.space.penalty[plain].sum()))  # all of which pruning may leave out
         return None if fit is None else Standing(self.pruned(fit), tuple(placed), found if self.exact else None)

@@ -18,10 +18,12 @@ def left_out_sentences(dependent: Sequence[tuple[str, Sequence[str]]], constant:
         constant: sums that stay constant in the data, which make combinations of all that holds their names.
     """
     names = {name for total in constant for name in _NAME.findall(total)}
-    by_sums = [term for term, others in dependent if len(others) > 1 and not names.isdisjoint(_NAME.findall(term))]
+    by_sums = dict.fromkeys(
+        term for term, others in dependent if len(others) > 1 and not names.isdisjoint(_NAME.findall(term))
+    )
     said = list(dict.fromkeys(_sentence(term, others) for term, others in dependent if term not in by_sums))
     if by_sums:
-        first, *more = dict.fromkeys(by_sums)
+        first, *more = by_sums
         what = f"{first} and {len(more)} more candidates are" if more else f"{first} is"
         stay = "stays" if len(constant) == 1 else "stay"
         said.append(f"{what} left out: while {' and '.join(constant)} {stay} constant, others say the same")

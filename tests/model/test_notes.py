@@ -26,7 +26,7 @@ from odescope.model.scores import (
     TargetScore,
 )
 from odescope.model.time_score import TimeScore
-from odescope.model.worth import FLOWS, share, uncertain, verdict
+from odescope.model.worth import FLOWS, share
 
 SOUND = Denominator(data=(0.5, 1.0), box=(0.4, 1.1))
 GOOD = TargetScore(0.998, 0.1, 0.997, 12.0, SOUND)
@@ -395,26 +395,3 @@ def test_a_free_run_that_parts_from_a_record_which_the_model_follows_is_explaine
     judged = msgspec.structs.replace(JUDGED, gap=gap, process_noise=process_noise)
     notes = notes_of(ModelScores(likelihood=judged, free_runs=runs), (), None)
     assert any("parts from it after 0.25 s" in note for note in notes) == told
-
-
-@pytest.mark.parametrize(
-    ("judged", "warned", "told"),
-    [
-        ({}, False, "this model follows the record to within its noise, and no term of it is in doubt"),
-        ({}, True, "this model follows the record to within its noise; what may be in doubt is warned of below"),
-        (
-            {"process_noise": {"x_ddot": 0.1}, "unexplained": {"x_ddot": 0.012}},
-            False,
-            "this model follows the record but for 1.20 % of x_ddot",
-        ),
-    ],
-)
-def test_a_sentence_says_what_a_model_is_worth(judged, warned, told):
-    scores = ModelScores(likelihood=msgspec.structs.replace(JUDGED, **judged))
-    assert verdict(scores, warned) == told
-
-
-def test_what_is_uncertain_as_a_whole_is_said_in_its_place():
-    scores = ModelScores(likelihood=msgspec.structs.replace(JUDGED, follows=False))
-    assert verdict(scores, False) == uncertain(scores) != ""
-    assert verdict(None, True) == verdict(ModelScores(), True) == ""

@@ -1,10 +1,10 @@
-"""The sentence that says before the equations why a model is uncertain as a whole."""
+"""The sentence that says before the equations what a model is worth, or why it is uncertain as a whole."""
 
 import msgspec
 import pytest
 
 from odescope.model.scores import Conserved, Likelihood, ModelScores, PathScore, TargetScore
-from odescope.model.worth import uncertain
+from odescope.model.worth import uncertain, verdict
 
 
 def likelihood_of(follows, process_noise):
@@ -62,3 +62,26 @@ def test_a_model_without_scores_is_not_called_uncertain():
 def test_a_model_that_leaves_much_of_a_target_is_uncertain(parts, said):
     judged = msgspec.structs.replace(likelihood_of(True, dict.fromkeys(parts, 1.0)), unexplained=parts)
     assert uncertain(ModelScores(likelihood=judged)) == said
+
+
+@pytest.mark.parametrize(
+    ("judged", "warned", "told"),
+    [
+        ({}, False, "this model follows the record to within its noise, and no term of it is in doubt"),
+        ({}, True, "this model follows the record to within its noise; what may be in doubt is warned of below"),
+        (
+            {"process_noise": {"x_ddot": 0.1}, "unexplained": {"x_ddot": 0.012}},
+            False,
+            "this model follows the record but for 1.20 % of x_ddot",
+        ),
+    ],
+)
+def test_a_sentence_says_what_a_model_is_worth(judged, warned, told):
+    scores = ModelScores(likelihood=msgspec.structs.replace(likelihood_of(True, None), **judged))
+    assert verdict(scores, warned) == told
+
+
+def test_what_is_uncertain_as_a_whole_is_said_in_its_place():
+    scores = ModelScores(likelihood=likelihood_of(False, None))
+    assert verdict(scores, False) == uncertain(scores) != ""
+    assert verdict(None, True) == verdict(ModelScores(), True) == ""
