@@ -54,32 +54,24 @@ def test_a_valve_opens_from_a_voltage_on(seed):
     check(found, {"1": -0.6, "x": 0.03}, "u", -0.9, place, 3.1)
 
 
-@pytest.mark.parametrize("seed", SLOW)
-def test_a_body_meets_a_stop(seed):
-    u = waves(seed, 2.2, 0.3, 2.5)
-    found, place = relation_of(
-        seed,
-        0.005 * np.arange(6000),
-        u,
-        lambda t, s: [s[1], -30.0 * s[0] - 0.8 * s[1] + 3.0 * u(t) + 900.0 * max(-0.15 - s[0], 0.0)],
-        [0.1, 0.0],
-        order=2,
-    )
-    check(found, {"x": 30.0, "x_dot": 0.8, "u": -3.0}, "x", -900.0, place, -0.15)
+STOPPED = {  # law less its bend, amplitude and band of the input, then slope, and where it begins; it pushes back there
+    "stop": ({"x": 30.0, "x_dot": 0.8, "u": -3.0}, (2.2, 0.3, 2.5), 900.0, -0.15),
+    "bump stop": ({"x": 40.0, "x_dot": 3.0, "u": -40.0}, (0.018, 0.4, 4.0), 225.0, 0.02),
+}
 
 
 @pytest.mark.parametrize("seed", SLOW)
-def test_a_wheel_meets_its_bump_stop(seed):
-    u = waves(seed, 0.018, 0.4, 4.0)
-    found, place = relation_of(
-        seed,
-        0.005 * np.arange(5000),
-        u,
-        lambda t, s: [s[1], -40.0 * s[0] - 3.0 * s[1] - 225.0 * max(s[0] - 0.02, 0.0) + 40.0 * u(t)],
-        [0.0, 0.0],
-        order=2,
-    )
-    check(found, {"x": 40.0, "x_dot": 3.0, "u": -40.0}, "x", 225.0, place, 0.02)
+@pytest.mark.parametrize("kind", STOPPED)
+def test_a_body_on_a_spring_meets_a_stop(kind, seed):
+    law, waving, slope, where = STOPPED[kind]
+    u, side = waves(seed, *waving), np.sign(where)
+
+    def rates_of(t, s):
+        plain = law["x"] * s[0] + law["x_dot"] * s[1] + law["u"] * u(t)
+        return [s[1], -plain - side * slope * max(side * (s[0] - where), 0.0)]
+
+    found, place = relation_of(seed, 0.005 * np.arange(6000), u, rates_of, [0.0, 0.0], order=2)
+    check(found, law, "x", side * slope, place, where)
 
 
 @pytest.mark.parametrize("seed", SLOW)
