@@ -67,8 +67,8 @@ def verdict(scores: ModelScores | None, warned: bool) -> str:
     if judged.exact:
         rest = "; what may be in doubt is warned of below" if warned else ", and no term of it is in doubt"
         return f"this model follows the record to within its noise{rest}"
-    left = listed([f"{share(part)} of {t}" for t, part in (judged.unexplained or {}).items() if part > NEXT_TO_NOTHING])
-    return f"this model follows the record but for {left}" if left else "this model follows the record"
+    left = [f"{share(part)} of {t}" for t, part in (judged.unexplained or {}).items() if part > NEXT_TO_NOTHING]
+    return "this model follows the record" + (f" but for {listed(left)}" if left else "")
 
 
 def _parts_as_any(scores: ModelScores) -> bool:

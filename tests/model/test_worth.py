@@ -74,6 +74,12 @@ def test_a_model_that_leaves_much_of_a_target_is_uncertain(parts, said):
             False,
             "this model follows the record but for 1.20 % of x_ddot",
         ),
+        (
+            {"process_noise": {"x_ddot": 0.1}, "unexplained": {"x_ddot": 0.0004}},
+            False,
+            "this model follows the record",
+        ),
+        ({"process_noise": {"x_ddot": 0.1}}, True, "this model follows the record"),
     ],
 )
 def test_a_sentence_says_what_a_model_is_worth(judged, warned, told):
