@@ -16,13 +16,14 @@ from odescope.arrays import FloatArray
 from odescope.events import Monitor
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import thinned
-from odescope.likelihood.holds import TRIAL_STEPS, choose_holds, holds_of
+from odescope.likelihood.holds import DEAREST, TRIAL_STEPS, choose_holds, holds_of, tightened
 from odescope.likelihood.search import THIN, Outcome
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.searches import searches
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
 from odescope.likelihood.step_times import StepTimes
 from odescope.likelihood.steps import with_fine_steps
+from odescope.likelihood.timed_fit import Steps, Timed, covariance_with_times, timed_fit
 from odescope.parallel.workers import Workers
 from odescope.recordings.coordinate import Hold
 from odescope.recordings.record import Records
@@ -104,16 +105,24 @@ class Between:
         return between, with_fine_steps(space.on(between.cut(holds, SEGMENT)), begun)
 
     def stepping(
-        self, space: SearchSpace, found: Fit, holds: Sequence[Hold]
+        self,
+        space: SearchSpace,
+        found: Fit,
+        holds: Sequence[Hold],
+        width: float = float("inf"),
+        others: Sequence[FloatArray] = (),
     ) -> tuple[Between, tuple[Hold, ...], Fit] | None:
         """Return this and the holds with inputs that step when it suits a model, and that without delays.
 
-        None where the record has no need of other times.
+        None where the record has no need of other times. Of a model that holds in joined segments they are those that
+        suit the joined record best.
 
         Args:
             space: of the model.
             found: the model.
             holds: what every input does between samples by now.
+            width: of the defects of that model.
+            others: (mechanisms,) coefficients of other models.
         """
         period = space.segments.step / space.segments.block
         if self.steps is None or any(abs(found.theta[k]) > period for k in _delays(space, found)):
@@ -122,10 +131,60 @@ class Between:
         held: tuple[Hold, ...] = tuple("zero" if moving[n] else h for n, h in zip(self.names, holds, strict=True))
         found = _at_once(found, space)
         steps = self.steps.settled(partial(self._cut, self.records), space, found, holds)
-        if steps is None:
+        if steps is None and not self.placed:
             return None
         still = {name: hold for name, hold in self.open.items() if not moving[name]}
-        return replace(self, open=still, steps=steps), held, found
+        other = replace(self, open=still, steps=steps or self.steps)
+        timed = other.timed(space, found, held, width, others) if other.placed else None
+        if timed is not None:
+            return timed[0], held, timed[1]
+        return None if steps is None else (other, held, found)
+
+    def timed(
+        self, space: SearchSpace, found: Fit, holds: Sequence[Hold], width: float, others: Sequence[FloatArray]
+    ) -> tuple[Between, Fit] | None:
+        """Return this and a model with steps when it suits the joined record; None where it hardly asks for others.
+
+        Times that suit a model with a term too many suit no other: shorter models get times of their own.
+
+        Args:
+            space: of the model.
+            found: the model, without delays.
+            holds: what every input does between samples.
+            width: of the defects.
+            others: (mechanisms,) coefficients of other models.
+        """
+        there = space.on(thinned(self.cut(holds, SEGMENT)))
+        seen = None if self.steps is None else self.steps.seen(self.records, self.names, there)
+        if self.steps is None or seen is None or not np.isfinite(width):
+            return None
+        steps, among = seen
+        own = _timed(there, found, steps, width)
+        if own is None:
+            return None
+        shorter = [_at_once(begin, there) for theta in others if (begin := _started(there, theta)) is not None]
+        shorter = [m for m in shorter if there.penalty[m.present].sum() < there.penalty[found.present].sum()]
+        trials = [own, *(t for m in shorter if (t := _timed(there, m, steps, width)) is not None)]
+        before = own[1].cost + own[1].fall + there.price(own[0])
+        fit, best = min(trials, key=lambda t: t[1].cost + there.price(t[0]))
+        if not before - best.cost - there.price(fit) > DEAREST * max(best.cost / there.segments.samples, 1.0):
+            return None
+        early = self.steps.early.copy()
+        early[among] = best.early
+        return replace(self, steps=replace(self.steps, early=early)), replace(fit, theta=best.theta)
+
+    def covariance(self, space: SearchSpace, found: Fit, width: float) -> FloatArray:
+        """Return the covariance (p, p) of a model's parameters, times of steps open, at the noise that its costs have.
+
+        Args:
+            space: whose segments have the steps at these times.
+            found: the model.
+            width: of the defects.
+        """
+        seen = self.steps.seen(self.records, self.names, space) if self.steps is not None and self.placed else None
+        if seen is None:
+            return found.covariance
+        return covariance_with_times(space, found, seen[0], space.segments.spread * width)
 
     def searched(
         self,
@@ -154,7 +213,7 @@ class Between:
                 break
             choice = choose_holds(space.with_constants(best.constants), best.fit, between.open, best.width)
             lean = None if self.steps is None else _without_thin(choice.space, choice.fit, best)
-            stepping = between.stepping(choice.space, lean or choice.fit, choice.holds)
+            stepping = between.stepping(choice.space, lean or choice.fit, choice.holds, best.width, begun)
             if stepping is None and choice.holds == holds_of(space):
                 gains = {name: min(gain, gains.get(name, gain)) for name, gain in choice.gains.items()}
                 break
@@ -199,6 +258,28 @@ class Between:
         """
         there = with_fine_steps(space.on(thinned(self.cut(holds, SEGMENT))), starts)
         return there, searches(there, starts, None, monitor, workers)
+
+
+def _started(space: SearchSpace, theta: FloatArray) -> Fit | None:
+    """Return the model of a start in segments of their own; None where it is lost."""
+    loose = np.full_like(space.segments.spread, np.inf)
+    return space.fit(theta, np.flatnonzero(theta), space.segments.initial, loose, iterations=TRIAL_STEPS)
+
+
+def _timed(space: SearchSpace, found: Fit, steps: Steps, width: float) -> tuple[Fit, Timed] | None:
+    """Return a model in joined segments, and the same with times of steps that are best beside it; None where lost.
+
+    Args:
+        space: whose segments see the steps.
+        found: the model, without delays.
+        steps: of the inputs.
+        width: of the defects.
+    """
+    apart = _started(space, found.theta)
+    joined = None if apart is None else tightened((space, apart), width)
+    if joined is None:
+        return None
+    return joined[1], timed_fit(space, joined[1], steps, space.segments.spread * width)
 
 
 def _at_once(found: Fit, space: SearchSpace) -> Fit:

@@ -278,8 +278,7 @@ def _judged(
         space, best = with_narrow_friction(space, without_negligible(space, joined_again(space, best)))
         best = with_simpler_terms(space, without_negligible(space, best))  # friction is wider, and may ask for less
     cut, apart = partial(between.cut, holds_of(space)), dict[str, Hold]()
-    process, adopted, scale = None, False, best.scale
-    only_noise, begin = _leaves_noise(space, best), None
+    process, adopted, scale, begin, only_noise = None, False, best.scale, None, _leaves_noise(space, best)
     path = _path(space, best) if only_noise else None
     if path is not None:
         begin = likelier_with_process_noise(cut, space, best, path)
@@ -299,7 +298,8 @@ def _judged(
             path, best, scale = _shortened(space, best, path.chosen_at(terms))
         found, last, evidence = best.fit, space, _evidence(space, best, scale)
         undecided = undecided_holds(space, found, between.open, best.width, scale)
-        covariance, apart = found.covariance * scale + undecided.covariance, undecided.others
+        known = between.covariance(space, found, best.width)
+        covariance, apart = known * scale + undecided.covariance, undecided.others
     found, covariance = with_terms_outside(last, found, covariance)
     return Refinement(
         relations=last.relations_of(found, covariance),

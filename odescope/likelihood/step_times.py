@@ -16,6 +16,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.holds import DEAREST
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import Segments
+from odescope.likelihood.timed_fit import ANYWHERE, Steps
 from odescope.recordings.between_samples import steps_of
 from odescope.recordings.coordinate import Hold, Input
 from odescope.recordings.record import Records
@@ -23,7 +24,6 @@ from odescope.recordings.record import Records
 REACH = 50  # samples to each side of a step that say when it came
 NEEDED = 3  # samples on each side, at least
 NEWTON = 3  # steps of the states at the begin of a window
-ANYWHERE = 12.0  # what is known of a time that is anywhere between two samples, 1 / variance
 WORTH = 0.4  # of what a model leaves beyond noise, at least, that times between samples explain
 TRIED = (0.0, 0.5, 1.0)  # samples before the one that shows the step
 
@@ -148,6 +148,24 @@ class StepTimes:
         times = self.early.copy()
         times[np.flatnonzero(able)[fine]] = early[fine]
         return replace(self, early=times)
+
+    def seen(self, records: Records, names: Sequence[str], space: SearchSpace) -> tuple[Steps, IntArray] | None:
+        """Return the steps that the segments of a space see, and which of all these are; None where it sees none.
+
+        Args:
+            records: that the steps were found in.
+            names: of all inputs.
+            space: whose segments have the steps at these times.
+        """
+        runs = np.array(space.segments.runs)[self.record]
+        rise = np.zeros((len(self.sample), len(names)))
+        for s, (r, k) in enumerate(zip(self.record.tolist(), self.sample.tolist(), strict=True)):
+            run = records.runs[r]
+            rise[s] = [np.diff(run.column(name)[k : k + 2])[0] for name in names]
+        there = np.flatnonzero(runs[:, 0] + self.sample < runs[:, 1] - 1)
+        at = runs[there, 0] + self.sample[there]
+        steps, among = Steps.of(space, at, np.where(self.inputs, rise, 0.0)[there], self.early[there])
+        return (steps, there[among]) if len(among) else None
 
     def _windows(self, segments: Segments, states: int) -> tuple[BoolArray, IntArray, Segments]:
         """Return which steps have samples enough around them (S,), the averages before these, and their windows."""
