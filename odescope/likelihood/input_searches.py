@@ -14,6 +14,7 @@ import numpy as np
 
 from odescope.arrays import FloatArray
 from odescope.events import Monitor
+from odescope.likelihood.add_and_drop import GAIN
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import thinned
 from odescope.likelihood.holds import DEAREST, TRIAL_STEPS, choose_holds, holds_of, tightened
@@ -145,7 +146,8 @@ class Between:
     ) -> tuple[Between, Fit] | None:
         """Return this and a model with steps when it suits the joined record; None where it hardly asks for others.
 
-        Times that suit a model with a term too many suit no other: shorter models get times of their own.
+        Times that suit a model with a term too many suit no other: shorter models get times of their own, that without
+        what is not worth its price while times are open, too.
 
         Args:
             space: of the model.
@@ -162,12 +164,14 @@ class Between:
         own = _timed(there, found, steps, width)
         if own is None:
             return None
-        shorter = [_at_once(begin, there) for theta in others if (begin := _started(there, theta)) is not None]
+        begun = [_without_weak(there, *own), *(_started(there, theta) for theta in others)]
+        shorter = [_at_once(m, there) for m in begun if m is not None]
         shorter = [m for m in shorter if there.penalty[m.present].sum() < there.penalty[found.present].sum()]
         trials = [own, *(t for m in shorter if (t := _timed(there, m, steps, width)) is not None)]
         before = own[1].cost + own[1].fall + there.price(own[0])
         fit, best = min(trials, key=lambda t: t[1].cost + there.price(t[0]))
-        if not before - best.cost - there.price(fit) > DEAREST * max(best.cost / there.segments.samples, 1.0):
+        least = DEAREST * _scale(there, best) if fit is own[0] else GAIN
+        if not before - best.cost - there.price(fit) > least:
             return None
         early = self.steps.early.copy()
         early[among] = best.early
@@ -280,6 +284,26 @@ def _timed(space: SearchSpace, found: Fit, steps: Steps, width: float) -> tuple[
     if joined is None:
         return None
     return joined[1], timed_fit(space, joined[1], steps, space.segments.spread * width)
+
+
+def _scale(space: SearchSpace, timed: Timed) -> float:
+    """Return the residual variance over that of the noise, no less than 1."""
+    return max(timed.cost / space.segments.samples, 1.0)
+
+
+def _without_weak(space: SearchSpace, found: Fit, timed: Timed) -> Fit | None:
+    """Return a model without terms that are not worth their prices while times are open; None where all are.
+
+    Args:
+        space: of the model.
+        found: the model.
+        timed: the same with times.
+    """
+    wald = timed.theta[found.free] ** 2 / np.maximum(timed.variances, 1e-300) / _scale(space, timed)
+    weak = [k for k, w in zip(found.free.tolist(), wald.tolist(), strict=True) if w < space.penalty[k]]
+    theta = found.theta.copy()
+    theta[[k for k in weak if space.mechanisms[k].parts]] = 0.0
+    return None if np.array_equal(theta, found.theta) else _started(space, theta)
 
 
 def _at_once(found: Fit, space: SearchSpace) -> Fit:

@@ -60,11 +60,12 @@ class Steps:
 class Timed(NamedTuple):
     """A model with the times of steps that are best beside it, and by how much the cost is less than at those before.
 
-    Shapes: early (S,) the times; theta (mechanisms,) coefficients.
+    Shapes: early (S,) the times; theta (mechanisms,) coefficients; variances (p,) of the parameters, times open.
     """
 
     early: FloatArray
     theta: FloatArray
+    variances: FloatArray
     cost: float
     fall: float
 
@@ -128,6 +129,11 @@ class _Timing:
         theta[free] += own[: len(free)]
         return self.at(theta, here.x0 + change[1], np.clip(here.early + own[len(free) :], 0.0, 1.0))
 
+    def covariance(self, here: _Point) -> FloatArray:
+        """Return the covariance (p, p) of the model's parameters, times open; that of the model where there is none."""
+        expansion, free = self.expansion(here, self.with_times(here), 0.0), len(self.found.free)
+        return self.found.covariance if expansion is None else inverse(expansion.information)[:free, :free]
+
     def with_times(self, here: _Point) -> Sums:
         """Return sums with the times of steps as further parameters, by differences: each matters in one segment."""
         sums, early = here.integrated, here.early
@@ -183,7 +189,7 @@ def timed_fit(space: SearchSpace, found: Fit, steps: Steps, defect_std: FloatArr
         here, damping = trial, max(damping / 100.0, LEAST_DAMPING)
         if fall < CONVERGED:
             break
-    return Timed(here.early, here.theta, here.cost, begun.cost - here.cost)
+    return Timed(here.early, here.theta, np.diag(timing.covariance(here)), here.cost, begun.cost - here.cost)
 
 
 def covariance_with_times(space: SearchSpace, found: Fit, steps: Steps, defect_std: FloatArray) -> FloatArray:
@@ -197,7 +203,5 @@ def covariance_with_times(space: SearchSpace, found: Fit, steps: Steps, defect_s
         steps: that its segments see.
         defect_std: (n,) standard deviations of the defects between segments.
     """
-    timing, free = _Timing(space, found, steps, defect_std), len(found.free)
-    here = timing.at(found.theta, found.x0, steps.now)
-    expansion = timing.expansion(here, timing.with_times(here), 0.0)
-    return found.covariance if expansion is None else inverse(expansion.information)[:free, :free]
+    timing = _Timing(space, found, steps, defect_std)
+    return timing.covariance(timing.at(found.theta, found.x0, steps.now))
