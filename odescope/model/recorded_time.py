@@ -1,4 +1,4 @@
-"""A model in the unit of time that its log was recorded in, minutes or more, for people: files have seconds."""
+"""A model in the unit of time that its log was recorded in, for people: files have seconds."""
 
 from __future__ import annotations
 
@@ -23,9 +23,12 @@ def recorded_unit(model: Model) -> TimeUnit:
 
 
 def told_unit(model: Model) -> TimeUnit:
-    """Return the unit that people are told times in: that of the log, but seconds where it has shorter ones."""
-    more, fewer = in_seconds(unit := recorded_unit(model))
-    return unit if more > fewer else UNITS_OF_TIME[0]
+    """Return the unit that people are told times in: that of the log, but seconds where it has milliseconds.
+
+    Machines are logged in these, whose speeds are per second.
+    """
+    unit = recorded_unit(model)
+    return UNITS_OF_TIME[0] if unit == "ms" else unit
 
 
 def counted_in(seconds: float, unit: TimeUnit) -> float:
@@ -40,7 +43,8 @@ def in_told_time(model: Model) -> Model:
     A coefficient in seconds is multiplied by the seconds of the unit once for every 1/s in its own unit. That is not
     known where a rate, or the time, is within a function, or where terms are parts of an energy.
     """
-    unit, _ = in_seconds(told_unit(model))
+    more, fewer = in_seconds(told_unit(model))
+    unit = more / fewer
     rates = {c.derivative(k): k for c in model.coordinates for k in range(1, c.order + 1)}
     reacts = all(m.kind == "reaction" for m in model.mechanisms) and not (model.mechanisms and max(rates.values()) > 1)
     terms = (t.term for r in model.relations for t in r.terms)

@@ -7,7 +7,7 @@ from odescope.library.expression import ONE
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
 from odescope.model.model import Model
-from odescope.model.recorded_time import counted_in, in_told_time, recorded_unit
+from odescope.model.recorded_time import counted_in, in_told_time, recorded_unit, told_unit
 from odescope.model.relation import FoundMechanism, Relation, RelationTerm
 from odescope.model.simulation import simulate
 from odescope.recordings.coordinate import Coordinate, Input
@@ -47,6 +47,13 @@ def test_rates_and_accelerations_are_those_of_a_fit_in_that_unit():
     assert np.ptp(slow.states[:, 0]) > 0.5
     errors = [t.std_error / abs(t.coefficient) for r in hourly.relations for t in r.terms]
     assert errors == pytest.approx([0.1] * len(errors))
+
+
+@pytest.mark.parametrize(("unit", "told", "rate"), [("us", "us", 0.4), ("ns", "ns", 4e-4), ("ms", "s", 4e5)])
+def test_what_is_faster_than_any_machine_is_told_in_its_unit_too(unit, told, rate):
+    found = model([relation("y_dot", {"y": -4e5})], [Coordinate("y", 1)], unit=unit)
+    assert told_unit(found) == told
+    assert in_told_time(found).relations[0].terms[1].coefficient == pytest.approx(rate)
 
 
 def test_terms_with_a_target_keep_what_they_are_beside_it():
