@@ -60,7 +60,8 @@ def default_library(
 
     With angles: {1, velocities, products of two velocities, inputs, positions that are neither angle nor cyclic,
     targets} x products of sines and cosines to degree 2, and positions times the square of an angle's velocity, which
-    is what turning throws outwards; what is of order 1 and no angle may be a speed, too, and is multiplied by another,
+    is what turning throws outwards, and the cube of that velocity where nothing else moves, as damps a hull (Norrbin);
+    what is of order 1 and no angle may be a speed, too, and is multiplied by another,
     a velocity or a target. Without: monomials of states and inputs to degree 3 (less where that
     would be too many) x {1, targets}. In both, dry and quadratic friction of the targets' coordinates of order 2 and of
     the differences of their rates with like ones, and of positions that are components of one the drag by their speed
@@ -101,7 +102,7 @@ def default_library(
     measured = Library.of(speeds(coordinates), scope)
     products = measured * (measured + velocities + Library.of(targets, scope))
     turning = Library.of([f"{c.derivative(1)}**2" for c in coordinates if c.angle and c.order > 1], scope)
-    products = products + positions * turning
+    products = products + positions * turning + Library.of(_cubes(coordinates) if degree is None else (), scope)
     asked = [] if degree is None else [MaximumDegree((*states, *driven, *waves), degree)]
     return (moving * trigonometric + products).thin(asked, scope) + alone
 
@@ -124,6 +125,12 @@ def default_rules(
     friction = friction_rule(coordinates, basis, scope)
     identities = [Identity(f"sin({a})") for a in pairs]
     return (MaximumDegree(tuple(targets), 1), *identities, *([friction] if friction else []))
+
+
+def _cubes(coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """Return the cube of an angle's velocity where it is the only coordinate of order 2."""
+    moving = [c for c in coordinates if c.order == 2]
+    return tuple(f"{c.derivative(1)}**3" for c in moving if c.angle and len(moving) == 1)
 
 
 def check_basis(coordinates: Sequence[Coordinate], library: Library) -> None:

@@ -240,7 +240,7 @@ def _by_sign(
         yield from ((f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,)))
     elif least > -NEGLIGIBLE * largest:
         amount = f"abs({variable})"  # which noise alone takes below zero
-        yield f"sqrt({amount})", ()
+        yield f"sign({variable})*sqrt({amount})", ()  # an empty tank stays empty: without the sign it would run away
     if least > -NEGLIGIBLE * largest:
         # What is not half saturated at the largest amount is a power, or a polynomial.
         level, order = constant("level", largest / OFF, largest), constant(ORDER, *ORDERS)

@@ -249,3 +249,10 @@ def test_sums_of_angles_span_what_products_do():
     assert ranks == [len(libraries[0])] * 3 == [len(libraries[1])] * 3
     assert {"sin(a - b)", "u*cos(b + c)"} <= {t.text for t in libraries[1]}
     assert "sin(a - b)" not in {t.text for t in libraries[0]}
+
+
+def test_the_cube_of_an_angles_velocity_is_there_where_nothing_else_moves():
+    heading, surge = Coordinate("psi", order=2, angle=True, cyclic=True), Coordinate("v", order=1)
+    for coordinates, there in (((heading,), True), ((heading, surge), True), (CART, False)):
+        library, _ = default(coordinates, ())
+        assert any(t.text.endswith("_dot**3") for t in library) is there

@@ -56,6 +56,21 @@ def test_a_tank_whose_outlet_is_below_its_level_zero(seeds):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_tanks_that_run_empty(seed):
+    """A root of the level's size alone drains an empty tank below its bottom: the law lost to four other terms."""
+
+    def cascade(x, u):
+        over, under = np.sqrt(np.maximum(x, 0.0))
+        return [max(u, 0.0) - 0.5 * over, 0.5 * over - 0.4 * under]
+
+    (log,) = recorded(cascade, [[1.0, 1.0]], seed, least=-0.5, most=0.7)
+    log["u"] = np.maximum(log["u"], 0.0)
+    over, under = "sign(x)*sqrt(abs(x))", "sign(y)*sqrt(abs(y))"
+    assert found([log]) == ([{"x_dot", "u", over}, {"y_dot", over, under}], {})
+
+
+@pytest.mark.slow
 def test_a_pressure_that_is_fed_through_a_valve_from_a_supply_that_was_not_recorded():
     logs = [recorded(lambda x, u: [0.8 * u * np.sqrt(6.0 - x[0]) - 0.5 * x[0]], [[1.0], [4.0]], s) for s in range(8)]
     results = [found(log) for log in logs]

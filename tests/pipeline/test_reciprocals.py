@@ -49,14 +49,9 @@ LAWS = {
 }
 
 
-LOST = pytest.mark.xfail(strict=True, reason="11 terms with reciprocals follow the record, and end the search")
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "seed"),
-    [(name, k) for name in LAWS for k in (0, 1)] + [pytest.param("bubble", 2, marks=LOST), ("radius", 2)],
-)
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("name", LAWS)
 def test_powers_of_a_reciprocal_are_found(name, seed):
     logged, coordinate, inputs, law = LAWS[name]
     study = Study(data=Data(time="t"), coordinates={coordinate: Measured(order=2)}, inputs=inputs)

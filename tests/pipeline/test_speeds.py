@@ -164,3 +164,32 @@ def test_nearly_every_record_of_the_drum_is_exact():
     law, seeds = {"u", "w", "sign(w)", "w*abs(w)"}, 20
     right = sum({text for _, text in terms_of(identify(*drum_log(seed)))} == law for seed in range(seeds))
     assert right >= 0.9 * seeds
+
+
+@pytest.mark.parametrize("seeds", [1, pytest.param(6, marks=pytest.mark.slow)])
+def test_the_turning_of_a_hull_is_damped_by_the_cube_of_its_speed(seeds):
+    """Norrbin's law of a ship: v |v| and dry friction stood for the cube where it was not in the library."""
+    for seed in range(seeds):
+        rng, t = np.random.default_rng(seed), np.arange(0.0, 900.0, 0.75)
+        rudder = np.repeat(rng.uniform(-20.0, 20.0, 20), 60)
+
+        def rates(now, s, rudder=rudder):
+            held = rudder[min(int(now / 0.75 + 1e-9), len(rudder) - 1)]
+            return [s[1], -0.09 * s[1] - 160.0 * s[1] ** 3 + 7e-5 * held]
+
+        x, heading = np.zeros(2), []
+        for k in range(0, len(t), 60):
+            last = min(k + 60, len(t) - 1)
+            run = solve_ivp(rates, (t[k], t[last]), x, t_eval=t[k : last + 1], rtol=1e-9, atol=1e-12, max_step=1.0).y
+            heading += run[0, : 60 if last > k else 1].tolist()
+            x = run[:, -1]
+        psi = np.array(heading[: len(t)]) + 0.002 * np.std(heading) * rng.standard_normal(len(t))
+        study = Study(
+            data=Data(time="t"),
+            coordinates={"psi": Measured(order=2, angle=True, cyclic=True)},
+            inputs={"rudder": Driven()},
+        )
+        terms = {u.text: u for u in identify(study, {"t": t, "psi": psi, "rudder": rudder}).model.relations[0].terms}
+        assert set(terms) == {"psi_ddot", "psi_dot", "psi_dot**3", "rudder"}
+        for name, truth in {"psi_dot": 0.09, "psi_dot**3": 160.0, "rudder": -7e-5}.items():
+            assert abs(terms[name].coefficient - truth) < 4.0 * terms[name].std_error < 0.1 * abs(truth)
