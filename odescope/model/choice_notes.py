@@ -56,6 +56,7 @@ REPLACED = {  # what functions were found for, where it is in the model no more
 WAVES = ("periodic", "swinging", "recurring")  # reasons that ask for a sine of a rate of its own
 UNCOUNTED = ("driven", "residual", *WAVES)  # reasons that no number of terms gives
 JOINT = ("pair", "sine", "bend")  # reasons that are of no variable, and of too many functions to name
+BY_FAR = 1000.0  # in -2 log-likelihood: how much more says nothing
 ALIKE = 0.01  # of a sum: by less recordings do not differ in it
 MANY = 3  # powers of one variable that are rarely a law; of a fraction a function with two constants says as much
 FORMS = {"lagrangian": "Lagrange's equations", "relations": "relations", "reactions": "reactions"}
@@ -155,7 +156,9 @@ def _no_better(gain: Number, many: int) -> str:
     if gain == -math.inf:
         return "with none of them can the record be followed"
     lost = f"{'none is' if many > 1 else 'it is not'} better{' in the end' if gain and gain > 0.0 else ''}"
-    by = f", the best raises -2 log-likelihood + penalty by {-gain:,.0f}" if gain is not None and gain <= -1.0 else ""
+    off = 0.0 if gain is None else -gain
+    told = f"raises -2 log-likelihood + penalty by {off:,.0f}" if off < BY_FAR else "is worse by far"
+    by = f", the best {told}" if off >= 1.0 else ""
     return f"{lost} than the model's own terms{by}"
 
 

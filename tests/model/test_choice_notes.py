@@ -43,7 +43,8 @@ def test_what_is_left_beside_a_function_in_place_of_a_fraction_is_one_too():
 @pytest.mark.parametrize(
     ("gain", "told"),
     [
-        (-17260.4, "none is better than the model's own terms, the best raises -2 log-likelihood + penalty by 17,260"),
+        (-17260.4, "none is better than the model's own terms, the best is worse by far"),
+        (-172.4, "none is better than the model's own terms, the best raises -2 log-likelihood + penalty by 172"),
         (-0.3, "none is better than the model's own terms"),  # by 0 is nothing to read
         (None, "none is better than the model's own terms"),
         (12.0, "none is better in the end than the model's own terms"),
