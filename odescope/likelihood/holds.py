@@ -156,7 +156,7 @@ def _tried(space: SearchSpace, found: Fit, j: int, structure: Structure, hold: H
     return None if again is None else (other, again)
 
 
-def tightened(trial: Trial, width: float) -> Trial | None:
+def _joined(trial: Trial, width: float) -> Trial | None:
     """Return the same in joined segments, which are joined step by step; None where it is lost.
 
     Args:
@@ -201,10 +201,10 @@ def _best_joined(
         joined: the usual one in joined segments, where it is known.
     """
     near = [h for h in trials if h != usual and -HINT < fall(trials[h], trials[usual]) <= DEAREST]
-    known = (joined or tightened(trials[usual], width)) if near else None
+    known = (joined or _joined(trials[usual], width)) if near else None
     if known is None:
         return usual, None
-    others = {h: tightened(trials[h], width) if joined is None else refitted(joined, trials[h][0], width) for h in near}
+    others = {h: _joined(trials[h], width) if joined is None else refitted(joined, trials[h][0], width) for h in near}
     falls = {h: fall(other, known) for h, other in others.items() if other is not None}
     best = max(falls, key=falls.__getitem__, default=usual)
     least = TOLD if usual != "zero" and _scale(*known) < FOLLOWED else DEAREST
@@ -221,7 +221,7 @@ def _better_joined(best: Trial, usual: Trial, width: float) -> bool:
         usual: the other.
         width: of the defects.
     """
-    better, worse = tightened(best, width), tightened(usual, width)
+    better, worse = _joined(best, width), _joined(usual, width)
     return better is None or worse is None or fall(better, worse) > DEAREST
 
 
@@ -240,7 +240,7 @@ def _says_as_much(held: Trial, running: Trial, prompt: Trial | None, width: floa
     """
     if not np.isfinite(width):
         return prompt is not None and fall(held, prompt) > DEAREST and not _credible(running, held)
-    simple, other = tightened(held, width), tightened(running, width)
+    simple, other = _joined(held, width), _joined(running, width)
     return simple is not None and other is not None and fall(simple, other) > 0.0
 
 

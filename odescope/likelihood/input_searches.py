@@ -17,12 +17,12 @@ from odescope.events import Monitor
 from odescope.likelihood.add_and_drop import GAIN
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import thinned
-from odescope.likelihood.holds import DEAREST, TRIAL_STEPS, choose_holds, holds_of, tightened
+from odescope.likelihood.holds import DEAREST, TRIAL_STEPS, choose_holds, holds_of
 from odescope.likelihood.search import THIN, Outcome
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.searches import searches
 from odescope.likelihood.segments import SEGMENT, Segments, cut_segments
-from odescope.likelihood.step_times import StepTimes
+from odescope.likelihood.step_times import WORTH, StepTimes, price_of_times
 from odescope.likelihood.steps import with_fine_steps
 from odescope.likelihood.timed_fit import Steps, Timed, covariance_with_times, timed_fit
 from odescope.parallel.workers import Workers
@@ -110,7 +110,7 @@ class Between:
         space: SearchSpace,
         found: Fit,
         holds: Sequence[Hold],
-        width: float = float("inf"),
+        end: Outcome | None = None,
         others: Sequence[FloatArray] = (),
     ) -> tuple[Between, tuple[Hold, ...], Fit] | None:
         """Return this and the holds with inputs that step when it suits a model, and that without delays.
@@ -122,7 +122,7 @@ class Between:
             space: of the model.
             found: the model.
             holds: what every input does between samples by now.
-            width: of the defects of that model.
+            end: that of the search for it, None before any.
             others: (mechanisms,) coefficients of other models.
         """
         period = space.segments.step / space.segments.block
@@ -130,19 +130,26 @@ class Between:
             return None  # what comes late by more than a sample is another matter
         moving = dict(zip(self.names, self.steps.stepping.tolist(), strict=True))
         held: tuple[Hold, ...] = tuple("zero" if moving[n] else h for n, h in zip(self.names, holds, strict=True))
-        found = _at_once(found, space)
+        prompt, present = _at_once(space, found.theta), np.setdiff1d(found.present, _delays(space, found))
+        found = replace(found, theta=prompt, present=present)
         steps = self.steps.settled(partial(self._cut, self.records), space, found, holds)
-        if steps is None and not self.placed:
-            return None
         still = {name: hold for name, hold in self.open.items() if not moving[name]}
-        other = replace(self, open=still, steps=steps or self.steps)
-        timed = other.timed(space, found, held, width, others) if other.placed else None
+        placed = bool(self.placed) or steps is not None
+        other = replace(self, open=still, steps=steps or (self.steps if placed else self.steps.anywhere()))
+        timed = None
+        if other.placed and end is not None and np.isfinite(end.width) and (placed or not end.clear):
+            timed = other.timed(space, held, end, [found.theta, *others], placed)
         if timed is not None:
             return timed[0], held, timed[1]
         return None if steps is None else (other, held, found)
 
     def timed(
-        self, space: SearchSpace, found: Fit, holds: Sequence[Hold], width: float, others: Sequence[FloatArray]
+        self,
+        space: SearchSpace,
+        holds: Sequence[Hold],
+        end: Outcome,
+        others: Sequence[FloatArray],
+        known: bool,
     ) -> tuple[Between, Fit] | None:
         """Return this and a model with steps when it suits the joined record; None where it hardly asks for others.
 
@@ -151,27 +158,33 @@ class Between:
 
         Args:
             space: of the model.
-            found: the model, without delays.
             holds: what every input does between samples.
-            width: of the defects.
+            end: that of the search for the model, which is tried without its delays.
             others: (mechanisms,) coefficients of other models.
+            known: whether times were known before, else they have to be worth more than none.
         """
         there = space.on(thinned(self.cut(holds, SEGMENT)))
         seen = None if self.steps is None else self.steps.seen(self.records, self.names, there)
-        if self.steps is None or seen is None or not np.isfinite(width):
+        if self.steps is None or seen is None or there.segments.samples != space.segments.samples:
             return None
         steps, among = seen
-        own = _timed(there, found, steps, width)
+        own = _timed(there, _at_once(there, end.fit.theta), steps, end.width)
         if own is None:
             return None
-        begun = [_without_weak(there, *own), *(_started(there, theta) for theta in others)]
-        shorter = [_at_once(m, there) for m in begun if m is not None]
-        shorter = [m for m in shorter if there.penalty[m.present].sum() < there.penalty[found.present].sum()]
-        trials = [own, *(t for m in shorter if (t := _timed(there, m, steps, width)) is not None)]
-        before = own[1].cost + own[1].fall + there.price(own[0])
+        shorter = [_at_once(there, theta) for theta in (_without_weak(there, *own), *others)]
+        shorter = [t for t in shorter if there.penalty[t != 0.0].sum() < there.penalty[own[0].present].sum()]
+        trials = [own, *(t for theta in shorter if (t := _timed(there, theta, steps, end.width)) is not None)]
         fit, best = min(trials, key=lambda t: t[1].cost + there.price(t[0]))
-        least = DEAREST * _scale(there, best) if fit is own[0] else GAIN
-        if not before - best.cost - there.price(fit) > least:
+        scale, after = _scale(there, best), best.cost + there.price(fit)
+        if known:
+            least = DEAREST * scale if fit is own[0] else GAIN
+            better = own[1].cost + own[1].fall + there.price(own[0]) - after > least
+        else:
+            # What a model lacks that leaves far more than times explain is something else.
+            enough = end.fit.cost - best.cost > WORTH * (end.fit.cost - there.segments.samples)
+            price = scale * float(price_of_times(best.known, scale).sum())
+            better = enough and end.penalised - after - price > DEAREST * scale
+        if not better:
             return None
         early = self.steps.early.copy()
         early[among] = best.early
@@ -217,7 +230,7 @@ class Between:
                 break
             choice = choose_holds(space.with_constants(best.constants), best.fit, between.open, best.width)
             lean = None if self.steps is None else _without_thin(choice.space, choice.fit, best)
-            stepping = between.stepping(choice.space, lean or choice.fit, choice.holds, best.width, begun)
+            stepping = between.stepping(choice.space, lean or choice.fit, choice.holds, best, begun)
             if stepping is None and choice.holds == holds_of(space):
                 gains = {name: min(gain, gains.get(name, gain)) for name, gain in choice.gains.items()}
                 break
@@ -264,26 +277,18 @@ class Between:
         return there, searches(there, starts, None, monitor, workers)
 
 
-def _started(space: SearchSpace, theta: FloatArray) -> Fit | None:
-    """Return the model of a start in segments of their own; None where it is lost."""
-    loose = np.full_like(space.segments.spread, np.inf)
-    return space.fit(theta, np.flatnonzero(theta), space.segments.initial, loose, iterations=TRIAL_STEPS)
-
-
-def _timed(space: SearchSpace, found: Fit, steps: Steps, width: float) -> tuple[Fit, Timed] | None:
+def _timed(space: SearchSpace, theta: FloatArray, steps: Steps, width: float) -> tuple[Fit, Timed] | None:
     """Return a model in joined segments, and the same with times of steps that are best beside it; None where lost.
 
     Args:
         space: whose segments see the steps.
-        found: the model, without delays.
+        theta: (mechanisms,) coefficients to begin with, no delays among them.
         steps: of the inputs.
         width: of the defects.
     """
-    apart = _started(space, found.theta)
-    joined = None if apart is None else tightened((space, apart), width)
-    if joined is None:
-        return None
-    return joined[1], timed_fit(space, joined[1], steps, space.segments.spread * width)
+    defect_std = space.segments.spread * width
+    joined = space.begin(theta, defect_std)
+    return None if joined is None else (joined, timed_fit(space, joined, steps, defect_std))
 
 
 def _scale(space: SearchSpace, timed: Timed) -> float:
@@ -291,8 +296,8 @@ def _scale(space: SearchSpace, timed: Timed) -> float:
     return max(timed.cost / space.segments.samples, 1.0)
 
 
-def _without_weak(space: SearchSpace, found: Fit, timed: Timed) -> Fit | None:
-    """Return a model without terms that are not worth their prices while times are open; None where all are.
+def _without_weak(space: SearchSpace, found: Fit, timed: Timed) -> FloatArray:
+    """Return the coefficients of a model, zero for terms that are not worth their prices while times are open.
 
     Args:
         space: of the model.
@@ -303,15 +308,14 @@ def _without_weak(space: SearchSpace, found: Fit, timed: Timed) -> Fit | None:
     weak = [k for k, w in zip(found.free.tolist(), wald.tolist(), strict=True) if w < space.penalty[k]]
     theta = found.theta.copy()
     theta[[k for k in weak if space.mechanisms[k].parts]] = 0.0
-    return None if np.array_equal(theta, found.theta) else _started(space, theta)
+    return theta
 
 
-def _at_once(found: Fit, space: SearchSpace) -> Fit:
-    """Return a model without delays, which steps that come early or late ask for."""
-    delays = _delays(space, found)
-    theta = found.theta.copy()
-    theta[delays] = 0.0
-    return replace(found, theta=theta, present=np.setdiff1d(found.present, delays))
+def _at_once(space: SearchSpace, theta: FloatArray) -> FloatArray:
+    """Return coefficients (mechanisms,) without delays, which steps that come early or late ask for."""
+    prompt = theta.copy()
+    prompt[[k for k, m in enumerate(space.mechanisms) if m.kind == "delay"]] = 0.0
+    return prompt
 
 
 def _delays(space: SearchSpace, found: Fit) -> list[int]:

@@ -76,6 +76,10 @@ class StepTimes:
         counts: list[int] = np.count_nonzero(between, axis=0).tolist()
         return {name: count for name, count in zip(names, counts, strict=True) if count}
 
+    def anywhere(self) -> StepTimes:
+        """Return the same in the middle between samples: nothing is known of when they come."""
+        return replace(self, early=np.full(len(self.early), 0.5))
+
     def retimed(self, records: Records, names: Sequence[str]) -> Records:
         """Return records whose inputs, held from sample to sample, have the right means between them.
 
@@ -130,7 +134,7 @@ class StepTimes:
         left = first + early * (slope + early * bend)
         freedom = max(int(windows.counted.sum()) - found.x0.shape[1] * len(at), 1)
         scale = max(float(left[fine].sum()) / freedom, 1.0)
-        dear = np.log1p(known / (2.0 * np.pi * scale))
+        dear = price_of_times(known, scale)
 
         def beyond_chance(before: FloatArray) -> float:
             """Return what these times are worth where none were, less what few of them say, which may be by chance."""
@@ -177,6 +181,17 @@ class StepTimes:
         able: BoolArray = np.greater_equal(np.minimum(at - low + 1, high - at), max(NEEDED, states))
         start, count = low[able], (high - low + 1)[able]
         return able, at[able], replace(segments, start=start, count=count, joined=np.zeros(len(start), np.bool_))
+
+
+def price_of_times(known: FloatArray, scale: float) -> FloatArray:
+    """Return what times have to earn (S,), that may be anywhere between two samples.
+
+    Args:
+        known: (S,) what the record says of each, 1 / variance.
+        scale: residual variance over the noise variance.
+    """
+    price: FloatArray = np.log1p(known / (2.0 * np.pi * scale))
+    return price
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of windows that ran away

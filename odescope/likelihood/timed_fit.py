@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from odescope.arrays import FloatArray, IntArray
 from odescope.likelihood.evaluator import Evaluator
@@ -60,10 +61,12 @@ class Steps:
 class Timed(NamedTuple):
     """A model with the times of steps that are best beside it, and by how much the cost is less than at those before.
 
-    Shapes: early (S,) the times; theta (mechanisms,) coefficients; variances (p,) of the parameters, times open.
+    Shapes: early (S,) the times, known (S,) what the record says of each, 1 / variance; theta (mechanisms,)
+    coefficients; variances (p,) of the parameters, times open.
     """
 
     early: FloatArray
+    known: FloatArray
     theta: FloatArray
     variances: FloatArray
     cost: float
@@ -130,9 +133,15 @@ class _Timing:
         return self.at(theta, here.x0 + change[1], np.clip(here.early + own[len(free) :], 0.0, 1.0))
 
     def covariance(self, here: _Point) -> FloatArray:
-        """Return the covariance (p, p) of the model's parameters, times open; that of the model where there is none."""
-        expansion, free = self.expansion(here, self.with_times(here), 0.0), len(self.found.free)
-        return self.found.covariance if expansion is None else inverse(expansion.information)[:free, :free]
+        """Return the covariance (p + S, p + S) of parameters and times.
+
+        Where there is no expansion, that of times that are anywhere beside the model's own.
+        """
+        expansion = self.expansion(here, self.with_times(here), 0.0)
+        if expansion is not None:
+            return inverse(expansion.information)
+        apart: FloatArray = block_diag(self.found.covariance, np.eye(len(here.early)) / ANYWHERE)
+        return apart
 
     def with_times(self, here: _Point) -> Sums:
         """Return sums with the times of steps as further parameters, by differences: each matters in one segment."""
@@ -189,7 +198,9 @@ def timed_fit(space: SearchSpace, found: Fit, steps: Steps, defect_std: FloatArr
         here, damping = trial, max(damping / 100.0, LEAST_DAMPING)
         if fall < CONVERGED:
             break
-    return Timed(here.early, here.theta, np.diag(timing.covariance(here)), here.cost, begun.cost - here.cost)
+    variances, free = np.diag(timing.covariance(here)), len(found.free)
+    known = np.maximum(1.0 / variances[free:] - ANYWHERE, 0.0)
+    return Timed(here.early, known, here.theta, variances[:free], here.cost, begun.cost - here.cost)
 
 
 def covariance_with_times(space: SearchSpace, found: Fit, steps: Steps, defect_std: FloatArray) -> FloatArray:
@@ -204,4 +215,5 @@ def covariance_with_times(space: SearchSpace, found: Fit, steps: Steps, defect_s
         defect_std: (n,) standard deviations of the defects between segments.
     """
     timing = _Timing(space, found, steps, defect_std)
-    return timing.covariance(timing.at(found.theta, found.x0, steps.now))
+    free = len(found.free)
+    return timing.covariance(timing.at(found.theta, found.x0, steps.now))[:free, :free]
