@@ -25,6 +25,7 @@ REACH = 50  # samples to each side of a step that say when it came
 NEEDED = 3  # samples on each side, at least
 NEWTON = 3  # steps of the states at the begin of a window
 WORTH = 0.4  # of what a model leaves beyond noise, at least, that times between samples explain
+MOST = 500  # steps whose times are fitted to a joined record
 TRIED = (0.0, 0.5, 1.0)  # samples before the one that shows the step
 
 Cut = Callable[[Sequence[Hold], int], Segments]
@@ -154,22 +155,23 @@ class StepTimes:
         return replace(self, early=times)
 
     def seen(self, records: Records, names: Sequence[str], space: SearchSpace) -> tuple[Steps, IntArray] | None:
-        """Return the steps that the segments of a space see, and which of all these are; None where it sees none.
+        """Return the steps that the segments of a space see, and which of all these are.
+
+        None where it sees none, or so many that their times would take longer than a search.
 
         Args:
             records: that the steps were found in.
             names: of all inputs.
             space: whose segments have the steps at these times.
         """
-        runs = np.array(space.segments.runs)[self.record]
-        rise = np.zeros((len(self.sample), len(names)))
+        runs, rise = np.array(space.segments.runs)[self.record], np.zeros(self.inputs.shape)
         for s, (r, k) in enumerate(zip(self.record.tolist(), self.sample.tolist(), strict=True)):
             run = records.runs[r]
-            rise[s] = [np.diff(run.column(name)[k : k + 2])[0] for name in names]
+            columns = [run.names.index(n) for n in names]
+            rise[s] = np.where(self.inputs[s], run.values[k + 1, columns] - run.values[k, columns], 0.0)
         there = np.flatnonzero(runs[:, 0] + self.sample < runs[:, 1] - 1)
-        at = runs[there, 0] + self.sample[there]
-        steps, among = Steps.of(space, at, np.where(self.inputs, rise, 0.0)[there], self.early[there])
-        return (steps, there[among]) if len(among) else None
+        steps, among = Steps.of(space, runs[there, 0] + self.sample[there], rise[there], self.early[there])
+        return (steps, there[among]) if 0 < len(among) <= MOST else None
 
     def _windows(self, segments: Segments, states: int) -> tuple[BoolArray, IntArray, Segments]:
         """Return which steps have samples enough around them (S,), the averages before these, and their windows."""

@@ -153,11 +153,10 @@ class _Timing:
         )
         inner = np.zeros((p + s, p + s))
         inner[:p, :p] = sums.inner
+        earlier = list[FloatArray]()
         for k in range(int(self.steps.slot.max()) + 1):
             one = np.flatnonzero(self.steps.slot == k)
-            own, place = self.steps.own[one], p + one
-            more = np.zeros(s)
-            more[one] = DIFFERENCE
+            own, place, more = self.steps.own[one], p + one, np.where(self.steps.slot == k, DIFFERENCE, 0.0)
             up, down = (self.integrated(here.theta, here.x0, early + moved) for moved in (more, -more))
             slope = ((up.gradient - down.gradient) / (2.0 * DIFFERENCE))[own]
             bend = (up.cost - 2.0 * sums.cost + down.cost)[own] / DIFFERENCE**2
@@ -166,6 +165,13 @@ class _Timing:
             jacobian[own, :, n + place] = ((up.last - down.last) / (2.0 * DIFFERENCE))[own]
             inner[place, :p], inner[:p, place] = slope[:, n:], slope[:, n:].T
             inner[place, place] = np.maximum(0.5 * bend, 0.0)
+            for back, before in enumerate(reversed(earlier), start=1):  # steps before it in the same segment
+                both = more.copy()
+                both[one - back] = DIFFERENCE
+                together = self.integrated(here.theta, here.x0, early + both).cost
+                mixed = 0.5 * (together - up.cost - before + sums.cost)[own] / DIFFERENCE**2
+                inner[place, place - back] = inner[place - back, place] = mixed
+            earlier.append(up.cost)
         times = p + np.arange(s)
         gradient[self.steps.own, n + times] += ANYWHERE * (early - 0.5)
         inner[times, times] += ANYWHERE
