@@ -6,6 +6,7 @@ docs/method.md, Inputs between samples.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from odescope.likelihood.expansion import Expansion
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.gauge import inverse
 from odescope.likelihood.kernel import Sums
+from odescope.likelihood.program import Program
 from odescope.likelihood.search_space import SearchSpace
 
 ANYWHERE = 12.0  # what is known of a time that is anywhere between two samples, 1 / variance
@@ -92,14 +94,23 @@ class _Timing:
     steps: Steps
     defect_std: FloatArray
 
+    @cached_property
+    def program(self) -> Program:
+        """That of the model's mechanisms."""
+        return self.space.program(self.found.present)
+
+    @cached_property
+    def free(self) -> IntArray:
+        """Which of these have coefficients that are parameters, (p,)."""
+        return np.searchsorted(self.found.present, self.found.free)
+
     def integrated(self, theta: FloatArray, x0: FloatArray, early: FloatArray) -> Sums:
         """Return what the kernel does with steps at such times (S,)."""
-        segments, steps, present = self.space.segments, self.steps, self.found.present
+        segments, steps = self.space.segments, self.steps
         inputs = segments.inputs.copy()
         inputs[steps.at] += ((early - steps.now)[:, None] * steps.rise)[:, None]
         there = Evaluator(replace(segments, inputs=inputs), self.space.evaluator.substeps, self.space.budget)
-        free = np.searchsorted(present, self.found.free)
-        return there.integrate(self.space.program(present), theta[present], free, x0)
+        return there.integrate(self.program, theta[self.found.present], self.free, x0)
 
     def at(self, theta: FloatArray, x0: FloatArray, early: FloatArray) -> _Point:
         """Return the point; its cost is infinite where there is none."""
@@ -110,20 +121,16 @@ class _Timing:
 
     def expansion(self, here: _Point, timed: Sums, damping: float) -> Expansion | None:
         """Return the expansion about a point from its sums `with_times`; None where there is none."""
-        present = self.found.present
-        program, theta = self.space.program(present), here.theta[present]
-        free = np.searchsorted(present, self.found.free)
-        found = self.space.evaluator.expand(program, theta, free, here.x0, self.defect_std, damping, timed)
+        theta, evaluator = here.theta[self.found.present], self.space.evaluator
+        found = evaluator.expand(self.program, theta, self.free, here.x0, self.defect_std, damping, timed)
         return found if found is not None and found.finite else None
 
     def after(self, here: _Point, timed: Sums, damping: float) -> _Point | None:
         """Return the point that the expansion asks for, or None where that is none."""
-        damped, present, free = self.expansion(here, timed, damping), self.found.present, self.found.free
+        damped, free = self.expansion(here, timed, damping), self.found.free
         if damped is None:
             return None
-        limits = np.zeros((2, len(here.theta)))
-        limits[:, present] = self.space.program(present).limits
-        least, largest = (limits - here.theta)[:, free]
+        least, largest = (limit[self.free] - here.theta[free] for limit in self.program.limits)
         below, above = np.concatenate([least, -here.early]), np.concatenate([largest, 1.0 - here.early])
         change = self.space.evaluator.change(damped, self.defect_std, below, above)
         if change is None:
