@@ -26,6 +26,7 @@ HARDLY = 0.02  # of the root mean square of a target
 LOOSE = 0.5  # standard errors of a kinetic term over its coefficient
 SEVERAL = 3  # powers of one coordinate in the forces of a potential: they may imitate a function of it
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
+UNREFINED = 3.0  # times that of mechanisms: error of free runs of what regression has and the likelihood may improve
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +153,8 @@ def leave_little(contenders: Sequence[Contender], asis: Sequence[Contender]) -> 
     any law: where it is white, or takes up next to nothing, there is nothing left to find, too. A Lagrangian with
     negative inertia is none: forces that do no work, as of a magnet or a flywheel, are no mechanisms. Nor is one of
     which a part is not told from nothing: what is coupled one way alone, as a load that hangs from a driven trolley,
-    has none. Nor is one that takes more coefficients to run as well as relations do: it weighs equations as no energy
-    does. A potential that may imitate a function, as gravity far out, leaves this to find where more is left.
+    has none. Nor is one that takes more coefficients to run as well as relations do, or as these may once the likelihood
+    has them: it weighs equations as no energy does. A potential that may imitate a function, as gravity far out, leaves this to find where more is left.
 
     Args:
         contenders: the mechanisms.
@@ -161,13 +162,17 @@ def leave_little(contenders: Sequence[Contender], asis: Sequence[Contender]) -> 
     """
     bar = min((a.free_run for a in asis), default=WELL)
     least = bar if asis and bar < WELL else np.inf  # what runs well, and better, needs no such noise
-    fewest = min((a.coefficients for a in asis if a.free_run < LOST), default=np.inf)
     return any(
         (c.clear and not any(a.coefficients < c.coefficients and _runs_as_well(a, c) for a in asis))
-        or (c.coefficients <= fewest and _does_well(c, bar, least) and not _imitates(c))
+        or (_does_well(c, bar, least) and not _imitates(c) and not any(_takes_fewer(a, c) for a in asis))
         for c in contenders
         if c.inertial and not c.loose
     )
+
+
+def _takes_fewer(one: Contender, other: Contender) -> bool:
+    """Say whether a form keeps to the record with fewer coefficients, or may come to run as well as another."""
+    return one.coefficients < other.coefficients and one.free_run < min(LOST, UNREFINED * other.free_run)
 
 
 def _imitates(contender: Contender) -> bool:

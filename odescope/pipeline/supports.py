@@ -18,7 +18,7 @@ from odescope.pipeline.forms import Posed, mechanisms_form
 from odescope.pipeline.ruled_out import mechanisms_that_stay, not_ruled_out
 from odescope.pipeline.stages import refine_form
 from odescope.pipeline.suspicion import replaces
-from odescope.pipeline.wider import LEAST, TIMES, within
+from odescope.pipeline.wider import LEAST, TIMES, searched_beside, within
 from odescope.pipeline.work import Work
 from odescope.recordings.coordinate import Coordinate
 from odescope.study.options import Study
@@ -54,10 +54,13 @@ def with_moving_supports(
     stays = not_ruled_out(study, records)
     found = mechanisms_that_stay({posed.form: wide.mechanisms(posed.form)}, stays)[posed.form]
     work.monitor.tell(Progress("likelihood", "search with supports that move", 0, 1))
-    wider = mechanisms_form(wide, posed.form, found, posed.constants, filtered.records, filtered.signals)
-    times = TIMES if refinement is None or not refinement.says_all else 1.0
-    limited = work if refinement is None else within(work, max(LEAST, times * refinement.spent))
-    other = refine_form(limited, filtered, wider)
+    if refinement is not None and refinement.says_all:  # it is near: the search goes on from it
+        more = [m for m in found[0] if m not in posed.mechanisms]
+        wider, other = searched_beside(work, filtered, posed, refinement, more)
+    else:
+        wider = mechanisms_form(wide, posed.form, found, posed.constants, filtered.records, filtered.signals)
+        limited = work if refinement is None else within(work, max(LEAST, TIMES * refinement.spent))
+        other = refine_form(limited, filtered, wider)
     if other is None or not (other.exact if refinement is None else replaces(other, refinement)):
         return posed, refinement
     return wider, other
