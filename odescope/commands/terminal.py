@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from odescope.errors import InputError
 from odescope.events import Event, FilesWritten, Note, standing, unheard
-from odescope.model.worth import verdict
 
 if TYPE_CHECKING:
     from odescope.model.model import Model
@@ -88,7 +87,7 @@ def remark(event: Event, told: Collection[str] = ()) -> str:
     if isinstance(event, NothingFound):
         return "\n".join(f"advice: {sentence}" for sentence in event.advice if sentence not in told)
     if isinstance(event, EquationsReady):
-        return verdict(event.result.model.scores, bool(event.result.warnings))
+        return event.result.verdict
     if isinstance(event, Note):
         return f"{'warning' if event.warns else 'note'}: {event.text}"
     return f"wrote {event.folder}/: {', '.join(event.names)}" if isinstance(event, FilesWritten) else ""

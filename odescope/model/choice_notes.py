@@ -82,6 +82,11 @@ def unsettled(suspicions: Sequence[SuspicionScore]) -> Iterator[str]:
             yield _of_a_suspicion(found)
 
 
+def imitating(suspicions: Sequence[SuspicionScore]) -> tuple[str, ...]:
+    """Return the targets whose terms may imitate another function."""
+    return tuple(dict.fromkeys(found.target for found in suspicions if found.terms and _stands(found)))
+
+
 def of_single_terms(doubts: Doubts) -> Iterator[str]:
     """Yield the terms whose evidence is thin, and those that others could replace almost as well."""
     if doubts.thin:
@@ -189,7 +194,7 @@ def _of_the_path(path: Sequence[PathScore]) -> Iterator[str]:
     if not dropped:
         return
     dropped.sort(key=lambda step: -(step.statistic or 0.0))
-    told = _some([f"{step.dropped}{_evidence(step)}" for step in dropped])
+    told = some([f"{step.dropped}{_evidence(step)}" for step in dropped])
     first, last = path[0], path[chosen]
     errors = (
         "" if first.error is None or last.error is None else f"{first.error:.2g} with them, {last.error:.2g} without"
@@ -229,9 +234,9 @@ def _of_constants(sums: Sequence[Conserved]) -> Iterator[str]:
         )
 
 
-def _some(items: Sequence[str]) -> list[str]:
-    """Return the first items, and how many more there are."""
-    return [*items[:TOLD], *([f"{len(items) - TOLD} more"] if len(items) > TOLD else [])]
+def some(items: Sequence[str], most: int = TOLD) -> list[str]:
+    """Return the first items, at most so many, and how many more there are."""
+    return [*items[:most], *([f"{len(items) - most} more"] if len(items) > most else [])]
 
 
 def listed(items: Sequence[str]) -> str:

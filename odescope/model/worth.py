@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from odescope.model.choice_notes import listed
+from odescope.model.choice_notes import imitating, listed, some
 from odescope.model.free_run_notes import grows_by_itself
-from odescope.model.scores import Likelihood, ModelScores
+from odescope.model.scores import Doubts, Likelihood, ModelScores
 
 FLOWS = 'name what flows in or out as inputs, or add reactions with the world outside, such as "-> S" and "S ->"'
 ONE_OF_TWO = "of two states one of which was measured the law is one equation with order = 2"
@@ -13,6 +13,7 @@ MUCH = 0.3  # of the root mean square of a target, that a model leaves: no distu
 FAR = 0.5  # standard deviations of the record: free runs further off say that little is known
 OPEN = 0.1  # drift of a sum: no small leak, and no gain of a sensor that is a little off
 HALF = 0.5  # of the variance of a target: a regression that predicts less is no law yet
+FEW = 3  # terms in doubt that the sentence names
 NEXT_TO_NOTHING = 0.0005  # of the root mean square of a target: less is not told
 
 
@@ -54,21 +55,42 @@ def uncertain(scores: ModelScores | None) -> str:
     return ""
 
 
-def verdict(scores: ModelScores | None, warned: bool) -> str:
+def verdict(scores: ModelScores | None, doubts: Doubts | None, warned: bool) -> str:
     """Return in a sentence what a model is worth, uncertain or not; nothing where no likelihood has judged it.
 
     Args:
         scores: of the model.
+        doubts: of the likelihood stage, where it ran.
         warned: whether anything is warned of.
     """
     judged = None if scores is None else scores.likelihood
-    if (doubt := uncertain(scores)) or judged is None:
+    if (doubt := uncertain(scores)) or scores is None or judged is None:
         return doubt
     if judged.exact:
-        rest = "; what may be in doubt is warned of below" if warned else ", and no term of it is in doubt"
-        return f"this model follows the record to within its noise{rest}"
-    left = [f"{share(part)} of {t}" for t, part in (judged.unexplained or {}).items() if part > NEXT_TO_NOTHING]
-    return "this model follows the record" + (f" but for {listed(left)}" if left else "")
+        within = " to within its noise"
+    else:
+        left = [f"{share(part)} of {t}" for t, part in (judged.unexplained or {}).items() if part > NEXT_TO_NOTHING]
+        within = f" but for {listed(left)}" if left else ""
+    doubtful = _doubtful(scores, doubts)
+    if judged.exact and not doubtful:
+        doubtful = ["what may be in doubt is warned of below" if warned else "no term of it is in doubt"]
+    return "; ".join([f"this model follows the record{within}", *doubtful])
+
+
+def _doubtful(scores: ModelScores, doubts: Doubts | None) -> list[str]:
+    """Return clauses on what of a model may be something else.
+
+    Args:
+        scores: of the model.
+        doubts: of the likelihood stage, where it ran.
+    """
+    said = list[str]()
+    if targets := imitating(scores.suspicions):
+        said.append(f"what it has for {listed(targets)} may imitate another function")
+    unsure = () if doubts is None else (*doubts.thin, *doubts.alike)
+    if terms := list(dict.fromkeys(f"{term} in {target}" for term, target, _ in unsure)):
+        said.append(f"in doubt {'is' if len(terms) == 1 else 'are'} {listed(some(terms, FEW))}")
+    return said
 
 
 def _parts_as_any(scores: ModelScores) -> bool:

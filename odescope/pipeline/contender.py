@@ -153,12 +153,9 @@ def leave_little(contenders: Sequence[Contender], asis: Sequence[Contender]) -> 
     any law: where it is white, or takes up next to nothing, there is nothing left to find, too. A Lagrangian with
     negative inertia is none: forces that do no work, as of a magnet or a flywheel, are no mechanisms. Nor is one of
     which a part is not told from nothing: what is coupled one way alone, as a load that hangs from a driven trolley,
-    has none. Nor is one that takes more coefficients to run as well as relations do, or as these may once the likelihood
-    has them: it weighs equations as no energy does. A potential that may imitate a function, as gravity far out, leaves this to find where more is left.
-
-    Args:
-        contenders: the mechanisms.
-        asis: the relations as regression has them, if it has some.
+    has none. Nor is one that takes more coefficients to run as well as relations do, or as these may once the
+    likelihood has them: it weighs equations as no energy does. A potential that may imitate a function, as gravity far
+    out, leaves this to find where more is left.
     """
     bar = min((a.free_run for a in asis), default=WELL)
     least = bar if asis and bar < WELL else np.inf  # what runs well, and better, needs no such noise

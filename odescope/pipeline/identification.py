@@ -28,7 +28,7 @@ from odescope.model.relation import Relation, RelationTerm
 from odescope.model.scores import Doubts, ModelScores
 from odescope.model.screen import screen
 from odescope.model.simulation import Trajectory
-from odescope.model.worth import uncertain
+from odescope.model.worth import uncertain, verdict
 from odescope.parallel.dask_cluster import open_workers
 from odescope.pipeline.adopted import Adopted, adopted
 from odescope.pipeline.coarse_inputs import with_held_cells
@@ -194,6 +194,11 @@ class Identification:
             said += order_advice(self.signals)
         said += idle_inputs(self.signals, {*self.model.held, *self.study.clocks})
         return (*said, *(u.note for u in tables(self.study)[1]))
+
+    @property
+    def verdict(self) -> str:
+        """What the model is worth, in a sentence; nothing where no likelihood has judged it."""
+        return verdict(self.model.scores, self._doubts, bool(self.warnings))
 
     @cached_property
     def _doubts(self) -> Doubts | None:

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from odescope.model.scores import Conserved, Likelihood, ModelScores, PathScore, TargetScore
+from odescope.model.scores import Conserved, Doubts, Likelihood, ModelScores, PathScore, SuspicionScore, TargetScore
 from odescope.model.worth import uncertain, verdict
 
 
@@ -67,7 +67,7 @@ def test_a_model_that_leaves_much_of_a_target_is_uncertain(parts, said):
 @pytest.mark.parametrize(
     ("judged", "warned", "told"),
     [
-        ({}, False, "this model follows the record to within its noise, and no term of it is in doubt"),
+        ({}, False, "this model follows the record to within its noise; no term of it is in doubt"),
         ({}, True, "this model follows the record to within its noise; what may be in doubt is warned of below"),
         (
             {"process_noise": {"x_ddot": 0.1}, "unexplained": {"x_ddot": 0.012}},
@@ -84,10 +84,35 @@ def test_a_model_that_leaves_much_of_a_target_is_uncertain(parts, said):
 )
 def test_a_sentence_says_what_a_model_is_worth(judged, warned, told):
     scores = ModelScores(likelihood=msgspec.structs.replace(likelihood_of(True, None), **judged))
-    assert verdict(scores, warned) == told
+    assert verdict(scores, None, warned) == told
 
 
 def test_what_is_uncertain_as_a_whole_is_said_in_its_place():
     scores = ModelScores(likelihood=likelihood_of(False, None))
-    assert verdict(scores, False) == uncertain(scores) != ""
-    assert verdict(None, True) == verdict(ModelScores(), True) == ""
+    assert verdict(scores, None, False) == uncertain(scores) != ""
+    assert verdict(None, None, True) == verdict(ModelScores(), None, True) == ""
+
+
+def suspected(variable, terms, found=()):
+    return SuspicionScore("x_ddot", variable, "powers", terms, 0.0, 1.0, ("tanh(x)", "sqrt(x)"), found, -20.0)
+
+
+THIN, ALIKE = ("x_dot", "x_ddot", 3.1), ("x**3", "x_ddot", "sin(x)")
+IMITATES = "what it has for x_ddot may imitate another function"
+
+
+@pytest.mark.parametrize(
+    ("suspicions", "thin", "alike", "told"),
+    [
+        ([suspected("x", 3), suspected("x_dot", 3)], (), (), IMITATES),
+        ([suspected("x", 2)], (), (), "what may be in doubt is warned of below"),  # two powers are rarely a function
+        ([suspected("x", 0, ("tanh(x)",))], (THIN,), (), "in doubt is x_dot in x_ddot"),
+        ([suspected("x", 3)], (THIN,), (THIN, ALIKE), f"{IMITATES}; in doubt are x_dot in x_ddot and x**3 in x_ddot"),
+        ([], [(f"x**{n}", "v", 3.0) for n in range(5)], (), "in doubt are x**0 in v, x**1 in v, x**2 in v and 2 more"),
+    ],
+)
+def test_what_may_be_in_doubt_is_named_before_the_equations(suspicions, thin, alike, told):
+    scores = ModelScores(likelihood=likelihood_of(True, None), suspicions=tuple(suspicions))
+    found = verdict(scores, Doubts(False, False, None, tuple(thin), tuple(alike)), True)
+    assert found.startswith("this model follows the record to within its noise; ")
+    assert found.endswith(told)
