@@ -37,6 +37,7 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> Likelih
         hints=() if lacking is None else tuple(missing_physics(lacking, targets)),
         held_out_free_run=None if process is None else float(process.held_out),
         truncated=refinement.truncated,
+        bursts=refinement.bursts,
     )
     if refinement.evidence is None or not refinement.follows:
         return scores

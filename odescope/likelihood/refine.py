@@ -62,9 +62,9 @@ class Refinement:
     replace. `fit` and `space` are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence`
     what the record says of every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget
     ended a search, `late` if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`,
-    `undecided` the holds that inputs may as well have, `steps` the number of steps that come between samples, by input.
-    `scale` is the residual variance over the noise variance: more than that of the search where fewer terms were asked
-    for than it found.
+    `undecided` the holds that inputs may as well have, `steps` the number of steps between samples, by input. `scale`
+    is the residual variance over the noise variance: more than that of the search where fewer terms were asked for.
+    `bursts` is the share of the record that was too quick for its filter, and not looked at.
     """
 
     relations: tuple[Relation, ...]
@@ -86,6 +86,7 @@ class Refinement:
     hold_gains: Mapping[str, float]
     undecided: Mapping[str, Hold]
     steps: Mapping[str, int] = field(default_factory=dict)
+    bursts: float = 0.0
 
     @property
     def follows(self) -> bool:

@@ -81,7 +81,8 @@ def notes_of(
         said += [*findings(scores), *parting_sentences(scores.free_runs, scores.likelihood)]
         said += [*warnings_of(scores, doubts), *_of_the_data(scores)]
         if scores.likelihood is not None and doubts is not None:
-            said += [*_unexplained(scores.likelihood, doubts, True), *_of_the_budget(scores.likelihood, doubts, True)]
+            said += [*_of_bursts(scores.likelihood), *_unexplained(scores.likelihood, doubts, True)]
+            said += [*_of_the_budget(scores.likelihood, doubts, True)]
     return tuple(dict.fromkeys(said))
 
 
@@ -286,6 +287,15 @@ def _of_the_budget(judged: Likelihood, doubts: Doubts, clear: bool) -> Iterator[
         )
     else:
         yield f"the search ended with its budget: allow it more, {more}, for what it may have missed"
+
+
+def _of_bursts(judged: Likelihood) -> Iterator[str]:
+    """Yield what of the record the likelihood did not look at because the signals were too quick there."""
+    if judged.bursts:
+        yield (
+            f"{share(judged.bursts)} of the record is in bursts, too quick for a filter: the equations are those of the"
+            " rest, and free runs say whether they lead through bursts"
+        )
 
 
 def _unexplained(judged: Likelihood, doubts: Doubts, little: bool) -> Iterator[str]:

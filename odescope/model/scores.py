@@ -140,7 +140,8 @@ class Likelihood(msgspec.Struct, frozen=True, omit_defaults=True):
     `process_noise` is the root mean square of what the model leaves unexplained of each target, None where it follows
     the record to within its noise, and `unexplained` what share of the target's own that is; `held_out_free_run` is
     there with process noise only, and `intervals`, `correlations` and `limits` only where standard errors are stated;
-    `truncated` where [likelihood] terms asked for fewer terms than it takes to follow the record so.
+    `truncated` where [likelihood] terms asked for fewer terms than it takes to follow the record so; `bursts` is the
+    share of the record that was too quick for its filter, and not looked at.
     """
 
     follows: bool
@@ -157,6 +158,7 @@ class Likelihood(msgspec.Struct, frozen=True, omit_defaults=True):
     correlations: tuple[Correlation, ...] | None = None
     limits: tuple[Limit, ...] | None = None
     truncated: bool = False
+    bursts: float = 0.0
 
     @property
     def exact(self) -> bool:

@@ -32,6 +32,7 @@ from odescope.pipeline.wider import (
     within,
 )
 from odescope.pipeline.work import Work
+from odescope.signals.bursts import without_bursts
 from odescope.study.library_options import Span
 
 DEGREE = 2  # of the products of states and inputs
@@ -44,8 +45,9 @@ def rates(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
 
     A reactor that ignites is too steep for products of its temperature to imitate, and too quick for regression to tell
     many of these apart. With what flows in and out, and rates, a library is small: it is tried first, and its model is
-    kept where it follows the record with no term in doubt. Nothing is tried where there is no temperature or no amount,
-    or a library was written by hand.
+    kept where it follows the record with no term in doubt. Where it ignites the signals are wrong, and long steps run
+    away: what is between such bursts tells the law. Nothing is tried where there is no temperature or no amount, or a
+    library was written by hand.
 
     Args:
         work: whose study says of which variables functions may be looked for.
@@ -63,16 +65,21 @@ def rates(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
     flows = tuple(f"{inflow}*{state}" for inflow in inflows for state in filtered.signals.states)
     two = (*factors, *_factors(work, filtered, tuple(_spans(factors))))
     first = (two, ()) if len(amounts) > 1 else (factors, ())  # reactions in a row, or there and back, have two energies
+    quiet = without_bursts(filtered.signals, filtered.records)
+    calm = filtered if quiet is None else replace(filtered, signals=quiet[0], records=quiet[1])
+    tried = list[tuple[Work, Regressed]]()
     for among, beside in dict.fromkeys([first, (factors, flows)]):
         wide = within(_with_rates(work, amounts, among, _spans(among), 1, beside), AT_FIRST)
-        found = regressed_with(wide, filtered)
-        if found is None or not promises(found, regressed):
-            continue
+        found = regressed_with(wide, calm)
+        if found is not None and (quiet is not None or promises(found, regressed)):
+            tried.append((wide, found))
+    for wide, found in sorted(tried, key=lambda t: t[1].criterion):
         work.monitor.tell(Progress("suspicion", "search with rates that go with a temperature", 0, 1))
         posed = _posed(wide, found)
-        refinement = refine_form(wide, filtered, posed)
+        refinement = refine_form(wide, calm, posed)
         if refinement is not None and refinement.exact and refinement.outcome.sure and _holds(refinement):
-            return posed, replace(refinement, finished=True)  # no larger budget than this one's own would be spent
+            left = 1.0 - calm.records.samples / filtered.records.samples
+            return posed, replace(refinement, finished=True, bursts=left)  # no larger budget than its own would be spent
     return None
 
 
