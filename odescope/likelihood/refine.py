@@ -62,9 +62,9 @@ class Refinement:
     replace. `fit` and `space` are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence`
     what the record says of every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget
     ended a search, `late` if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`,
-    `undecided` the holds that inputs may as well have, `steps` the number of steps between samples, by input. `scale`
-    is the residual variance over the noise variance: more than that of the search where fewer terms were asked for.
-    `bursts` is the share of the record that was too quick for its filter, and not looked at.
+    `undecided` the holds that inputs may as well have, `steps` the number of steps between samples, by input, `bursts`
+    the share of the record that was too quick to look at. `scale` is the residual variance over the noise variance:
+    more than that of the search where fewer terms were asked for.
     """
 
     relations: tuple[Relation, ...]

@@ -221,7 +221,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
     with work.stage("signals"):
         undelayed = records
         records = _acted(records, inputs, lead)
-        signals = _signals(study, records, inputs)
+        signals = signals_of(study, records, inputs)
         shortest = SHORTEST / min(c.cutoff for c in signals.channels)
         long = [run.duration >= shortest for run in records]
         left_out = long.count(False) if any(long) else 0
@@ -229,7 +229,7 @@ def estimate(work: Work, prepared: Prepared) -> Filtered:
             sample = sample.without([not kept for kept in long])
             records, undelayed = (Records(tuple(compress(r, long))) for r in (records, undelayed))
             gated = {name: tuple(compress(found, long)) for name, found in gated.items()}
-            signals = _signals(study, records, inputs)
+            signals = signals_of(study, records, inputs)
     refuse_rates(signals)
     return Filtered(
         sample, undelayed, records, signals, inputs, lead, delays, clipping, outliers, gated,
@@ -255,7 +255,7 @@ def settled(work: Work, filtered: Filtered, model: Model) -> Filtered:
         records = Records.of(less_offsets(r, coordinates) for r in filtered.undelayed)
         lead = max((abs(i.delay) for i in inputs), default=0.0) or None
         records = _acted(records, inputs, lead)
-        signals = replace(_signals(work.study, records, inputs), coordinates=coordinates)
+        signals = replace(signals_of(work.study, records, inputs), coordinates=coordinates)
     return replace(filtered, sample=sample, records=records, signals=signals, inputs=inputs, lead=lead)
 
 
@@ -273,7 +273,14 @@ def _acted(records: Records, inputs: Sequence[Input], lead: float | None) -> Rec
     return Records.of(s.record for s in delayed(records.stretches, inputs, lead))
 
 
-def _signals(study: Study, records: Records, inputs: Sequence[Input]) -> Signals:
+def signals_of(study: Study, records: Records, inputs: Sequence[Input]) -> Signals:
+    """Return the signals of records, filtered as a study says.
+
+    Args:
+        study: the options.
+        records: less outliers.
+        inputs: what drove them.
+    """
     options = study.signals
     return estimate_signals(
         records, study.measured(), inputs, options.differentiator, options.margin, options.decimate, LEAST
@@ -291,12 +298,12 @@ def _in_samples(delay: Delay, period: float) -> Delay:
 def _delays(work: Work, records: Records, libraries: Sequence[Library], wanted: Sequence[str]) -> dict[str, Delay]:
     """Return the delays for which the criterion, summed over the targets, is least."""
     study, inputs = work.study, first_holds(records, work.study)
-    period = 1.0 / max(c.cutoff for c in _signals(study, records, inputs).channels)
+    period = 1.0 / max(c.cutoff for c in signals_of(study, records, inputs).channels)
     lead = (LARGEST + 1.0) * period + max(abs(i.delay) for i in inputs)
 
     def cost(delays: Mapping[str, float]) -> float:
         work.monitor.check()
-        signals = _signals(study, _acted(records, with_delays(inputs, delays), lead), inputs)
+        signals = signals_of(study, _acted(records, with_delays(inputs, delays), lead), inputs)
         total = 0.0
         for c, library in zip(study.measured(), libraries, strict=True):
             problem = pose(signals, c.target, c.order, library, study.regression.rows)

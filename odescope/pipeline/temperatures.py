@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations_with_replacement
 
 import msgspec
@@ -16,7 +17,7 @@ from odescope.library.families import ABOVE_ZERO, ACTIVATION, Family, families_o
 from odescope.library.readable import readable
 from odescope.likelihood.refine import Refinement
 from odescope.model.scores import SuspicionScore
-from odescope.pipeline.filtering import Filtered
+from odescope.pipeline.filtering import Filtered, signals_of
 from odescope.pipeline.forms import Posed, relations_form
 from odescope.pipeline.regressed import Regressed
 from odescope.pipeline.stages import refine_form
@@ -65,7 +66,8 @@ def rates(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
     flows = tuple(f"{inflow}*{state}" for inflow in inflows for state in filtered.signals.states)
     two = (*factors, *_factors(work, filtered, tuple(_spans(factors))))
     first = (two, ()) if len(amounts) > 1 else (factors, ())  # reactions in a row, or there and back, have two energies
-    quiet = without_bursts(filtered.signals, filtered.records)
+    again = partial(signals_of, work.study, inputs=filtered.inputs)
+    quiet = without_bursts(filtered.signals, filtered.records, again)
     calm = filtered if quiet is None else replace(filtered, signals=quiet[0], records=quiet[1])
     tried = list[tuple[Work, Regressed]]()
     for among, beside in dict.fromkeys([first, (factors, flows)]):
@@ -79,7 +81,9 @@ def rates(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
         refinement = refine_form(wide, calm, posed)
         if refinement is not None and refinement.exact and refinement.outcome.sure and _holds(refinement):
             left = 1.0 - calm.records.samples / filtered.records.samples
-            return posed, replace(refinement, finished=True, bursts=left)  # no larger budget than its own would be spent
+            return posed, replace(
+                refinement, finished=True, bursts=left
+            )  # no larger budget than its own would be spent
     return None
 
 

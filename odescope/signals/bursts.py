@@ -1,29 +1,52 @@
 """Bursts: where a signal is too quick for its filter, as when a reactor ignites, and leaves more than noise there.
 
-docs/method.md, Signals.
+docs/method.md, Suspicion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
 from odescope.recordings.record import Record, Records
-from odescope.signals.estimate import Channel, Signals
+from odescope.signals.estimate import Signals
 
-WINDOW = 16  # rows over which what a filter leaves is averaged: about two periods of the highest cutoff
-LOUD = 6.0  # times the median of such averages, which noise hardly ever reaches
-FIERCE = 2.0  # mean over median of them: noise that goes with its signal is less uneven
-MOST = 0.5  # of all rows, in bursts: what is more is no exception
+WINDOW = 16  # rows over which the square of what a filter leaves is averaged: about two periods of the highest cutoff
+LOUD = 6.0  # times the median of such averages, which noise hardly ever reaches,
+CORE = 0.01  # and of the largest of them: further away from the burst it is the filter that rings
+FIERCE = 20.0  # largest over median of them: noise that goes with its signal is less uneven
+MOST = 0.5  # of all samples, in bursts: what is more is no exception
 SHORTEST = 2 * WINDOW  # rows of a piece between bursts
+ROUNDS = 4  # beside the largest bursts smaller ones are not seen
 
 
-def without_bursts(signals: Signals, records: Records) -> tuple[Signals, Records] | None:
-    """Return the pieces of records between bursts, with the noise there; None where there are none.
+def without_bursts(
+    signals: Signals, records: Records, estimate: Callable[[Records], Signals]
+) -> tuple[Signals, Records] | None:
+    """Return signals and samples of the pieces of records between bursts; None where there are no bursts.
+
+    Args:
+        signals: of all the records.
+        records: what they were filtered from.
+        estimate: returns the signals of records.
+    """
+    pieces = records
+    for _ in range(ROUNDS):
+        parts = _between_bursts(signals, pieces)
+        if parts is None:
+            break
+        if sum(map(len, parts)) < (1.0 - MOST) * records.samples:
+            return None
+        pieces = Records.of(parts)
+        signals = estimate(pieces)
+    return None if pieces is records else (signals, pieces)
+
+
+def _between_bursts(signals: Signals, records: Records) -> list[Record] | None:
+    """Return the pieces of records between their bursts; None where there are none.
 
     Args:
         signals: of all the records.
@@ -31,91 +54,59 @@ def without_bursts(signals: Signals, records: Records) -> tuple[Signals, Records
     """
     if len(signals.columns) < len(records):
         return None
-    rest = {c.name: [_rest(signals, c, run, k) for k, run in enumerate(records)] for c in signals.channels}
-    loud = {name: found for name, own in rest.items() if (found := bursts(own))}
-    if not loud:
+    rest = [[_rest(signals, c.name, run, k) for c in signals.channels] for k, run in enumerate(records)]
+    loud = [np.any([bursts(own) for own in channels], axis=0) for channels in rest]
+    if not any(np.any(there) for there in loud):
         return None
-    either = [np.any(own, axis=0) for own in zip(*loud.values(), strict=True)]
-    pieces = [(k, *piece) for k, there in enumerate(either) for piece in _between(there)]
-    if sum(stop - first for _, first, stop in pieces) < (1.0 - MOST) * signals.samples:
-        return None
-    channels = [_quiet(c, rest[c.name], loud[c.name], records) if c.name in loud else c for c in signals.channels]
-    columns = [np.ascontiguousarray(signals.columns[k][:, first:stop]) for k, first, stop in pieces]
-    start = [signals.start[k] + first * signals.period for k, first, _ in pieces]
-    kept = replace(signals, columns=tuple(columns), start=tuple(start), channels=tuple(channels))
-    return kept, Records.of(_part(signals, records.runs[k], k, first, stop) for k, first, stop in pieces)
+    parts = list[Record]()
+    for k, (run, there) in enumerate(zip(records, loud, strict=True)):
+        edges = np.flatnonzero(np.concatenate([[True], there, [True]])).tolist()
+        pairs = [(a, b - 1) for a, b in pairwise(edges) if b - 1 - a >= SHORTEST]
+        sample = _samples(signals, run, k)
+        # What is dropped at the ends of a record belongs to its first and last piece.
+        begin, end = [0, *sample[1:]], [*sample[:-1], len(run)]
+        parts += [run.part(begin[a], end[b]) for a, b in pairs]
+    return parts
 
 
-def bursts(rest: Sequence[FloatArray]) -> tuple[BoolArray, ...]:
-    """Return which rows (N,) of every record are in a burst of a channel; nothing where it has none.
+def bursts(rest: FloatArray) -> BoolArray:
+    """Return which rows (N,) of a record are in a burst.
 
     Args:
-        rest: (N,) a record, what the filter leaves of the channel.
+        rest: (N,) what the filter leaves of a coordinate.
     """
-    levels = [np.convolve(r**2, np.ones(WINDOW) / WINDOW)[WINDOW // 2 :][: len(r)] for r in rest]
-    joined = np.concatenate(levels)
-    usual = float(np.median(joined))
-    if usual <= 0.0 or joined.mean() < FIERCE * usual:
-        return ()
-    near = np.ones(2 * WINDOW + 1)  # a filter rings about a burst
-    return tuple(np.convolve(level > LOUD * usual, near)[WINDOW:][: len(level)] > 0.5 for level in levels)
+    level = np.convolve(rest**2, np.ones(WINDOW) / WINDOW)[WINDOW // 2 :][: len(rest)]
+    usual = float(np.median(level))
+    if usual <= 0.0 or level.max() < FIERCE * usual:
+        return np.zeros(len(rest), dtype=np.bool_)
+    near = np.ones(2 * WINDOW + 1)
+    loud: BoolArray = np.convolve(level > max(LOUD * usual, CORE * level.max()), near)[WINDOW:][: len(level)] > 0.5
+    return loud
 
 
-def _between(loud: BoolArray) -> list[tuple[int, int]]:
-    """Return the first row of every piece that is long enough without a loud one, and the one after its last."""
-    edges = np.flatnonzero(np.concatenate([[True], loud, [True]]))
-    return [(a, b - 1) for a, b in pairwise(edges.tolist()) if b - 1 - a >= SHORTEST]
-
-
-def _quiet(channel: Channel, rest: Sequence[FloatArray], loud: Sequence[BoolArray], records: Records) -> Channel:
-    """Return a channel with the noise that its filter leaves between bursts, above the cutoff.
-
-    Args:
-        channel: with the noise of everything.
-        rest: (N,) a record, what the filter leaves.
-        loud: (N,) which rows are in a burst.
-        records: whose samples are white as far as they are noise.
-    """
-    left = np.concatenate([r[~there] for r, there in zip(rest, loud, strict=True)])
-    above = 1.0 - 2.0 * channel.cutoff * records.runs[0].sample_period  # of the frequencies
-    noise = float(left.std()) / max(above, 1e-3) ** 0.5
-    return replace(channel, noise=min(channel.noise, max(noise, channel.floor)))
-
-
-def _stride(signals: Signals, run: Record) -> int:
-    """Return how many samples of a record make a row."""
-    return max(1, round(signals.period / run.sample_period))
-
-
-def _first(signals: Signals, run: Record, number: int) -> int:
-    """Return the sample of a record that is its first row."""
-    return round((signals.start[number] - float(run.t[0])) / run.sample_period)
-
-
-def _rest(signals: Signals, channel: Channel, run: Record, number: int) -> FloatArray:
-    """Return what the filter leaves of a channel at the rows of a record, (N,).
+def _samples(signals: Signals, run: Record, number: int) -> list[int]:
+    """Return which sample of a record each of its rows is, and that after the last.
 
     Args:
         signals: of all the records.
-        channel: the one.
         run: the record.
         number: which of all.
     """
-    filtered = signals.columns[number][signals.row(channel.name)]
-    samples = run.column(channel.name)[_first(signals, run, number) :: _stride(signals, run)]
-    rest: FloatArray = samples[: len(filtered)] - filtered
+    stride = max(1, round(signals.period / run.sample_period))
+    first = round((signals.start[number] - float(run.t[0])) / run.sample_period)
+    return [first + stride * row for row in range(signals.columns[number].shape[1] + 1)]
+
+
+def _rest(signals: Signals, name: str, run: Record, number: int) -> FloatArray:
+    """Return what the filter leaves of a coordinate at the rows of a record, (N,).
+
+    Args:
+        signals: of all the records.
+        name: of the coordinate.
+        run: the record.
+        number: which of all.
+    """
+    rest: FloatArray = (
+        run.column(name)[_samples(signals, run, number)[:-1]] - signals.columns[number][signals.row(name)]
+    )
     return rest
-
-
-def _part(signals: Signals, run: Record, number: int, first: int, stop: int) -> Record:
-    """Return the samples of a record from one row to another.
-
-    Args:
-        signals: of all the records.
-        run: the record.
-        number: which of all.
-        first: row.
-        stop: the row after the last.
-    """
-    stride, begin = _stride(signals, run), _first(signals, run, number)
-    return run.part(begin + first * stride, min(begin + stop * stride, len(run)))
