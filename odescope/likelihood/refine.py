@@ -106,8 +106,9 @@ class Refinement:
     @property
     def says_all(self) -> bool:
         """Whether what it leaves to noise of the process is white: what lacks in a law would show between blocks."""
-        noisy = self.process
-        return noisy is not None and self.free_run_error < LOST and white(noisy.fit, noisy.evidence)
+        return (
+            self.process is not None and self.free_run_error < LOST and white(self.process.fit, self.process.evidence)
+        )
 
     @property
     def truncated(self) -> bool:
