@@ -48,7 +48,6 @@ from odescope.signals.differentiators import Differentiator
 from odescope.signals.estimate import Signals
 
 THREADS = Threads()
-
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
 WELL = 0.1  # error of free runs, in standard deviations, of a model that leaves another little to find
 
