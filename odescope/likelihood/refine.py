@@ -137,8 +137,7 @@ class Refinement:
         """
         if self.process is None:
             return False
-        errors = free_run_errors(self.space, self.fit.theta, stretches(self.space.segments))
-        return float(errors.mean()) < VERY**2
+        return float(free_run_errors(self.space, self.fit.theta, stretches(self.space.segments)).mean()) < VERY**2
 
     def gained_over(self, before: Refinement | None) -> float | None:
         """Return by how much the deviance is less than that of another model, noise of the process counted.
