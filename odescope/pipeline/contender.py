@@ -23,6 +23,7 @@ from odescope.study.library_options import Form
 from odescope.study.options import LeftOut
 
 HARDLY = 0.02  # of the root mean square of a target
+LITTLE = 0.25  # of it: white noise of the process that leaves the law most of the say
 LOOSE = 0.5  # standard errors of a kinetic term over its coefficient
 SEVERAL = 3  # powers of one coordinate in the forces of a potential: they may imitate a function of it
 SPREAD = 1.1  # error of free runs over the least: within it fewer coefficients win
@@ -195,5 +196,7 @@ def _does_well(contender: Contender, bar: float, least: float) -> bool:
         bar: error of the free runs of others.
         least: the same, if they run well.
     """
-    white = contender.says_all and contender.free_run <= SPREAD * least
-    return contender.left < HARDLY or white or (contender.follows and contender.free_run <= bar)
+    if contender.left < HARDLY:
+        return True
+    runs = contender.free_run <= (SPREAD * least if contender.says_all else bar)
+    return contender.follows and (contender.exact or contender.left < LITTLE) and runs
