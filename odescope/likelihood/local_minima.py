@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from odescope.likelihood.add_and_drop import GAIN
+from odescope.likelihood.fit import Fit
 from odescope.likelihood.search import WIDTHS, Outcome, fitted_again, settle_again
 from odescope.likelihood.search_space import SearchSpace
 
+CERTAIN = 30.0  # standard errors: what is known so well in every relation makes up for no wrong constant
 OPENED = 0.1  # width of the defects, in smoothing errors of each state, at which a trajectory leaves a local minimum
+
+
+def out_of_local_minima(space: SearchSpace, outcome: Outcome) -> Outcome:
+    """Return the end of a search in a lower minimum of the cost where there is one.
+
+    Args:
+        space: data, candidates.
+        outcome: the end of the search.
+    """
+    return _without_shared(space, joined_again(space, outcome))
 
 
 def joined_again(space: SearchSpace, outcome: Outcome) -> Outcome:
@@ -30,3 +44,45 @@ def joined_again(space: SearchSpace, outcome: Outcome) -> Outcome:
         return outcome
     end = fitted_again(space, outcome, found)
     return end if end.clear else settle_again(space, end, found)
+
+
+def _without_shared(space: SearchSpace, outcome: Outcome) -> Outcome:
+    """Return the end of a search without a function that several relations hold, where that costs less.
+
+    A rate stands in several balances. What hangs at a wrong constant makes up for it by another rate with it, in as
+    many balances: each by itself is sure there, and segments have to part to get away.
+
+    Args:
+        space: data, candidates.
+        outcome: the end of the search.
+    """
+    for own in _shared(space, outcome.fit):
+        here, theta, x0 = outcome.fit, outcome.fit.theta.copy(), outcome.fit.x0
+        theta[own], present = 0.0, np.setdiff1d(here.present, own)
+        for width in (w for w in WIDTHS if outcome.width <= w < np.inf):
+            found = space.fit(theta, present, x0, space.segments.spread * width)
+            if found is None:
+                break
+            theta, x0 = found.theta, found.x0
+        else:
+            if found is not None and found.cost + space.price(found) < here.cost + space.price(here):
+                outcome = fitted_again(space, outcome, found)
+    return outcome
+
+
+def _shared(space: SearchSpace, found: Fit) -> list[list[int]]:
+    """Return the mechanisms that hold one function with constants in several relations, function by function.
+
+    What is certain beyond doubt in all of them makes up for nothing.
+
+    Args:
+        space: the candidates.
+        found: the model.
+    """
+    shared, doubtful = dict[str, list[int]](), set[str]()
+    for k, wald in zip(found.free.tolist(), found.wald.tolist(), strict=True):
+        parts = space.mechanisms[k].parts
+        if len(parts) == 1 and not parts[0].product.term.names.isdisjoint(space.needed):
+            shared.setdefault(parts[0].product.text, []).append(k)
+            doubtful |= {parts[0].product.text} if wald < CERTAIN**2 else set()
+    return [own for text, own in shared.items() if len(own) > 1 and text in doubtful]

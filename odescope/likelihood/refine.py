@@ -24,7 +24,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import free_run_errors, stretches, thinned, without_held_out
 from odescope.likelihood.holds import holds_of
 from odescope.likelihood.input_searches import Between
-from odescope.likelihood.local_minima import joined_again
+from odescope.likelihood.local_minima import out_of_local_minima
 from odescope.likelihood.look_alikes import with_simpler_terms
 from odescope.likelihood.negligible import without_negligible
 from odescope.likelihood.noise_or_terms import cost_without_process_noise, likelier_with_process_noise
@@ -275,7 +275,7 @@ def _judged(
     """Return the best end of the searches, or the model with process noise where that describes the record better."""
     if joined(best):
         space, best = with_steps_settled(space, best, begun, workers)
-        space, best = with_narrow_friction(space, without_negligible(space, joined_again(space, best)))
+        space, best = with_narrow_friction(space, without_negligible(space, out_of_local_minima(space, best)))
         best = with_simpler_terms(space, without_negligible(space, best))  # friction is wider, and may ask for less
     cut, apart = partial(between.cut, holds_of(space)), dict[str, Hold]()
     process, adopted, scale, begin, only_noise = None, False, best.scale, None, _leaves_noise(space, best)
