@@ -44,6 +44,11 @@ class Trajectory:
     names: tuple[str, ...]
     ended: str | None
 
+    def __repr__(self) -> str:
+        span = f"{len(self.t)} samples, {self.t[0]:.6g} to {self.t[-1]:.6g} s"
+        ended = "" if self.ended is None else f"; {self.ended}"
+        return f"Trajectory of {', '.join(self.names)}: {span}{ended}"
+
     def column(self, name: str) -> FloatArray:
         """Return one state (K,); InputError names the nearest state where there is none."""
         if name not in self.names:

@@ -15,7 +15,11 @@ from odescope.errors import InputError
 if TYPE_CHECKING:
     from pyarrow import ChunkedArray
 
-MISSING = ("", " ", "NA", "N/A", "NaN", "nan", "NAN", "null", "NULL")
+# What pandas reads as missing, and MATLAB, R and spreadsheets write.
+MISSING = (
+    *("", " ", "NA", "N/A", "n/a", "NaN", "nan", "NAN", "-nan", "-NaN", "null", "NULL", "None", "<NA>"),
+    *("#N/A", "#N/A N/A", "#NA", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN"),
+)
 DATE = re.compile(r"\s*(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}\b|\d{1,2}:\d{2}\b)", re.ASCII)
 FORMS = "dates are read as 2024-01-31 12:00:00.5 or 31.01.2024 12:00:00,5, clocks as 12:00:00.5"
 DAY = 86_400  # seconds

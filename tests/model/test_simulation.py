@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from built_models import build
@@ -277,6 +279,13 @@ def test_a_run_cut_in_two_is_the_run():
     second = simulate(lagrange("linear"), t[75:], u[75:], first[-1]).states
     assert np.array_equal(whole[:76], first)
     assert second == pytest.approx(whole[75:], abs=1e-7)
+
+
+def test_a_run_is_printed_in_a_line():
+    t = 0.02 * np.arange(151)
+    run = simulate(lagrange("linear"), t, drive(4, 151), np.array([0.1, 1.0, 0.0, 0.0]))
+    assert repr(run) == f"Trajectory of {', '.join(run.names)}: 151 samples, 0 to 3 s"
+    assert repr(replace(run, ended="it ran away")).endswith("; it ran away")
 
 
 def test_neither_the_origin_of_time_nor_an_unused_later_input_matters():

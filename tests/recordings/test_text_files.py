@@ -187,7 +187,7 @@ def test_a_header_of_a_spreadsheet_in_western_europe(tmp_path):
     assert run.column("a")[-1] == 39.0**2 + 0.5
 
 
-@pytest.mark.parametrize("cell", ["", "NaN", "NA", "nan", " ", " NaN "])
+@pytest.mark.parametrize("cell", ["", "NaN", "NA", "nan", " ", " NaN ", "#N/A", "None", "-1.#IND"])
 def test_missing_cells_are_gaps(tmp_path, cell):
     text = ["t,x,force", *(f"{k},{cell if k == 20 else k * k},{k}" for k in range(40))]
     refused(tmp_path, text, r"column 'x' has 1 gap \(data row 21\)", replace(LAYOUT, gaps="refuse"))
