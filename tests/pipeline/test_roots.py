@@ -43,3 +43,14 @@ def test_the_level_of_a_tank_that_is_wider_at_the_top_has_its_law(section, wide)
     assert found.keys() == {*wide, "q", "sqrt(h)"}
     for text, size in (wide | {"sqrt(h)": OUT}).items():
         assert -found[text] / found["q"] == pytest.approx(size, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_cone_that_is_all_but_emptied_has_its_law(seed):
+    """Five powers of 1/h may follow it as well."""
+    log = tank(lambda h: 0.6 * h**2, seed)
+    assert log["h"].min() < 0.35 * log["h"].max()
+    study = Study(data=Data(time="t"), coordinates={"h": Measured()}, inputs={"q": Driven()})
+    (relation,) = identify(study, log).model.relations
+    assert {t.text for t in relation.terms} == {"h_dot*h**2", "q", "sqrt(h)"}

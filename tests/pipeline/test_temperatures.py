@@ -9,7 +9,6 @@ from odescope.study.library_options import Candidates
 from odescope.study.options import Data, Driven, Measured, Study
 
 PERIOD, END, ENERGY, FACTOR, HEAT, NOISE = 0.02, 30.0, 8750.0, 7.2e10, 209.0, 0.01
-FAR_ENERGY = pytest.mark.xfail(strict=True, reason="the energy stays at 3508 K, among eighteen terms")
 COOLED = {"flow": (0.6, 1.6), "coolant": (280.0, 297.0), "cooling": 3.0}
 IGNITES = {"flow": (0.8, 1.2), "coolant": (290.0, 303.0), "cooling": 2.09}
 
@@ -54,15 +53,13 @@ def exact(model, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "how"), [(3, COOLED), (1, IGNITES)], ids=["cooled", "ignites"])
+@pytest.mark.parametrize(("seed", "how"), [(3, COOLED), *((seed, IGNITES) for seed in range(4))])
 def test_the_rate_is_found_in_both_balances_where_no_library_names_it(seed, how):
     assert exact(identify(study(), logged(seed, **how)).model, "activation_T")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("seed", "how"), [(0, COOLED), pytest.param(1, COOLED, marks=FAR_ENERGY), (2, COOLED), (1, IGNITES)]
-)
+@pytest.mark.parametrize(("seed", "how"), [(0, COOLED), (1, COOLED), (2, COOLED), (1, IGNITES)])
 def test_a_rate_that_the_library_names_is_found_in_both_balances(seed, how):
     library = {"basis": ("c", "T", "q", "Tc", "exp(-E/T)"), "degree": 2, "parameters": {"E": (1e3, 2e4)}}
     assert exact(identify(study(**library), logged(seed, **how)).model, "E")
