@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from odescope.likelihood.add_and_drop import GAIN
@@ -57,17 +59,28 @@ def _without_shared(space: SearchSpace, outcome: Outcome) -> Outcome:
         outcome: the end of the search.
     """
     for own in _shared(space, outcome.fit):
-        here, theta, x0 = outcome.fit, outcome.fit.theta.copy(), outcome.fit.x0
-        theta[own], present = 0.0, np.setdiff1d(here.present, own)
-        for width in (w for w in WIDTHS if outcome.width <= w < np.inf):
-            found = space.fit(theta, present, x0, space.segments.spread * width)
-            if found is None:
-                break
-            theta, x0 = found.theta, found.x0
-        else:
-            if found is not None and found.cost + space.price(found) < here.cost + space.price(here):
-                outcome = fitted_again(space, outcome, found)
+        found = _refitted_without(space, outcome, own)
+        if found is not None and found.cost + space.price(found) < outcome.fit.cost + space.price(outcome.fit):
+            outcome = fitted_again(space, outcome, found)
     return outcome
+
+
+def _refitted_without(space: SearchSpace, outcome: Outcome, own: Sequence[int]) -> Fit | None:
+    """Return the fit of an end without some mechanisms, segments opened and joined again; None where it is lost.
+
+    Args:
+        space: data, candidates.
+        outcome: the end of a search.
+        own: numbers of the mechanisms.
+    """
+    theta, x0, found = outcome.fit.theta.copy(), outcome.fit.x0, None
+    theta[own], present = 0.0, np.setdiff1d(outcome.fit.present, own)
+    for width in (w for w in WIDTHS if outcome.width <= w < np.inf):
+        found = space.fit(theta, present, x0, space.segments.spread * width)
+        if found is None:
+            return None
+        theta, x0 = found.theta, found.x0
+    return found
 
 
 def _shared(space: SearchSpace, found: Fit) -> list[list[int]]:

@@ -157,12 +157,16 @@ def leave_little(contenders: Sequence[Contender], asis: Sequence[Contender]) -> 
     has none. Nor is one that takes more coefficients to run as well as relations do, or as these may once the
     likelihood has them: it weighs equations as no energy does. A potential that may imitate a function, as gravity far
     out, leaves this to find where more is left.
+
+    Args:
+        contenders: the mechanisms.
+        asis: the relations as regression has them, if it has some.
     """
     bar = min((a.free_run for a in asis), default=WELL)
     least = bar if asis and bar < WELL else np.inf  # what runs well, and better, needs no such noise
     return any(
         (c.clear and not any(a.coefficients < c.coefficients and _runs_as_well(a, c) for a in asis))
-        or (_does_well(c, bar, least) and not _imitates(c) and not any(_takes_fewer(a, c) for a in asis))
+        or (not any(_takes_fewer(a, c) for a in asis) and _does_well(c, bar, least) and not _imitates(c))
         for c in contenders
         if c.inertial and not c.loose
     )
@@ -189,7 +193,7 @@ def _is_power(term: Term) -> bool:
 
 
 def _does_well(contender: Contender, bar: float, least: float) -> bool:
-    """Say whether a form leaves little to noise of the process, or runs freely as well as others.
+    """Say whether a form leaves next to nothing to noise of the process, or little and runs freely as well as others.
 
     Args:
         contender: the form.
