@@ -66,14 +66,12 @@ def rates(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
     flows = tuple(f"{inflow}*{state}" for inflow in inflows for state in filtered.signals.states)
     two = (*factors, *_factors(work, filtered, tuple(_spans(factors))))
     first = (two, ()) if len(amounts) > 1 else (factors, ())  # reactions in a row, or there and back, have two energies
-    again = partial(signals_of, work.study, inputs=filtered.inputs)
-    quiet = without_bursts(filtered.signals, filtered.records, again)
-    calm = filtered if quiet is None else replace(filtered, signals=quiet[0], records=quiet[1])
-    tried = list[tuple[Work, Regressed]]()
+    calm, tried = _between_bursts(work, filtered), list[tuple[Work, Regressed]]()
     for among, beside in dict.fromkeys([first, (factors, flows)]):
         wide = within(_with_rates(work, amounts, among, _spans(among), 1, beside), AT_FIRST)
         found = regressed_with(wide, calm)
-        if found is not None and (quiet is not None or promises(found, regressed)):
+        # The default library was regressed on bursts, too: criteria of other rows do not compare.
+        if found is not None and (calm is not filtered or promises(found, regressed)):
             tried.append((wide, found))
     for wide, found in sorted(tried, key=lambda t: t[1].criterion):
         work.monitor.tell(Progress("suspicion", "search with rates that go with a temperature", 0, 1))
@@ -81,10 +79,21 @@ def rates(work: Work, filtered: Filtered, regressed: Regressed) -> tuple[Posed, 
         refinement = refine_form(wide, calm, posed)
         if refinement is not None and refinement.exact and refinement.outcome.sure and _holds(refinement):
             left = 1.0 - calm.records.samples / filtered.records.samples
-            return posed, replace(
-                refinement, finished=True, bursts=left
-            )  # no larger budget than its own would be spent
+            # Finished: it would not spend a larger budget than its own.
+            return posed, replace(refinement, finished=True, bursts=left)
     return None
+
+
+def _between_bursts(work: Work, filtered: Filtered) -> Filtered:
+    """Return the pieces of the records between bursts, and their signals; all as it is where there are none.
+
+    Args:
+        work: whose study says how signals are filtered.
+        filtered: the records and their signals.
+    """
+    estimate = partial(signals_of, work.study, inputs=filtered.inputs)
+    found = without_bursts(filtered.signals, filtered.records, estimate)
+    return filtered if found is None else replace(filtered, signals=found[0], records=found[1])
 
 
 def with_arrhenius(

@@ -12,7 +12,7 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
 from odescope.recordings.record import Record, Records
-from odescope.signals.estimate import Signals
+from odescope.signals.estimate import Signals, stride_of
 
 WINDOW = 16  # rows over which the square of what a filter leaves is averaged: about two periods of the highest cutoff
 LOUD = 6.0  # times the median of such averages, which noise hardly ever reaches,
@@ -92,7 +92,7 @@ def _samples(signals: Signals, run: Record, number: int) -> list[int]:
         run: the record.
         number: which of all.
     """
-    stride = max(1, round(signals.period / run.sample_period))
+    stride = stride_of(signals, run)
     first = round((signals.start[number] - float(run.t[0])) / run.sample_period)
     return [first + stride * row for row in range(signals.columns[number].shape[1] + 1)]
 

@@ -151,7 +151,7 @@ def signals_like(
     Raises:
         InputError: the sampling periods differ.
     """
-    period = like.period / _stride(like, stretches[0].record) if stretches else like.period
+    period = like.period / stride_of(like, stretches[0].record) if stretches else like.period
     values = [
         derivatives_like(
             differentiator,
@@ -172,15 +172,15 @@ def _gathered(
     """Return what is kept of records of which values and derivatives are given, one list a coordinate."""
     columns, start = [], []
     for stretch, *own in zip(stretches, *values, strict=True):
-        time, kept = _kept(like, stretch, own, _stride(like, stretch.record), margin)
+        time, kept = _kept(like, stretch, own, stride_of(like, stretch.record), margin)
         if kept.shape[1]:
             columns.append(kept)
             start.append(time)
     return replace(like, columns=tuple(columns), start=tuple(start))
 
 
-def _stride(like: Signals, run: Record) -> int:
-    """Return how many samples of a record make a period of the signals; refuse one that is sampled otherwise."""
+def stride_of(like: Signals, run: Record) -> int:
+    """Return how many samples of a record make a period of signals; InputError where it is sampled otherwise."""
     stride = max(1, round(like.period / run.sample_period))
     if abs(run.sample_period - like.period / stride) > PERIODS_DIFFER * like.period / stride:
         raise InputError(
