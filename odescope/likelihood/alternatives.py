@@ -26,7 +26,7 @@ from odescope.likelihood.imitation import Choice, Imitated, Placed
 from odescope.likelihood.look_alikes import TEN_TO_ONE
 from odescope.likelihood.noise_or_terms import cost_with_process_noise
 from odescope.likelihood.process_noise import Noisy
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.search import Outcome, search
 from odescope.likelihood.settings import Start
 from odescope.likelihood.sharing import Sharing

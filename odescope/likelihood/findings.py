@@ -12,7 +12,7 @@ from odescope.likelihood.evidence import Evidence
 from odescope.likelihood.lacking import has_dry_friction, lacking
 from odescope.likelihood.look_alikes import look_alikes
 from odescope.likelihood.process_noise import Noisy
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.search import MOST_TERMS, THIN
 from odescope.model.scores import Correlation, Doubts, Interval, Likelihood, Limit, Number, Step
 from odescope.signals.estimate import Signals

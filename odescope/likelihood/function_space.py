@@ -23,7 +23,7 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import thinned
 from odescope.likelihood.imitation import SEEN, Choice, Imitated, Placed, Samples, choices_of
 from odescope.likelihood.negligible import worthless
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.search import WHITE, WIDTHS, WhiteResiduals
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import SEGMENT

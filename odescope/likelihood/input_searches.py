@@ -15,6 +15,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.events import Monitor
 from odescope.likelihood.add_and_drop import GAIN
+from odescope.likelihood.before_records import measured_where_known, misses_the_unknown
 from odescope.likelihood.fit import Fit
 from odescope.likelihood.held_out import thinned
 from odescope.likelihood.holds import DEAREST, TRIAL_STEPS, choose_holds, holds_of
@@ -241,7 +242,17 @@ class Between:
             space.budget.spent += sum(o.spent for o in outcomes)
             between, space, outcomes, gains = other, anew, ends, choice.gains
         best = min(outcomes, key=lambda o: o.rank, default=None)
-        if best is None or best.clear or not between.placed:
+        known = (
+            None if best is None else between.where_known(space.with_constants(best.constants), best.fit, best.clear)
+        )
+        if best is not None and known is not None:
+            anew, ends = known.anew(space, holds_of(space), [best.fit.theta, *begun], monitor, workers)
+            if ends:  # of other samples: what suited all of them does not compare
+                space.budget.spent += sum(o.spent for o in outcomes)
+                return known, anew, ends, gains
+        if best is None or best.clear:
+            return between, space, outcomes, gains
+        if not between.placed:
             return between, space, outcomes, gains
         # A beginning that lacks much may have asked for times that no law is found under.
         other = between.on_samples()
@@ -250,6 +261,26 @@ class Between:
             return between, space, outcomes, gains
         space.budget.spent += sum(o.spent for o in outcomes)
         return other, anew, ends, gains
+
+    def where_known(self, space: SearchSpace, found: Fit, anyway: bool = False) -> Between | None:
+        """Return this without what was measured before late inputs were known; None where that does not matter.
+
+        Args:
+            space: of the model.
+            found: the model.
+            anyway: whether it matters though the model is near to all: terms may be there for it.
+        """
+        names = [c.name for c in self.signals.coordinates]
+        delays = [float(found.theta[k]) for k in _delays(space, found)]
+        records = measured_where_known(self.records, names, delays)
+        if records is None:
+            return None
+        known = replace(self, records=records)
+        there = space.on(thinned(known.cut(holds_of(space), SEGMENT)))
+        all_ = space.on(thinned(self.cut(holds_of(space), SEGMENT)))
+        if there.segments.samples == all_.segments.samples:
+            return None
+        return known if anyway or misses_the_unknown(all_, there, found) else None
 
     def on_samples(self) -> Between:
         """Return this with every step at the sample that shows it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,27 +20,26 @@ from odescope.likelihood.division import divided_in_part
 from odescope.likelihood.evaluator import Evaluator
 from odescope.likelihood.evidence import Evidence, weigh
 from odescope.likelihood.families import promising
-from odescope.likelihood.fit import Fit
-from odescope.likelihood.held_out import free_run_errors, stretches, thinned, without_held_out
+from odescope.likelihood.held_out import thinned, without_held_out
 from odescope.likelihood.holds import holds_of
 from odescope.likelihood.input_searches import Between
 from odescope.likelihood.local_minima import out_of_local_minima
 from odescope.likelihood.look_alikes import with_simpler_terms
 from odescope.likelihood.negligible import without_negligible
 from odescope.likelihood.noise_or_terms import cost_without_process_noise, likelier_with_process_noise
-from odescope.likelihood.path import LOST, VERY, ModelPath, telling
-from odescope.likelihood.process_noise import PATH_SHARE, Noisy, in_pieces, search_with_process_noise, white
+from odescope.likelihood.path import ModelPath, telling
+from odescope.likelihood.process_noise import PATH_SHARE, Noisy, in_pieces, search_with_process_noise
 from odescope.likelihood.program import Frame
-from odescope.likelihood.search import CHANCE, WHITE, LikelihoodSearch, Outcome, fitted_again, full, in_whole
+from odescope.likelihood.refinement import Refinement, leaves_noise
+from odescope.likelihood.search import LikelihoodSearch, Outcome, fitted_again, in_whole
 from odescope.likelihood.search_space import SearchSpace
-from odescope.likelihood.searches import FOLLOWED, JOINED_SHARE, joined, searches
+from odescope.likelihood.searches import JOINED_SHARE, joined, searches
 from odescope.likelihood.segments import SEGMENT, Segments
-from odescope.likelihood.settings import FoundSettings, Start, Starts, with_settings
+from odescope.likelihood.settings import Start, Starts, with_settings
 from odescope.likelihood.settled_noise import with_noise_settled
 from odescope.likelihood.steps import with_narrow_friction
 from odescope.likelihood.taken_out import with_terms_outside
 from odescope.likelihood.undecided_holds import undecided_holds
-from odescope.model.relation import FoundMechanism, Relation
 from odescope.parallel.workers import Threads, Workers
 from odescope.recordings.coordinate import Hold
 from odescope.recordings.record import Records
@@ -50,117 +49,6 @@ from odescope.signals.estimate import Signals
 THREADS = Threads()
 NO_WORSE_THAN_PROPOSED = 1.5  # mean squared error of free runs over that of the regression's model, unless it is
 WELL = 0.1  # error of free runs, in standard deviations, of a model that leaves another little to find
-
-
-@dataclass(frozen=True, eq=False)
-class Refinement:
-    """The relations at the end of the likelihood stage, the mechanisms that they add up from, and how it went.
-
-    `outcome` is the search for a model that follows the record to within its noise. Where there is none, or process
-    noise is likelier, `process` is the model with it, or `rejected`, where that is no better than what it would
-    replace. `fit` and `space` are those of the relations, `covariance` (p, p) that of the fit's parameters, `evidence`
-    what the record says of every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget
-    ended a search, `late` if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`,
-    `undecided` the holds that inputs may as well have, `steps` the number of steps between samples, by input, `bursts`
-    the share of the record that was too quick to look at. `scale` is the residual variance over the noise variance:
-    more than that of the search where fewer terms were asked for.
-    """
-
-    relations: tuple[Relation, ...]
-    mechanisms: tuple[FoundMechanism, ...]
-    settings: FoundSettings
-    outcome: Outcome
-    scale: float
-    process: Noisy | None
-    rejected: Noisy | None
-    fit: Fit
-    covariance: FloatArray
-    space: SearchSpace
-    evidence: Evidence | None
-    path: ModelPath | None
-    starts: int
-    finished: bool
-    late: bool
-    spent: float
-    hold_gains: Mapping[str, float]
-    undecided: Mapping[str, Hold]
-    steps: Mapping[str, int] = field(default_factory=dict)
-    bursts: float = 0.0
-
-    @property
-    def follows(self) -> bool:
-        """Whether the model, with process noise if it has any, describes the record: its errors can then be stated."""
-        return self.process is not None or joined(self.outcome)
-
-    @property
-    def exact(self) -> bool:
-        """Whether the search found a model that follows the record to within its noise, without any of the process."""
-        return self.process is None and joined(self.outcome)
-
-    @property
-    def clear(self) -> bool:
-        """Whether it is exact, what it leaves is white, and no term of it is in doubt."""
-        return self.process is None and self.outcome.clear
-
-    @property
-    def says_all(self) -> bool:
-        """Whether what it leaves to noise of the process is white: what lacks in a law would show between blocks."""
-        return (
-            self.process is not None and self.free_run_error < LOST and white(self.process.fit, self.process.evidence)
-        )
-
-    @property
-    def truncated(self) -> bool:
-        """Whether fewer terms were asked for than it takes to follow the record to within its noise."""
-        return self.exact and self.scale >= FOLLOWED
-
-    @property
-    def lacks_nothing(self) -> bool:
-        """Whether some model of its candidates leaves no more than the noise and chance, if with more terms."""
-        return _leaves_noise(self.space, self.outcome)
-
-    @property
-    def wanting(self) -> bool:
-        """Whether the model leaves more than noise, or has so many terms that it imitates what is not there."""
-        return not self.lacks_nothing or full(self.space, self.fit)
-
-    @property
-    def free_run_error(self) -> float:
-        """Error of free runs over what is held out, in standard deviations; infinite where none were made."""
-        return np.inf if self.path is None else self.path.choice.error
-
-    @property
-    def hardly_off(self) -> bool:
-        """Whether free runs stay so near to all of the record that what noise of the process takes up moves nothing.
-
-        So are the errors of a solver with its usual tolerance: they go with this and that, and no law is behind them.
-        """
-        if self.process is None:
-            return False
-        return float(free_run_errors(self.space, self.fit.theta, stretches(self.space.segments)).mean()) < VERY**2
-
-    def gained_over(self, before: Refinement | None) -> float | None:
-        """Return by how much the deviance is less than that of another model, noise of the process counted.
-
-        None where these do not compare: one does not follow the record, or only the other without such noise; averages
-        of other numbers of samples, as other holds of inputs ask for, have other densities, as have other inputs under
-        such noise, and where pieces of the record are joined less closely more is left to chance.
-        """
-        if before is None or not (self.follows and before.follows):
-            return None
-        own, there = self.space.segments, before.space.segments
-        if own.block != there.block or own.samples != there.samples:
-            return None
-        if before.process is None:
-            like = self.process is None and self.outcome.width == before.outcome.width
-            return float(before.outcome.deviance - self.outcome.deviance) if like else None
-        if holds_of(self.space) != holds_of(before.space):
-            return None
-        if self.process is not None:
-            return float(before.process.penalised - self.process.penalised)
-        there = replace(there, inputs=own.inputs, driven=own.driven)  # its steps come when this model has them
-        pieces = replace(there, noise=own.noise, spread=own.spread, decorrelation=None)
-        return float(before.process.penalised - cost_without_process_noise(self.space.on(pieces), self.outcome))
 
 
 def refine(
@@ -217,11 +105,30 @@ def refine(
         between, seen, outcomes, gains = between.searched(seen, begun, outcomes, monitor, workers)
     if between is not known or holds_of(seen) != holds_of(space):
         space = seen.on(between.cut(holds_of(seen), SEGMENT))
+    ended = partial(_ended, hold_gains=gains, terms=options.terms, workers=workers)
+    found = ended(between, space, seen, outcomes, begun)
+    if found is None or found.process is None or (later := between.where_known(found.space, found.fit)) is None:
+        return found
+    seen, outcomes = later.anew(space, holds_of(space), [found.fit.theta, *begun], monitor, workers)
+    return ended(later, seen.on(later.cut(holds_of(seen), SEGMENT)), seen, outcomes, begun) or found
+
+
+def _ended(
+    between: Between,
+    space: SearchSpace,
+    seen: SearchSpace,
+    outcomes: Sequence[Outcome],
+    begun: Sequence[FloatArray],
+    hold_gains: Mapping[str, float],
+    terms: int | None,
+    workers: Workers,
+) -> Refinement | None:
+    """Return what the best end of searches comes to, None where there is none."""
     space, best = with_noise_settled(*_best(space, seen, outcomes), begun, workers)
     if best is None:
         return None
     near = [theta for o in outcomes for theta in o.loose]
-    found = _judged(between, space, begun, near, best, len(outcomes), gains, options.terms, workers)
+    found = _judged(between, space, begun, near, best, len(outcomes), hold_gains, terms, workers)
     return replace(found, steps=between.placed)
 
 
@@ -278,7 +185,7 @@ def _judged(
         space, best = with_narrow_friction(space, without_negligible(space, out_of_local_minima(space, best)))
         best = with_simpler_terms(space, without_negligible(space, best))  # friction is wider, and may ask for less
     cut, apart = partial(between.cut, holds_of(space)), dict[str, Hold]()
-    process, adopted, scale, begin, only_noise = None, False, best.scale, None, _leaves_noise(space, best)
+    process, adopted, scale, begin, only_noise = None, False, best.scale, None, leaves_noise(space, best)
     path = _path(space, best) if only_noise else None
     if path is not None:
         begin = likelier_with_process_noise(cut, space, best, path)
@@ -321,11 +228,6 @@ def _judged(
         hold_gains=hold_gains,
         undecided=apart,
     )
-
-
-def _leaves_noise(space: SearchSpace, outcome: Outcome) -> bool:
-    """Say whether what a model leaves of the record that it follows is no more than white noise and chance."""
-    return joined(outcome) and outcome.scale <= WHITE + CHANCE * float(np.sqrt(2.0 / space.segments.samples))
 
 
 def _with_process_noise(

@@ -17,7 +17,7 @@ from odescope.library.families import NEGLIGIBLE
 from odescope.library.product import Product
 from odescope.likelihood.evidence import between, in_blocks
 from odescope.likelihood.fit import Fit
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.search import WHITE
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.smoothed_targets import explicit, rates

@@ -11,7 +11,7 @@ from dataclasses import replace
 from odescope.events import Progress
 from odescope.library.families import RATE, may_be_angle
 from odescope.library.readable import readable
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import relations_form

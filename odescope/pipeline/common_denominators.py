@@ -14,7 +14,7 @@ import numpy as np
 from odescope.arrays import FloatArray
 from odescope.events import Progress
 from odescope.library.expression import ONE, Term
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.settings import Start
 from odescope.likelihood.smoothed_targets import explicit
 from odescope.pipeline.filtering import Filtered

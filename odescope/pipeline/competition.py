@@ -11,7 +11,7 @@ import numpy as np
 
 from odescope.errors import InputError, NoModelError
 from odescope.events import Note
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.assembled import relations_of, stated
 from odescope.model.model import Model
 from odescope.model.scores import FormScore, SuspicionScore

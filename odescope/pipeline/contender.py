@@ -12,7 +12,8 @@ from odescope.library.expression import Name, Term
 from odescope.likelihood.findings import left_by
 from odescope.likelihood.held_out import free_run_error
 from odescope.likelihood.path import LOST
-from odescope.likelihood.refine import WELL, Refinement
+from odescope.likelihood.refine import WELL
+from odescope.likelihood.refinement import Refinement
 from odescope.model.model import Model
 from odescope.model.scores import FormScore
 from odescope.model.worth import MINOR

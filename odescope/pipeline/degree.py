@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from odescope.events import Progress
 from odescope.likelihood.beginnings import EVIDENT
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
 from odescope.pipeline.regressed import Regressed

@@ -12,7 +12,7 @@ from odescope.library.expression import ONE
 from odescope.library.friction import rubs
 from odescope.library.mechanism import Mechanism, candidate
 from odescope.library.product import Product
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
 from odescope.pipeline.suspicion import replaces

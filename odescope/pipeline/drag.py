@@ -9,7 +9,7 @@ from odescope.events import Progress
 from odescope.library.lagrangian import lagrangian
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.add_and_drop import HOPELESS
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
 from odescope.pipeline.suspicion import replaces

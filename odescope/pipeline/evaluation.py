@@ -11,7 +11,7 @@ import numpy as np
 from odescope.arrays import BoolArray
 from odescope.errors import NoModelError
 from odescope.likelihood.findings import doubts, likelihood_scores, unexplained_shares
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Json, Model
 from odescope.model.quantity_units import quantity_units, shown

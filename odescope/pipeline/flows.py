@@ -11,7 +11,7 @@ from itertools import combinations, product
 from odescope.events import Progress
 from odescope.library.expression import Atom, Call, Term
 from odescope.library.pairs import signed_root
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.relation import Relation
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed

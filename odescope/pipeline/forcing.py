@@ -17,7 +17,7 @@ from odescope.events import Event, Monitor, Note, Progress
 from odescope.library.expression import ONE, Term
 from odescope.library.readable import readable
 from odescope.likelihood.periodic import Forcing, periodic
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.choice_notes import unsettled
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.competition import NoLaw

@@ -9,7 +9,7 @@ import msgspec
 from odescope.library.expression import ONE
 from odescope.library.mechanism import Mechanism
 from odescope.library.readable import readable
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.model import Model
 from odescope.model.scores import DelayScore, HoldScore, OffsetScore, SuspicionScore
 from odescope.signals.delays import Delay

@@ -18,7 +18,7 @@ from odescope.errors import InputError, NoModelError, interrupts_as_such, said
 from odescope.events import Event, Monitor, Note, each_note_once, never, unheard
 from odescope.library.product import Product
 from odescope.likelihood.budget import Budget
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.coefficients import CoefficientRow, rows_with_errors
 from odescope.model.display import equations_html
 from odescope.model.given import GivenInputs, GivenState

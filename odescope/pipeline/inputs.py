@@ -7,7 +7,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.recordings.between_samples import looks_held
 from odescope.recordings.coordinate import Input
 from odescope.recordings.record import Records

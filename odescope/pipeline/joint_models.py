@@ -13,7 +13,7 @@ from odescope.arrays import FloatArray
 from odescope.errors import InputError
 from odescope.library.expression import Term
 from odescope.library.product import Product
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.denominators import denominator_ranges
 from odescope.model.model import Model
 from odescope.model.relation import Relation, RelationTerm

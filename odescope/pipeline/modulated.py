@@ -11,7 +11,7 @@ from odescope.events import Progress
 from odescope.library.candidates import Library
 from odescope.library.rules import Identity
 from odescope.likelihood.beginnings import EVIDENT
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.search import WIDTHS, full
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed

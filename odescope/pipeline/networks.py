@@ -18,7 +18,7 @@ from odescope.library.candidates import Library
 from odescope.library.constants import Constant
 from odescope.library.pairs import step_of_sum
 from odescope.likelihood.imitation import Choice, Imitated, Placed, Samples
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.search import THIN
 from odescope.likelihood.unexplained import unexplained
 from odescope.pipeline.constants import substituted_at

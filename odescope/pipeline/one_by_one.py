@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.relation import Relation
 from odescope.pipeline.contender import LOOSE, Contender
 from odescope.pipeline.filtering import Filtered

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from odescope.likelihood.path import ModelPath
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.model import Model
 from odescope.model.scores import PathScore
 from odescope.recordings.coordinate import Input

@@ -13,7 +13,7 @@ from odescope.library.expression import Name, Term
 from odescope.library.families import ABOVE_ZERO, in_kelvins
 from odescope.library.parse import Scope, parse_term
 from odescope.library.readable import readable
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed, relations_form

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from odescope.events import Progress
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.suspicion import values_of_variables
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed

@@ -14,7 +14,7 @@ from odescope.events import Progress
 from odescope.library.expression import Call
 from odescope.library.friction import speeds
 from odescope.likelihood.beginnings import EVIDENT
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.suspicion import suspicions
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed, relations_form

@@ -13,7 +13,7 @@ import msgspec
 from odescope.events import Progress
 from odescope.library.expression import ONE, Combination, Name
 from odescope.library.families import BELOW, HALF
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.explicit import Quotient
 from odescope.model.relation import Relation
 from odescope.pipeline.filtering import Filtered

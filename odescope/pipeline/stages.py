@@ -11,7 +11,8 @@ import numpy as np
 
 from odescope.errors import NoModelError
 from odescope.library.candidates import Library
-from odescope.likelihood.refine import Refinement, refine
+from odescope.likelihood.refine import refine
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.settings import Starts
 from odescope.model.model import Model
 from odescope.pipeline.constants import Substituted

@@ -13,7 +13,7 @@ import msgspec
 from odescope.events import Progress
 from odescope.library.expression import Call, Term
 from odescope.library.product import Product
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed
 from odescope.pipeline.suspicion import replaces

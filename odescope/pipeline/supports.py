@@ -12,7 +12,7 @@ import msgspec
 from odescope.events import Progress
 from odescope.library.harmonics import harmonics
 from odescope.library.lagrangian_defaults import default_forces
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.pipeline.filtering import Filtered
 from odescope.pipeline.forms import Posed, mechanisms_form
 from odescope.pipeline.ruled_out import mechanisms_that_stay, not_ruled_out

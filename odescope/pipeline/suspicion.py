@@ -14,7 +14,7 @@ from odescope.library.readable import readable
 from odescope.likelihood.alternatives import alternative
 from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.path import FAITHFUL
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.standing import Alternative
 from odescope.likelihood.suspicion import (
     JOINT,

@@ -15,7 +15,7 @@ import msgspec
 from odescope.events import Progress
 from odescope.library.families import ABOVE_ZERO, ACTIVATION, Family, families_of
 from odescope.library.readable import readable
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.filtering import Filtered, signals_of
 from odescope.pipeline.forms import Posed, relations_form

@@ -15,7 +15,8 @@ from odescope.library.candidates import Library
 from odescope.library.mechanism import Mechanism
 from odescope.likelihood.beginnings import EVIDENT
 from odescope.likelihood.findings import left_by
-from odescope.likelihood.refine import WELL, Refinement
+from odescope.likelihood.refine import WELL
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.search import WIDTHS, full
 from odescope.likelihood.settings import Start
 from odescope.model.relation import Relation

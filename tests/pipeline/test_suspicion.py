@@ -11,7 +11,7 @@ from odescope import simulate
 from odescope.export.model_file import from_json, to_json
 from odescope.library.parse import Scope, parse_term
 from odescope.library.product import Product
-from odescope.likelihood.refine import Refinement
+from odescope.likelihood.refinement import Refinement
 from odescope.likelihood.suspicion import _imitation, imitates
 from odescope.model.scores import SuspicionScore
 from odescope.pipeline.identification import identify
