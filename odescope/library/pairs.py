@@ -175,7 +175,8 @@ def _of_difference(
 def _limited(one: str, other: str, values: Mapping[str, FloatArray], taken: Collection[str]) -> list[PairFamily]:
     """Return the rates of amounts that the other one limits, too, as a competitor for an enzyme does, or of both.
 
-    Both limit in one denominator, or each saturates by itself, as with a substrate and oxygen.
+    Both limit in one denominator, or each saturates by itself, as with a substrate and oxygen; or what there is of one
+    a unit of the other does (Contois 1959, J. gen. Microbiol. 21, 40), where the two are never next to nothing at once.
     """
     names, ends = (one, other), [(float(values[n].min()), float(values[n].max())) for n in (one, other)]
     if any(low <= -NEGLIGIBLE * high for low, high in ends):
@@ -194,6 +195,12 @@ def _limited(one: str, other: str, values: Mapping[str, FloatArray], taken: Coll
         points = tuple(tuple((c.name, v) for c, v in zip(constants, at, strict=True)) for at in grid)
         scope = Scope.of(names, constants=[c.name for c in constants])
         found.append(PairFamily(parse_term(text, scope), constants, points))
+    if float((values[one] / ends[0][1] + values[other] / ends[1][1]).min()) > NEGLIGIBLE:
+        equal = ends[1][1] / ends[0][1]
+        ratio = constant_of(f"{one}_{other}", taken, "ratio", equal / OFF, equal * OFF)
+        scope = Scope.of(names, constants=[ratio.name])
+        per = parse_term(f"{one}*{other}/({ratio.name}*{one} + {other})", scope)
+        found.append(PairFamily(per, (ratio,), tuple(((ratio.name, v),) for v in ratio.evenly(POINTS).tolist())))
     return found
 
 

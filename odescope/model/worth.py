@@ -69,8 +69,10 @@ def verdict(scores: ModelScores | None, doubts: Doubts | None, warned: bool) -> 
     if judged.exact:
         within = " to within its noise"
     else:
-        left = [f"{share(part)} of {t}" for t, part in (judged.unexplained or {}).items() if part > NEXT_TO_NOTHING]
-        within = f" but for {listed(left)}" if left else ""
+        shares = judged.unexplained or {}
+        left = [f"{share(part)} of {t}" for t, part in shares.items() if part > NEXT_TO_NOTHING]
+        left = left or [f"less than {share(NEXT_TO_NOTHING)} of every target"]
+        within = f" but for {listed(left)}" if shares else ""
     doubtful = _doubtful(scores, doubts)
     if judged.exact and not doubtful:
         doubtful = ["what may be in doubt is warned of below" if warned else "no term of it is in doubt"]

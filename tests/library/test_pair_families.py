@@ -74,6 +74,14 @@ def test_rates_that_two_amounts_limit_are_those_of_amounts():
     assert not any("below" in t or "half" in t for t in texts({"x": X, "y": Y}))
 
 
+def test_a_rate_may_go_with_how_much_there_is_of_one_amount_for_another_but_not_where_both_vanish():
+    per = "x*y/(ratio_x_y*x + y)"
+    amount = 0.5 + 0.5 * np.cos(1.3 * T)
+    assert per in texts({"x": amount, "y": Y})
+    assert per not in texts({"x": amount, "y": 2.0 * amount})
+    assert per not in texts({"x": X, "y": Y})
+
+
 def test_diodes_and_backlash_are_of_differences_that_change_their_sign():
     values = {"x": 6.0 * X, "y": Y - 3.0}
     both = {f.term.text: f for f in pair_families(values, ())}

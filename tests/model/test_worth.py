@@ -77,7 +77,7 @@ def test_a_model_that_leaves_much_of_a_target_is_uncertain(parts, said):
         (
             {"process_noise": {"x_ddot": 0.1}, "unexplained": {"x_ddot": 0.0004}},
             False,
-            "this model follows the record",
+            "this model follows the record but for less than 0.05 % of every target",
         ),
         ({"process_noise": {"x_ddot": 0.1}}, True, "this model follows the record"),
     ],
