@@ -24,6 +24,7 @@ from odescope.likelihood.smoothed_targets import explicit, rates
 from odescope.likelihood.taken_out import outside
 
 SEVERAL = 2  # powers of one variable that may be a function
+FEW_INPUTS = 2  # that a function of another variable may be multiplied by, where it stands for what nothing is near to
 QUANTILES = 12  # of a variable, between which the mean of a residual is taken
 GOES_WITH = 0.05  # least share of a residual's variance that goes with a variable
 DRIVES = 0.1  # of the power that dry friction takes: what a term has to give for that to be no chance
@@ -102,7 +103,13 @@ def everywhere(
     space = refinement.space
     wanted, values = set(names) - _of_functions(space, declared), values_of_variables(space)
     able = [n for n in space.frame.variables if n in wanted]
-    return tuple(_growing(space, values, Suspicion(r, n, "measured")) for r in sorted(relations) for n in able)
+    inputs = [n for n in space.frame.variables if n not in space.frame.states]
+    driven = tuple(Term(((Name(n), 1),)) for n in (inputs if len(inputs) <= FEW_INPUTS else ()))
+    return tuple(
+        _growing(space, values, Suspicion(r, n, "measured", (ONE, *(t for t in driven if n not in t.names))))
+        for r in sorted(relations)
+        for n in able
+    )
 
 
 def with_pairs(suspected: Sequence[Suspicion]) -> tuple[Suspicion, ...]:
