@@ -35,23 +35,23 @@ def measured_where_known(records: Records, names: Collection[str], delays: Seque
     return Records.of(_less_ends(run, names, lead, tail) for run in records)
 
 
-def misses_the_unknown(space: SearchSpace, known: SearchSpace, found: Fit) -> bool:
+def misses_the_unknown(whole: SearchSpace, rest: SearchSpace, found: Fit) -> bool:
     """Say whether a model is far from what was measured while inputs were not known, and near to the rest.
 
     Args:
-        space: of the whole record.
-        known: of what was measured while inputs were known.
+        whole: the whole record.
+        rest: what was measured while inputs were known.
         found: the model.
     """
-    whole, rest = (
+    of_whole, of_rest = (
         s.fit(found.theta, found.present, s.segments.initial, s.segments.spread * np.inf, iterations=TRIAL_STEPS)
-        for s in (space, known)
+        for s in (whole, rest)
     )
-    if whole is None or rest is None:
-        return whole is not rest
-    samples = known.segments.samples
-    left_out = max(rest.cost / samples, 1.0) * (space.segments.samples - samples)
-    return whole.cost - rest.cost > APART * left_out
+    if of_whole is None or of_rest is None:
+        return of_rest is not None
+    samples = rest.segments.samples
+    left_out = max(of_rest.cost / samples, 1.0) * (whole.segments.samples - samples)
+    return of_whole.cost - of_rest.cost > APART * left_out
 
 
 def _less_ends(run: Record, names: Collection[str], lead: int, tail: int) -> Record:

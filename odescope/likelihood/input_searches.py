@@ -242,17 +242,15 @@ class Between:
             space.budget.spent += sum(o.spent for o in outcomes)
             between, space, outcomes, gains = other, anew, ends, choice.gains
         best = min(outcomes, key=lambda o: o.rank, default=None)
-        known = (
-            None if best is None else between.where_known(space.with_constants(best.constants), best.fit, best.clear)
-        )
-        if best is not None and known is not None:
+        if best is None:
+            return between, space, outcomes, gains
+        known = between.where_known(space.with_constants(best.constants), best.fit, anyway=best.clear)
+        if known is not None:
             anew, ends = known.anew(space, holds_of(space), [best.fit.theta, *begun], monitor, workers)
             if ends:  # of other samples: what suited all of them does not compare
                 space.budget.spent += sum(o.spent for o in outcomes)
                 return known, anew, ends, gains
-        if best is None or best.clear:
-            return between, space, outcomes, gains
-        if not between.placed:
+        if best.clear or not between.placed:
             return between, space, outcomes, gains
         # A beginning that lacks much may have asked for times that no law is found under.
         other = between.on_samples()
@@ -276,11 +274,10 @@ class Between:
         if records is None:
             return None
         known = replace(self, records=records)
-        there = space.on(thinned(known.cut(holds_of(space), SEGMENT)))
-        all_ = space.on(thinned(self.cut(holds_of(space), SEGMENT)))
-        if there.segments.samples == all_.segments.samples:
+        whole, rest = (space.on(thinned(b.cut(holds_of(space), SEGMENT))) for b in (self, known))
+        if rest.segments.samples == whole.segments.samples:
             return None
-        return known if anyway or misses_the_unknown(all_, there, found) else None
+        return known if anyway or misses_the_unknown(whole, rest, found) else None
 
     def on_samples(self) -> Between:
         """Return this with every step at the sample that shows it."""
