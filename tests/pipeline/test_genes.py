@@ -46,6 +46,33 @@ def test_what_noise_takes_below_zero_has_the_rates_of_hill(seed):
         assert abs(orders[name].value - value) < 4.0 * orders[name].std_error
 
 
+def induced(seed):
+    """Return a log of x' = 0.1 + 3 u/(1 + y**2) - x, y' = 3 w/(1 + x**3) - 0.8 y."""
+    rng, t = np.random.default_rng(seed), 0.1 * np.arange(1200)
+    steps = np.array([np.repeat(rng.uniform(0.3, 3.0, 1200 // n), n)[: len(t)] for n in (60, 80)])
+
+    def rate(now, z):
+        u, w = steps[:, min(int(now / 0.1 + 1e-9), len(t) - 1)]
+        x, y = z
+        return [0.1 + 3.0 * u / (1.0 + y**2) - x, 3.0 * w / (1.0 + x**3) - 0.8 * y]
+
+    z = solve_ivp(rate, (0.0, t[-1]), [1.0, 1.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.05).y
+    noise = 0.01 * z.std(axis=1, keepdims=True) * rng.standard_normal(z.shape)
+    return dict(zip("txyuw", (t, *(z + noise), *steps), strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_an_inducer_multiplies_the_rate_of_its_gene(seed):
+    model = identify(STUDY, induced(seed)).model
+    x, y = model.relations
+    assert len(x.terms) <= 5
+    assert len(y.terms) <= 4
+    orders = {p.name: p for p in model.parameters if p.name.startswith("order")}
+    for name, value in {"order_y": 2.0, "order_x": 3.0}.items():
+        assert abs(orders[name].value - value) < 4.0 * orders[name].std_error
+
+
 def quorum(seed):
     """Return a log of A' = 0.2 + 5 A**4/(81 + A**4) - 1.6 A + u, G' = 3 A**2/(4 + A**2) - 0.5 G."""
     rng, t = np.random.default_rng(seed), 0.1 * np.arange(2500)
