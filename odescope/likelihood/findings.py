@@ -38,6 +38,7 @@ def likelihood_scores(refinement: Refinement, targets: Sequence[str]) -> Likelih
         held_out_free_run=None if process is None else float(process.held_out),
         truncated=refinement.truncated,
         bursts=refinement.bursts,
+        unknown=refinement.unknown,
     )
     if refinement.evidence is None or not refinement.follows:
         return scores

@@ -40,7 +40,8 @@ class Between:
     """What is known, and what is open, of what the inputs of a record do between its samples.
 
     `open` are the inputs whose holds are open, with the hold that the log itself shows; `steps` those of inputs that
-    may come between samples, with what is known of when, None where there are none.
+    may come between samples, with what is known of when, None where there are none; `unknown` is the share of the
+    record that does not count, as inputs that act late were not known then.
     """
 
     records: Records
@@ -48,6 +49,7 @@ class Between:
     differentiator: Differentiator
     open: Mapping[str, Hold]
     steps: StepTimes | None
+    unknown: float = 0.0
 
     @staticmethod
     def of(records: Records, signals: Signals, differentiator: Differentiator, held: Collection[str]) -> Between:
@@ -275,9 +277,10 @@ class Between:
             return None
         known = replace(self, records=records)
         whole, rest = (space.on(thinned(b.cut(holds_of(space), SEGMENT))) for b in (self, known))
-        if rest.segments.samples == whole.segments.samples:
+        left = rest.segments.samples / whole.segments.samples
+        if left == 1.0 or not (anyway or misses_the_unknown(whole, rest, found)):
             return None
-        return known if anyway or misses_the_unknown(whole, rest, found) else None
+        return replace(known, unknown=1.0 - left * (1.0 - self.unknown))
 
     def on_samples(self) -> Between:
         """Return this with every step at the sample that shows it."""

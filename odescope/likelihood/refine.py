@@ -129,7 +129,7 @@ def _ended(
         return None
     near = [theta for o in outcomes for theta in o.loose]
     found = _judged(between, space, begun, near, best, len(outcomes), hold_gains, terms, workers)
-    return replace(found, steps=between.placed)
+    return replace(found, steps=between.placed, unknown=between.unknown)
 
 
 def _frame(

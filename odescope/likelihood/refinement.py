@@ -33,8 +33,8 @@ class Refinement:
     what the record says of every candidate, `path` the models from theirs to the shortest. Not `finished` if the budget
     ended a search, `late` if the clock did; `spent` is in units of the budget. `hold_gains` are those of `HoldChoice`,
     `undecided` the holds that inputs may as well have, `steps` the number of steps between samples, by input, `bursts`
-    the share of the record that was too quick to look at. `scale` is the residual variance over the noise variance:
-    more than that of the search where fewer terms were asked for.
+    the share of the record that was too quick to look at, `unknown` that in which late inputs were not known. `scale`
+    is the residual variance over the noise variance: more than that of the search where fewer terms were asked for.
     """
 
     relations: tuple[Relation, ...]
@@ -57,6 +57,7 @@ class Refinement:
     undecided: Mapping[str, Hold]
     steps: Mapping[str, int] = field(default_factory=dict)
     bursts: float = 0.0
+    unknown: float = 0.0
 
     @property
     def follows(self) -> bool:

@@ -81,7 +81,7 @@ def notes_of(
         said += [*findings(scores), *parting_sentences(scores.free_runs, scores.likelihood)]
         said += [*warnings_of(scores, doubts), *_of_the_data(scores)]
         if scores.likelihood is not None and doubts is not None:
-            said += [*_of_bursts(scores.likelihood), *_unexplained(scores.likelihood, doubts, True)]
+            said += [*_not_looked_at(scores.likelihood), *_unexplained(scores.likelihood, doubts, True)]
             said += [*_of_the_budget(scores.likelihood, doubts, True)]
     return tuple(dict.fromkeys(said))
 
@@ -289,8 +289,13 @@ def _of_the_budget(judged: Likelihood, doubts: Doubts, clear: bool) -> Iterator[
         yield f"the search ended with its budget: allow it more, {more}, for what it may have missed"
 
 
-def _of_bursts(judged: Likelihood) -> Iterator[str]:
-    """Yield what of the record the likelihood did not look at because the signals were too quick there."""
+def _not_looked_at(judged: Likelihood) -> Iterator[str]:
+    """Yield what of the record the likelihood did not look at, and why."""
+    if judged.unknown:
+        yield (
+            f"{share(judged.unknown)} of the record does not count: inputs that act late, or early, were not recorded"
+            " yet, or no more, when they acted there"
+        )
     if judged.bursts:
         yield (
             f"{share(judged.bursts)} of the record is in bursts, too quick for a filter: the equations are those of the"

@@ -141,7 +141,8 @@ class Likelihood(msgspec.Struct, frozen=True, omit_defaults=True):
     the record to within its noise, and `unexplained` what share of the target's own that is; `held_out_free_run` is
     there with process noise only, and `intervals`, `correlations` and `limits` only where standard errors are stated;
     `truncated` where [likelihood] terms asked for fewer terms than it takes to follow the record so; `bursts` is the
-    share of the record that was too quick for its filter, and not looked at.
+    share of the record that was too quick for its filter, and not looked at, `unknown` that in which nobody had
+    recorded yet what acted.
     """
 
     follows: bool
@@ -159,6 +160,7 @@ class Likelihood(msgspec.Struct, frozen=True, omit_defaults=True):
     limits: tuple[Limit, ...] | None = None
     truncated: bool = False
     bursts: float = 0.0
+    unknown: float = 0.0
 
     @property
     def exact(self) -> bool:

@@ -40,10 +40,13 @@ def check(law, late, seed):
     _, names, terms = LAWS[law]
     coordinates = {n: Measured(order=2 if law == "spring" else 1) for n in names}
     study = Study(data=Data(time="t"), coordinates=coordinates, inputs={"u": Driven(hold="zero")})
-    model = identify(study, log(law, late, seed)).model
+    result = identify(study, log(law, late, seed))
+    model = result.model
     found = {t: {(term.factor, term.term.text) for term in r.terms} for r in model.relations for t in r.targets}
     assert found == {t: {(t, "1"), *((None, text) for text in right)} for t, right in terms.items()}
     assert model.inputs[0].delay == pytest.approx(PERIOD * late, abs=0.05 * PERIOD)
+    assert model.scores.likelihood.unknown == pytest.approx(late / SAMPLES, abs=1.01 / SAMPLES)
+    assert any("of the record does not count: inputs that act late" in note for note in result.notes)
 
 
 @pytest.mark.parametrize("late", [3, 9])
