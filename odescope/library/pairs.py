@@ -175,8 +175,9 @@ def _of_difference(
 def _limited(one: str, other: str, values: Mapping[str, FloatArray], taken: Collection[str]) -> list[PairFamily]:
     """Return the rates of amounts that the other one limits, too, as a competitor for an enzyme does, or of both.
 
-    Both limit in one denominator, or each saturates by itself, as with a substrate and oxygen; or what there is of one
-    a unit of the other does (Contois 1959, J. gen. Microbiol. 21, 40), where the two are never next to nothing at once.
+    Both limit in one denominator, or each saturates by itself, as with a substrate and oxygen; or a rate goes with the
+    amount of one for each unit of the other (Contois 1959, J. gen. Microbiol. 21, 40), where the two are never next to
+    nothing at once.
     """
     names, ends = (one, other), [(float(values[n].min()), float(values[n].max())) for n in (one, other)]
     if any(low <= -NEGLIGIBLE * high for low, high in ends):
