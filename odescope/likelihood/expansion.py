@@ -84,6 +84,7 @@ def _mixed(parts: FloatArray, stack: FloatArray) -> FloatArray:
     return mixed
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of segments that ran away
 def correlated(change: FloatArray, decorrelation: FloatArray | None) -> FloatArray:
     """Return the change (J, n) of the states x for one of R x."""
     if decorrelation is None:
