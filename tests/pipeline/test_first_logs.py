@@ -76,7 +76,15 @@ def test_hares_and_lynxes_of_21_years_have_a_law():
     ("rates", "angle", "start", "seconds", "samples", "law"),
     [
         (lambda _, x: [x[1], -4.0 * x[0] - 0.3 * x[1]], False, 1.0, 25.0, 1000, {"x", "x_dot"}),
-        (lambda _, x: [x[1], -9.0 * x[0] - 0.5 * x[1]], False, 1.0, 20.0, 1000, {"x", "x_dot"}),
+        pytest.param(
+            lambda _, x: [x[1], -9.0 * x[0] - 0.5 * x[1]],
+            False,
+            1.0,
+            20.0,
+            1000,
+            {"x", "x_dot"},
+            marks=pytest.mark.slow,
+        ),
         (lambda _, x: [x[1], -9.81 * np.sin(x[0]) - 0.25 * x[1]], True, 0.7, 20.0, 2000, {"sin(x)", "x_dot"}),
     ],
     ids=["spring", "stiffer", "pendulum"],

@@ -51,7 +51,8 @@ STUDY = Study(
 )
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.slow) for s in range(1, 6))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6))
 def test_what_populations_of_neurons_send_to_each_other_is_weighed(seed):
     log, weights, offsets, rates = populations(seed)
     model = identify(STUDY, log).model
