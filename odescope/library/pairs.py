@@ -162,14 +162,20 @@ def _of_difference(
         found.append((f"exp(({above} - {below})/{scale.name})", scale))
     edge = constant("edge", *(share * least for share in EDGES))
     found.append((f"(abs({edge.name} + {one} - {other}) - abs({edge.name} - {one} + {other}))**1", edge))
-    return [
-        PairFamily(
-            parse_term(text, Scope.of([one, other], constants=[c.name])),
-            (c,),
-            tuple(((c.name, v),) for v in c.evenly(POINTS).tolist()),
-        )
-        for text, c in found
-    ]
+    return [_along(c, text, one, other) for text, c in found]
+
+
+def _along(constant: Constant, text: str, one: str, other: str) -> PairFamily:
+    """Return a function of two variables and one constant, which is looked for along all of its range.
+
+    Args:
+        constant: the constant.
+        text: of the function.
+        one: name of a variable.
+        other: of the other.
+    """
+    term = parse_term(text, Scope.of([one, other], constants=[constant.name]))
+    return PairFamily(term, (constant,), tuple(((constant.name, v),) for v in constant.evenly(POINTS).tolist()))
 
 
 def _limited(one: str, other: str, values: Mapping[str, FloatArray], taken: Collection[str]) -> list[PairFamily]:
@@ -199,9 +205,7 @@ def _limited(one: str, other: str, values: Mapping[str, FloatArray], taken: Coll
     if float((values[one] / ends[0][1] + values[other] / ends[1][1]).min()) > NEGLIGIBLE:
         equal = ends[1][1] / ends[0][1]
         ratio = constant_of(f"{one}_{other}", taken, "ratio", equal / OFF, equal * OFF)
-        scope = Scope.of(names, constants=[ratio.name])
-        per = parse_term(f"{one}*{other}/({ratio.name}*{one} + {other})", scope)
-        found.append(PairFamily(per, (ratio,), tuple(((ratio.name, v),) for v in ratio.evenly(POINTS).tolist())))
+        found.append(_along(ratio, f"{one}*{other}/({ratio.name}*{one} + {other})", one, other))
     return found
 
 
