@@ -14,27 +14,36 @@ STUDY = Study(
 )
 
 
-def toggle(seed):
-    """Return a log of x' = u + 8/(1 + y**3) - x, y' = w + 6/(1 + x**2) - 0.8 y."""
-    rng, t = np.random.default_rng(seed), 0.1 * np.arange(1500)
-    steps = np.repeat(rng.exponential(1.0, (2, 30)) * (rng.random((2, 30)) < 0.5), 50, axis=1)
+def log(rng, names, rates, start, steps, step, noise):
+    """Return what is read of rates of states under inputs (i, N) that stay from sample to sample, by names of both."""
+    t = step * np.arange(steps.shape[1])
 
     def rate(now, z):
-        u, w = steps[:, min(int(now / 0.1 + 1e-9), len(t) - 1)]
-        x, y = z
+        return rates(z, steps[:, min(int(now / step + 1e-9), len(t) - 1)])
+
+    z = solve_ivp(rate, (0.0, t[-1]), start, t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.5 * step).y
+    read = z + noise * z.std(axis=1, keepdims=True) * rng.standard_normal(z.shape)
+    return dict(zip(f"t{names}", (t, *read, *steps), strict=True))
+
+
+def toggle(seed):
+    """Return a log of x' = u + 8/(1 + y**3) - x, y' = w + 6/(1 + x**2) - 0.8 y."""
+    rng = np.random.default_rng(seed)
+    steps = np.repeat(rng.exponential(1.0, (2, 30)) * (rng.random((2, 30)) < 0.5), 50, axis=1)
+
+    def rates(z, made):
+        (x, y), (u, w) = z, made
         return [u + 8.0 / (1.0 + y**3) - x, w + 6.0 / (1.0 + x**2) - 0.8 * y]
 
-    z = solve_ivp(rate, (0.0, t[-1]), [4.0, 1.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.05).y
-    noise = 0.02 * z.std(axis=1, keepdims=True) * rng.standard_normal(z.shape)
-    return dict(zip("txyuw", (t, *(z + noise), *steps), strict=True))
+    return log(rng, "xyuw", rates, [4.0, 1.0], steps, 0.1, 0.02)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_what_noise_takes_below_zero_has_the_rates_of_hill(seed):
-    log = toggle(seed)
-    assert min(log["x"].min(), log["y"].min()) < 0.0
-    model = identify(STUDY, log).model
+    read = toggle(seed)
+    assert min(read["x"].min(), read["y"].min()) < 0.0
+    model = identify(STUDY, read).model
     x, y = ({t.text: t for t in r.terms} for r in model.relations)
     assert max(len(x), len(y)) <= 5  # what represses, or a constant less what activates
     assert {"x_dot", "x", "u"} <= set(x)
@@ -48,17 +57,14 @@ def test_what_noise_takes_below_zero_has_the_rates_of_hill(seed):
 
 def induced(seed):
     """Return a log of x' = 0.1 + 3 u/(1 + y**2) - x, y' = 3 w/(1 + x**3) - 0.8 y."""
-    rng, t = np.random.default_rng(seed), 0.1 * np.arange(1200)
-    steps = np.array([np.repeat(rng.uniform(0.3, 3.0, 1200 // n), n)[: len(t)] for n in (60, 80)])
+    rng = np.random.default_rng(seed)
+    steps = np.array([np.repeat(rng.uniform(0.3, 3.0, 1200 // n), n) for n in (60, 80)])
 
-    def rate(now, z):
-        u, w = steps[:, min(int(now / 0.1 + 1e-9), len(t) - 1)]
-        x, y = z
+    def rates(z, made):
+        (x, y), (u, w) = z, made
         return [0.1 + 3.0 * u / (1.0 + y**2) - x, 3.0 * w / (1.0 + x**3) - 0.8 * y]
 
-    z = solve_ivp(rate, (0.0, t[-1]), [1.0, 1.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.05).y
-    noise = 0.01 * z.std(axis=1, keepdims=True) * rng.standard_normal(z.shape)
-    return dict(zip("txyuw", (t, *(z + noise), *steps), strict=True))
+    return log(rng, "xyuw", rates, [1.0, 1.0], steps, 0.1, 0.01)
 
 
 @pytest.mark.slow
@@ -75,17 +81,14 @@ def test_an_inducer_multiplies_the_rate_of_its_gene(seed):
 
 def quorum(seed):
     """Return a log of A' = 0.2 + 5 A**4/(81 + A**4) - 1.6 A + u, G' = 3 A**2/(4 + A**2) - 0.5 G."""
-    rng, t = np.random.default_rng(seed), 0.1 * np.arange(2500)
-    u = np.repeat(rng.exponential(1.5, 50) * (rng.random(50) < 0.5), 50)
+    rng = np.random.default_rng(seed)
+    steps = np.repeat(rng.exponential(1.5, 50) * (rng.random(50) < 0.5), 50)[None]
 
-    def rate(now, z):
-        A, G = z
-        made = u[min(int(now / 0.1 + 1e-9), len(t) - 1)]
-        return [0.2 + 5.0 * A**4 / (81.0 + A**4) - 1.6 * A + made, 3.0 * A**2 / (4.0 + A**2) - 0.5 * G]
+    def rates(z, made):
+        (A, G), (u,) = z, made
+        return [0.2 + 5.0 * A**4 / (81.0 + A**4) - 1.6 * A + u, 3.0 * A**2 / (4.0 + A**2) - 0.5 * G]
 
-    z = solve_ivp(rate, (0.0, t[-1]), [0.3, 0.3], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.05).y
-    noise = 0.015 * z.std(axis=1, keepdims=True) * rng.standard_normal(z.shape)
-    return dict(zip("tAGu", (t, *(z + noise), u), strict=True))
+    return log(rng, "AGu", rates, [0.3, 0.3], steps, 0.1, 0.015)
 
 
 ONE_BY_ONE = pytest.mark.xfail(strict=True, reason="quotients in all three balances: no function alone is nearer")
@@ -109,17 +112,14 @@ def test_two_relations_have_functions_of_one_variable_with_constants_of_their_ow
 
 def ring(seed):
     """Return a log of x' = u + 4/(0.66 + z**3) - 0.6 x, with y' by x and z' by y alike: a ring of three genes."""
-    rng, t = np.random.default_rng(seed), 0.08 * np.arange(2000)
-    u = np.repeat(rng.exponential(1.0, 40) * (rng.random(40) < 0.5), 50)
+    rng = np.random.default_rng(seed)
+    steps = np.repeat(rng.exponential(1.0, 40) * (rng.random(40) < 0.5), 50)[None]
 
-    def rate(now, s):
-        x, y, z = s
-        made = u[min(int(now / 0.08 + 1e-9), len(t) - 1)]
-        return [made + 4.0 / (0.66 + z**3) - 0.6 * x, 3.7 / (0.66 + x**3) - 0.5 * y, 4.5 / (0.66 + y**3) - 0.7 * z]
+    def rates(s, made):
+        (x, y, z), (u,) = s, made
+        return [u + 4.0 / (0.66 + z**3) - 0.6 * x, 3.7 / (0.66 + x**3) - 0.5 * y, 4.5 / (0.66 + y**3) - 0.7 * z]
 
-    s = solve_ivp(rate, (0.0, t[-1]), [3.0, 1.0, 0.5], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.04).y
-    noise = 0.005 * s.std(axis=1, keepdims=True) * rng.standard_normal(s.shape)
-    return dict(zip("txyzu", (t, *(s + noise), u), strict=True))
+    return log(rng, "xyzu", rates, [3.0, 1.0, 0.5], steps, 0.08, 0.005)
 
 
 @pytest.mark.slow
