@@ -158,19 +158,23 @@ class WhiteResiduals:
         return result
 
 
-def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDTHS) -> Outcome | None:
+def search(
+    space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDTHS, x0: FloatArray | None = None
+) -> Outcome | None:
     """Return where a search from these coefficients ends, or None where the start cannot be integrated.
 
     Args:
         space: data, candidates, budget.
         theta: (mechanisms,) coefficients to begin with.
         widths: of the defects, one after the other.
+        x0: (J, n) initial states to begin with, None for the smoothed states.
 
     Raises:
         Stopped: the run is to end.
     """
     segments, trail = space.segments, list[Move]()
-    here = space.begin(theta, segments.spread * np.inf)
+    begun = segments.initial if x0 is None else x0
+    here = space.fit(theta, np.flatnonzero(theta), begun, segments.spread * np.inf)
     if here is None:
         return None
     best, constants = (here, float(widths[0]), _scale(space, here, widths[0])), space.frame.constants
@@ -192,10 +196,8 @@ def search(space: SearchSpace, theta: FloatArray, widths: Sequence[float] = WIDT
         if width != widths[0] and (scale > NEAR_NOISE * max(best[2], 1.0) or torn(space, here) or unbounded(here)):
             break
         best, constants = (here, float(width), scale), space.frame.constants
-        if scale > NEAR_NOISE:
-            break  # nothing that is absent explains the record: joining segments would only invent terms
-        if space.budget.late:
-            break
+        if scale > NEAR_NOISE or space.budget.late:
+            break  # where nothing that is absent explains the record joining segments would only invent terms
     budget = space.budget
     found = best[0]
     prices, log_noise = (_to_earn(space, found), space.price(found)), segments.log_noise

@@ -14,6 +14,7 @@ from odescope.arrays import FloatArray
 from odescope.events import Monitor, Progress
 from odescope.likelihood.budget import Budget
 from odescope.likelihood.division import divided_in_part
+from odescope.likelihood.followed import states_of
 from odescope.likelihood.process_noise import only_noise_lacks
 from odescope.likelihood.search import TIED, WIDTHS, Outcome, full, search, torn, unbounded
 from odescope.likelihood.search_space import SearchSpace
@@ -168,7 +169,7 @@ def _search(start: FloatArray, space: SearchSpace) -> Outcome | None:
         return replace(found, spent=space.budget.spent)
     short = space.on(space.segments.cut_anew(SHORT))
     near = search(short, start, TIED)
-    ends = [o for o in (found, _from_short(space, near)) if o is not None]
+    ends = [o for o in (found, _from_short(space, short, near)) if o is not None]
     best = min(ends, key=lambda o: o.rank, default=None)
     if best is None:
         return None
@@ -183,11 +184,22 @@ def _open(space: SearchSpace, outcome: Outcome) -> bool:
     return follows and not torn(space, outcome.fit) and not full(space, outcome.fit)
 
 
-def _from_short(space: SearchSpace, near: Outcome | None) -> Outcome | None:
-    """Return the end of a search that goes on from one in short segments, None where that was lost in those, too."""
+def _from_short(space: SearchSpace, short: SearchSpace, near: Outcome | None) -> Outcome | None:
+    """Return the end of a search that goes on from one in short segments, None where that was lost in those, too.
+
+    It begins from the states that this has: where a state is hardly left, what is smoothed lies on either side of it,
+    and runs away in longer segments.
+
+    Args:
+        space: the usual segments.
+        short: the short ones.
+        near: where the search in those ended.
+    """
     if near is None or near.width >= TIED[0] or not joined(near):
         return None
-    return search(space.with_constants(near.constants), near.fit.theta)
+    states, seen = (every[space.segments.start] for every in states_of(short.with_constants(near.constants), near.fit))
+    x0 = np.where(seen[:, None], states, space.segments.initial)
+    return search(space.with_constants(near.constants), near.fit.theta, x0=x0)
 
 
 def from_nothing(space: SearchSpace) -> Outcome | None:
@@ -205,7 +217,7 @@ def from_nothing(space: SearchSpace) -> Outcome | None:
     explicit = np.flatnonzero([all(p.factor is None or p.bare for p in own) for own in parts])
     for kept in (explicit, every) if len(explicit) < len(every) else (every,):
         near = search(short.among([space.mechanisms[k] for k in kept]), bare[kept], TIED)
-        found = None if near is None else _from_short(space, near.padded(kept, len(every)))
+        found = None if near is None else _from_short(space, short, near.padded(kept, len(every)))
         if found is not None:
             return replace(found, spent=space.budget.spent)
     return None

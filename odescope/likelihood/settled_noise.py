@@ -12,6 +12,7 @@ import numpy as np
 
 from odescope.arrays import BoolArray, FloatArray
 from odescope.likelihood.fit import Fit
+from odescope.likelihood.followed import followed
 from odescope.likelihood.search import CHANCE, Outcome
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.searches import SHORT_RECORD, joined, searches
@@ -202,25 +203,3 @@ def _left(space: SearchSpace, found: Fit) -> tuple[FloatArray, FloatArray, BoolA
     """
     (signal, seen), share = followed(space, found), _share(space.segments)
     return signal, share * (space.segments.measured - signal), seen[:, None] & (share > 0.0)
-
-
-def followed(space: SearchSpace, found: Fit) -> tuple[FloatArray, BoolArray]:
-    """Return what a fit says of every average (N, c), and which of these (N,) are in a segment.
-
-    Args:
-        space: of the fit.
-        found: it.
-    """
-    segments, count = space.segments, space.segments.count
-    states, seen = np.zeros((len(segments.measured), found.x0.shape[1])), np.zeros(len(segments.measured), np.bool_)
-    seen[segments.start], states[segments.start] = True, found.x0
-    # A run to every average from the start of its segment: the kernel gives the end of each.
-    owner = np.repeat(np.arange(len(count)), count - 1)
-    steps = np.concatenate([np.arange(1, n) for n in count])
-    runs = replace(segments, start=segments.start[owner], count=steps, joined=np.zeros(len(owner), np.bool_))
-    program, none = space.program(found.present), np.zeros(0, dtype=np.int64)
-    theta = found.theta[found.present]
-    at = segments.start[owner] + steps
-    states[at], seen[at] = space.on(runs).evaluator.integrate(program, theta, none, found.x0[owner]).last, True
-    offsets = program.offsets
-    return states[:, space.frame.measured] + np.where(offsets < 0, 0.0, theta[offsets]), seen

@@ -10,10 +10,11 @@ from small_systems import SPRING, SPRING_PRESENT, SPRING_STEP, drive, shots, spr
 
 from odescope import Candidates, Coordinate, Data, Driven, Measured, Study, identify
 from odescope.likelihood.evaluator import Evaluator
+from odescope.likelihood.followed import followed
 from odescope.likelihood.search import fitted_again, search
 from odescope.likelihood.search_space import SearchSpace
 from odescope.likelihood.segments import cut_segments
-from odescope.likelihood.settled_noise import followed, with_noise_left
+from odescope.likelihood.settled_noise import with_noise_left
 from odescope.recordings.record import Record, Records
 from odescope.signals.differentiators import Spectral
 from odescope.signals.estimate import Channel, Signals, estimate_signals
