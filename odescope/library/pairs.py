@@ -183,7 +183,8 @@ def _limited(one: str, other: str, values: Mapping[str, FloatArray], taken: Coll
 
     Both limit in one denominator, or each saturates by itself, as with a substrate and oxygen; or a rate goes with the
     amount of one for each unit of the other (Contois 1959, J. gen. Microbiol. 21, 40), where the two are never next to
-    nothing at once.
+    nothing at once. Where one amount follows from the other the fractions in it imitate the saturation of the other:
+    each that saturates by itself is there to be compared.
     """
     names, ends = (one, other), [(float(values[n].min()), float(values[n].max())) for n in (one, other)]
     if any(low <= -NEGLIGIBLE * high for low, high in ends):
@@ -202,6 +203,7 @@ def _limited(one: str, other: str, values: Mapping[str, FloatArray], taken: Coll
         points = tuple(tuple((c.name, v) for c, v in zip(constants, at, strict=True)) for at in grid)
         scope = Scope.of(names, constants=[c.name for c in constants])
         found.append(PairFamily(parse_term(text, scope), constants, points))
+    found += [_along(c, f"{one}*{other}/({c.name} + {n})", one, other) for c, n in zip(half, names, strict=True)]
     if float((values[one] / ends[0][1] + values[other] / ends[1][1]).min()) > NEGLIGIBLE:
         equal = ends[1][1] / ends[0][1]
         ratio = constant_of(f"{one}_{other}", taken, "ratio", equal / OFF, equal * OFF)

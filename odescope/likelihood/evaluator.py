@@ -30,6 +30,7 @@ class _Driven(NamedTuple):
 
     delays: tuple[float, ...] | None
     nodes: FloatArray
+    cuts: FloatArray | None
 
 
 class Evaluator:
@@ -40,18 +41,18 @@ class Evaluator:
         self.threads = os.cpu_count() or 1
         self.substeps = substeps
         self.budget = Budget() if budget is None else budget
-        self._driven = _Driven(None, np.ascontiguousarray(segments.inputs))
+        self._driven = _Driven(None, np.ascontiguousarray(segments.inputs), segments.cuts)
         self._weight = np.ones_like(segments.measured) if segments.weight is None else segments.weight
 
     def _data(self, delays: tuple[float, ...] | None) -> Averages:
         """Return the measurements, with inputs so late, and beside them what they gain with their delays."""
         known, data = self._driven, self.segments
         if delays != known.delays:
-            nodes = data.inputs if delays is None else data.late(delays)
-            known = self._driven = _Driven(delays, nodes)
-        return Averages(
-            1.0 / data.noise, data.step, self.substeps, data.start, data.count, data.measured, self._weight, known.nodes
-        )
+            nodes, cuts = (data.inputs, data.cuts) if delays is None else data.late(delays)
+            known = self._driven = _Driven(delays, nodes, cuts)
+        uncut = np.ones(len(data.measured)) if known.cuts is None else known.cuts
+        seen = data.start, data.count, data.measured, self._weight
+        return Averages(1.0 / data.noise, data.step, self.substeps, *seen, known.nodes, uncut)
 
     def integrate(self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray) -> Sums:
         """Return cost, gradient, Gauss-Newton matrix, end and its derivatives of every segment.

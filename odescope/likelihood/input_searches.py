@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import msgspec
 import numpy as np
@@ -61,8 +60,11 @@ class Between:
             differentiator: that they were found with.
             held: names of the inputs whose holds are open.
         """
-        open_ = {i.name: i.hold for i in signals.inputs if i.name in held}
-        return Between(records, signals, differentiator, open_, StepTimes.of(records, signals.inputs, held))
+        steps = StepTimes.of(records, signals.inputs, held)
+        by_clock = set[str]() if steps is None else steps.by_clock([i.name for i in signals.inputs])
+        inputs = [msgspec.structs.replace(i, hold="zero") if i.name in by_clock else i for i in signals.inputs]
+        open_ = {i.name: i.hold for i in signals.inputs if i.name in held and i.name not in by_clock}
+        return Between(records, replace(signals, inputs=tuple(inputs)), differentiator, open_, steps)
 
     @property
     def names(self) -> list[str]:
@@ -70,18 +72,28 @@ class Between:
         return [i.name for i in self.signals.inputs]
 
     @property
+    def holds(self) -> list[Hold]:
+        """What inputs do between samples as far as the log itself shows."""
+        return [i.hold for i in self.signals.inputs]
+
+    @property
     def placed(self) -> dict[str, int]:
         """How many steps come between samples, by input."""
         return {} if self.steps is None else self.steps.placed(self.names)
 
+    @property
+    def moved(self) -> bool:
+        """Whether some step is taken to come at another time than is expected."""
+        return self.steps is not None and self.steps.moved
+
     def cut(self, holds: Sequence[Hold], length: int) -> Segments:
         """Return the segments of about so many averages, under these holds of the inputs."""
-        known = self.records if self.steps is None else self.steps.retimed(self.records, self.names)
-        return self._cut(known, holds, length)
+        return self._cut(holds, length, None if self.steps is None else self.steps.on_samples(self.records))
 
-    def _cut(self, records: Records, holds: Sequence[Hold], length: int) -> Segments:
+    def _cut(self, holds: Sequence[Hold], length: int, early: FloatArray | None = None) -> Segments:
         inputs = (msgspec.structs.replace(i, hold=hold) for i, hold in zip(self.signals.inputs, holds, strict=True))
-        return cut_segments(records, replace(self.signals, inputs=tuple(inputs)), self.differentiator, length)
+        signals = replace(self.signals, inputs=tuple(inputs))
+        return cut_segments(self.records, signals, self.differentiator, length, early)
 
     def first(self, space: SearchSpace, begun: Sequence[FloatArray]) -> tuple[Between, SearchSpace]:
         """Return this and a space with fine steps as suits the start that fits best in loose segments.
@@ -131,16 +143,16 @@ class Between:
         period = space.segments.step / space.segments.block
         if self.steps is None or any(abs(found.theta[k]) > period for k in _delays(space, found)):
             return None  # what comes late by more than a sample is another matter
-        moving = dict(zip(self.names, self.steps.stepping.tolist(), strict=True))
-        held: tuple[Hold, ...] = tuple("zero" if moving[n] else h for n, h in zip(self.names, holds, strict=True))
         prompt, present = _at_once(space, found.theta), np.setdiff1d(found.present, _delays(space, found))
         found = replace(found, theta=prompt, present=present)
-        steps = self.steps.settled(partial(self._cut, self.records), space, found, holds)
+        steps = self.steps.settled(self._cut, space, found, holds)
+        moving = dict(zip(self.names, (steps or self.steps).stepping.tolist(), strict=True))
+        held: tuple[Hold, ...] = tuple("zero" if moving[n] else h for n, h in zip(self.names, holds, strict=True))
         still = {name: hold for name, hold in self.open.items() if not moving[name]}
-        placed = bool(self.placed) or steps is not None
+        placed = self.steps.moved or steps is not None
         other = replace(self, open=still, steps=steps or (self.steps if placed else self.steps.anywhere()))
         timed = None
-        if other.placed and end is not None and np.isfinite(end.width) and (placed or not end.clear):
+        if other.moved and end is not None and np.isfinite(end.width) and (placed or not end.clear):
             timed = other.timed(space, held, end, [found.theta, *others], placed)
         if timed is not None:
             return timed[0], held, timed[1]
@@ -201,7 +213,7 @@ class Between:
             found: the model.
             width: of the defects.
         """
-        seen = self.steps.seen(self.records, self.names, space) if self.steps is not None and self.placed else None
+        seen = self.steps.seen(self.records, self.names, space) if self.steps is not None and self.moved else None
         if seen is None:
             return found.covariance
         return covariance_with_times(space, found, seen[0], space.segments.spread * width)
@@ -252,10 +264,10 @@ class Between:
             if ends:  # of other samples: what suited all of them does not compare
                 space.budget.spent += sum(o.spent for o in outcomes)
                 return known, anew, ends, gains
-        if best.clear or not between.placed:
+        if best.clear or not between.moved:
             return between, space, outcomes, gains
         # A beginning that lacks much may have asked for times that no law is found under.
-        other = between.on_samples()
+        other = between.as_expected()
         anew, ends = other.anew(space, holds_of(space), begun, monitor, workers)
         if not ends or min(o.rank for o in ends) >= best.rank:
             return between, space, outcomes, gains
@@ -282,10 +294,9 @@ class Between:
             return None
         return replace(known, unknown=1.0 - left * (1.0 - self.unknown))
 
-    def on_samples(self) -> Between:
-        """Return this with every step at the sample that shows it."""
-        steps = self.steps
-        return self if steps is None else replace(self, steps=replace(steps, early=np.zeros_like(steps.early)))
+    def as_expected(self) -> Between:
+        """Return this with every step as is expected."""
+        return self if self.steps is None else replace(self, steps=self.steps.as_expected())
 
     def anew(
         self,

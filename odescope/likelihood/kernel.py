@@ -26,7 +26,8 @@ class Averages(NamedTuple):
     Shapes: inverse_noise (c,) 1 / sigma; step of a sample in seconds, taken in `substeps` or more; start, size (J,)
     first sample and number of samples of each segment; y (N, c); weight (N, c) what 1 / sigma of a sample is multiplied
     by, 0 where there is none; u (N, 3, inputs) the inputs at begin, middle and end of the step that begins at each
-    sample, parabolas between.
+    sample, parabolas between; where the middle is NaN an input goes from the one to the other at `cut` (N,), a share of
+    that step.
     """
 
     inverse_noise: FloatArray
@@ -37,6 +38,7 @@ class Averages(NamedTuple):
     y: FloatArray
     weight: FloatArray
     u: FloatArray
+    cut: FloatArray
 
 
 class Settings(NamedTuple):
@@ -100,9 +102,10 @@ def _give_out(segment, lane, x, s, costs, gradients, hessians, out):
 
 
 @kernel(inline=True)
-def _move(one, other, x, s, left, which, sample, nodes, costs, gradients, hessians):
+def _move(one, other, x, s, left, which, sample, nodes, rest, costs, gradients, hessians):
     """Let a lane go on in the place of another."""
     which[other], sample[other], left[other], costs[other] = which[one], sample[one], left[one], costs[one]
+    rest[other] = rest[one]
     for i in range(x.shape[0]):
         x[i, other] = x[i, one]
         for j in range(s.shape[1]):
@@ -160,8 +163,9 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, thread,
     offset, offset_param = settings.offset, settings.offset_param
     u, du, nodes = np.zeros((inputs, LANES)), np.zeros((inputs, LANES)), np.empty((3, inputs, LANES))
     # Of a lane: its segment, the average that it is at or has come from, what share is left of the way to the next, and
-    # of the next step, the latter in seconds.
+    # of the next step, the latter in seconds; and what is left of the way after the inputs have gone on.
     which, sample, left = np.empty(LANES, dtype=np.int64), np.empty(LANES, dtype=np.int64), np.empty(LANES)
+    rest, before, way = np.empty(LANES), np.empty(LANES, dtype=np.bool_), np.empty(LANES)
     h, ahead, adds = np.empty(LANES), np.empty((STAGES, LANES)), np.empty((STAGES, LANES))
     e, scales, step, usual, taken = np.empty(LANES), np.empty(LANES), data.step, 1.0 / data.substeps, 0
     slope = np.empty((width, LANES))
@@ -183,7 +187,7 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, thread,
                 going = max(going, lane)
             else:
                 going -= 1
-                _move(going, lane, x, s, left, which, sample, nodes, costs, gradients, hessians)
+                _move(going, lane, x, s, left, which, sample, nodes, rest, costs, gradients, hessians)
         if going == 0:
             break
         taken += going
@@ -215,8 +219,10 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, thread,
                 for node in range(3):
                     for j in range(inputs):
                         nodes[node, j, lane] = u_data[start[which[lane]] + sample[lane], node, j]
-                left[lane] = 1.0
+                left[lane], rest[lane] = 1.0, 1.0 - data.cut[start[which[lane]] + sample[lane]]
                 sample[lane] += 1
+            before[lane] = left[lane] > rest[lane]
+            way[lane] = left[lane] - rest[lane] if before[lane] else left[lane]
         for stage in range(STAGES):
             # Inputs follow the parabola through the three nodes of the average.
             share = 0.0 if stage == 0 else 2.0 if stage == STAGES - 1 else 1.0
@@ -224,7 +230,9 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, thread,
                 for lane in range(going):
                     t = 1.0 - 2.0 * left[lane] + (share * h[lane] if stage else 0.0)
                     outer = (t - 1.0) * nodes[0, j, lane] + (t + 1.0) * nodes[2, j, lane]
-                    u[j, lane] = 0.5 * t * outer + (1.0 - t * t) * nodes[1, j, lane]
+                    value = 0.5 * t * outer + (1.0 - t * t) * nodes[1, j, lane]
+                    held = nodes[0, j, lane] if before[lane] else nodes[2, j, lane]
+                    u[j, lane] = held if np.isnan(nodes[1, j, lane]) else value
             for i in range(n):
                 for lane in range(going):
                     xs[i, lane] = x[i, lane] + (ahead[stage - 1, lane] * dx[i, lane] if stage else 0.0)
@@ -237,14 +245,15 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, thread,
                         for lane in range(going):
                             t = 1.0 - 2.0 * left[lane]
                             outer = (t - 0.5) * nodes[0, j, lane] + (t + 0.5) * nodes[2, j, lane]
-                            du[j, lane] = 2.0 / step * (outer - 2.0 * t * nodes[1, j, lane])
+                            rate = 2.0 / step * (outer - 2.0 * t * nodes[1, j, lane])
+                            du[j, lane] = 0.0 if np.isnan(nodes[1, j, lane]) else rate
                     work, inv = scratch.work, scratch.inv[0]
                     step_lengths(slot, slope_of, friction, weight, owner, following, work, inv, dx, du, going, step, h)
                 for lane in range(going):
-                    if left[lane] <= h[lane] * SLIVER:
-                        h[lane] = left[lane]
-                    elif left[lane] < 2.0 * h[lane]:
-                        h[lane] = 0.5 * left[lane]
+                    if way[lane] <= h[lane] * SLIVER:
+                        h[lane] = way[lane]
+                    elif way[lane] < 2.0 * h[lane]:
+                        h[lane] = 0.5 * way[lane]
                     ahead[0, lane] = ahead[1, lane] = 0.5 * step * h[lane]
                     ahead[2, lane] = step * h[lane]
                     adds[0, lane] = adds[3, lane] = step * h[lane] / 6.0
@@ -257,7 +266,7 @@ def integrate(code, places, layers, effects, weight, settings, data, x0, thread,
             for lane in range(going):
                 x[i, lane] = xa[i, lane]
         for lane in range(going):
-            left[lane] -= h[lane]
+            left[lane] = rest[lane] if before[lane] and h[lane] == way[lane] else left[lane] - h[lane]
     for i in range(n, width):
         for j in range(n, i + 1):
             out.inner[thread, i - n, j - n] = out.inner[thread, j - n, i - n] = hessians[i, j].sum()

@@ -90,7 +90,7 @@ def refine(
     begun, bare = [whole(s) for s in starts.first], None if starts.plain is None else whole(starts.plain)
     budget = Budget(options.budget, monitor, deadline)
     known = Between.of(records, signals, differentiator, held)
-    space = SearchSpace(Evaluator(known.cut([i.hold for i in signals.inputs], SEGMENT), 1, budget), everything, frame)
+    space = SearchSpace(Evaluator(known.cut(known.holds, SEGMENT), 1, budget), everything, frame)
     begun = promising(space.on(thinned(space.segments)), begun) if declared else begun
     known, space = known.first(space, begun)
     seen = space.on(thinned(space.segments))

@@ -23,7 +23,8 @@ class SampledInputs:
     """The inputs of all records end to end, from which those of every step follow, however late they act.
 
     Shapes: samples (M, i) as they act without more delay; holds (i,) names; at (N,) the sample at every average, first
-    and last (N,) those of its record; block samples a step, of `period` seconds each.
+    and last (N,) those of its record; block samples a step, of `period` seconds each; early (M, i) by how many samples
+    before the next one a held input that is sampled once a step goes on to it, None for none.
     """
 
     samples: FloatArray
@@ -33,6 +34,7 @@ class SampledInputs:
     last: IntArray
     block: int
     period: float
+    early: FloatArray | None = None
 
     def nodes(self, late: Sequence[float]) -> FloatArray:
         """Return the inputs (N, 3, i) at begin, middle and end of the step after each average, so many samples late.
@@ -55,8 +57,12 @@ class SampledInputs:
         The samples around each step are gathered once.
         """
         sums = np.empty((len(self.at), 3, len(shares), len(self.holds)))
-        longest = 2.0 * len(self.samples)  # later than that is all the same, and a fit that goes astray may ask for it
-        for j, (hold, samples) in enumerate(zip(self.holds, np.clip(late, -longest, longest).tolist(), strict=True)):
+        stepping = self._steps(late)[0]
+        for j, (hold, samples) in enumerate(zip(self.holds, self._within(late), strict=True)):
+            if j in stepping:
+                sums[:, :, 0, j] = stepping[j]
+                sums[:, :, 1:, j] = ((stepping[j][:, 0] - stepping[j][:, 2]) / self.period)[:, None, None]
+                continue
             finer = FINER if hold == "band-limited" else 1
             column = self._laid_out[j] if hold == "band-limited" else np.ascontiguousarray(self.samples[:, j])
             block, shifts = finer * self.block, [finer * (samples + more) for more in besides]
@@ -69,6 +75,36 @@ class SampledInputs:
             begin, whole = finer * self.at - last - 1, shares.sum(axis=1)
             _weigh(column, begin, finer * self.first, finer * self.last, summed, whole, sums[..., j])
         return sums.reshape(len(self.at), 3, -1)
+
+    def cuts(self, late: Sequence[float]) -> FloatArray | None:
+        """Return at which share of each step (N,) inputs go on to their next samples, 1 where none does; None for that.
+
+        The middle of their `nodes` is NaN there.
+        """
+        return self._steps(late)[1]
+
+    def _within(self, late: Sequence[float]) -> list[float]:
+        """Return delays (i,) no longer than twice the records, as a fit that goes astray may ask for."""
+        longest = 2.0 * len(self.samples)
+        found: list[float] = np.clip(late, -longest, longest).tolist()
+        return found
+
+    def _steps(self, late: Sequence[float]) -> tuple[dict[int, FloatArray], FloatArray | None]:
+        """Return the nodes (N, 3) of those held inputs that step between samples, by their numbers, and the `cuts`.
+
+        An input that steps where another one has has the right mean.
+        """
+        found, cuts = dict[int, FloatArray](), np.ones(len(self.at))
+        for j, samples in enumerate(self._within(late)):
+            if self.early is None or self.holds[j] != "zero" or not self.early[:, j].any():
+                continue
+            whole, nodes, own = int(np.floor(samples)), np.empty((len(self.at), 3)), np.empty(len(self.at))
+            column, early = np.ascontiguousarray(self.samples[:, j]), np.ascontiguousarray(self.early[:, j])
+            _step(column, early, self.at - whole, self.first, self.last, samples - whole, nodes, own)
+            twice = (own < 1.0) & (cuts < 1.0) & (own != cuts)
+            nodes[twice] = (nodes[:, 2] + own * (nodes[:, 0] - nodes[:, 2]))[twice, None]
+            found[j], cuts = nodes, np.where(twice, cuts, np.minimum(own, cuts))
+        return found, cuts if found else None
 
     @cached_property
     def _laid_out(self) -> dict[int, FloatArray]:
@@ -113,7 +149,69 @@ def _weigh(
                 sums[k, node, r] = total
 
 
-def sampled_inputs(records: Records, inputs: Sequence[Input], centres: Sequence[IntArray], block: int) -> SampledInputs:
+def with_steps(
+    inputs: FloatArray, cuts: FloatArray | None, at: IntArray, rise: FloatArray, early: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return nodes (N, 3, i) and `cuts` (N,) with inputs that step so many samples before the next one.
+
+    Args:
+        inputs: nodes, with whatever steps there are.
+        cuts: theirs, None where there are none.
+        at: (S,) the averages that steps are after.
+        rise: (S, i) by what each input steps.
+        early: (S,) when, in samples before the next.
+    """
+    inputs, cuts = inputs.copy(), np.ones(len(inputs)) if cuts is None else cuts.copy()
+    moving, row = rise != 0.0, inputs[at]
+    row[:, 1] = np.where(moving, np.nan, row[:, 1])
+    row[:, 2] = np.where(moving, row[:, 0] + rise, row[:, 2])
+    inputs[at], cuts[at] = row, 1.0 - early
+    return inputs, cuts
+
+
+@kernel()
+def _step(
+    column: FloatArray,
+    early: FloatArray,
+    at: IntArray,
+    first: IntArray,
+    last: IntArray,
+    fraction: float,
+    nodes: FloatArray,
+    cuts: FloatArray,
+) -> None:
+    """Write the nodes (N, 3) of a held input that goes on to its next sample early, and where it does (N,), 1 for not.
+
+    Args:
+        column: samples of all records.
+        early: of all samples, by how many each goes on to the next one.
+        at: (N,) the sample that begins in each step.
+        first: (N,) first sample of its record.
+        last: (N,) last sample of its record.
+        fraction: of a step after its begin, at which the sample begins.
+        nodes: written.
+        cuts: written.
+    """
+    for k in range(len(at)):
+        before = column[min(max(at[k] - 1, first[k]), last[k])]
+        now = column[min(max(at[k], first[k]), last[k])]
+        after = column[min(max(at[k] + 1, first[k]), last[k])]
+        sooner = early[at[k] - 1] if first[k] < at[k] <= last[k] else 0.0
+        soon = early[at[k]] if first[k] <= at[k] < last[k] else 0.0
+        nodes[k, :], cuts[k] = now, 1.0
+        if sooner < fraction and before != now:
+            nodes[k, 0], nodes[k, 1], cuts[k] = before, np.nan, fraction - sooner
+        elif soon > fraction and now != after:
+            nodes[k, 1], nodes[k, 2], cuts[k] = np.nan, after, 1.0 + fraction - soon
+
+
+def sampled_inputs(
+    records: Records,
+    inputs: Sequence[Input],
+    centres: Sequence[IntArray],
+    block: int,
+    early: FloatArray | None = None,
+) -> SampledInputs:
     """Return the inputs of records for the steps of the likelihood.
 
     Args:
@@ -121,6 +219,7 @@ def sampled_inputs(records: Records, inputs: Sequence[Input], centres: Sequence[
         inputs: which columns they are, and how each runs between samples.
         centres: of every recording, the sample at the centre of each of its averages, counted from its own first.
         block: samples a step.
+        early: (M, i) as of `SampledInputs`.
     """
     begin = np.concatenate([[0], np.cumsum([len(run) for run in records])])
     names = [i.name for i in inputs]
@@ -134,6 +233,7 @@ def sampled_inputs(records: Records, inputs: Sequence[Input], centres: Sequence[
         last=np.repeat(begin[1:] - 1, kept),
         block=block,
         period=records.runs[0].sample_period,
+        early=early if block == 1 else None,
     )
 
 

@@ -49,7 +49,8 @@ class Segments:
     from, None where none can be late; share (N, c) that of `weight` which follows from the number of samples alone, the
     rest from noise that grows with the readings or differs between recordings; steady the channels whose noise cannot
     grow; floor (c,) what it is at least, None for nothing; decorrelation (n, n), unit lower triangular, makes
-    independent parts of the defects between segments, None where they are independent.
+    independent parts of the defects between segments, None where they are independent; cuts (N,) at which share of
+    each step inputs go on to their next samples, None where none does but at a sample.
     """
 
     measured: FloatArray
@@ -69,6 +70,7 @@ class Segments:
     steady: tuple[int, ...] = ()
     floor: FloatArray | None = None
     decorrelation: FloatArray | None = None
+    cuts: FloatArray | None = None
 
     @cached_property
     def counted(self) -> IntArray:
@@ -94,15 +96,16 @@ class Segments:
         """Number of averages that the segments see, over all channels."""
         return int(self.counted.sum())
 
-    def late(self, delays: Sequence[float]) -> FloatArray:
-        """Return the inputs (N, 3, 2 i) so many seconds late, and after them what they gain with a second more.
+    def late(self, delays: Sequence[float]) -> tuple[FloatArray, FloatArray | None]:
+        """Return the inputs (N, 3, 2 i) so many seconds late, after them what they gain with a second more, and `cuts`.
 
         Raises:
             ValueError: the segments were made without the samples of their inputs.
         """
         if self.driven is None:
             raise ValueError("segments without the samples of their inputs cannot tell what these are later")
-        return self.driven.nodes_and_gain((np.array(delays) / self.driven.period).tolist())
+        samples = (np.array(delays) / self.driven.period).tolist()
+        return self.driven.nodes_and_gain(samples), self.driven.cuts(samples)
 
     @property
     def initial(self) -> FloatArray:
@@ -118,7 +121,8 @@ class Segments:
         if self.driven is None:
             raise ValueError("segments without the samples of their inputs cannot hold them otherwise")
         driven = replace(self.driven, holds=tuple(holds))
-        return replace(self, driven=driven, inputs=driven.nodes([0.0] * len(holds)))
+        late = [0.0] * len(holds)
+        return replace(self, driven=driven, inputs=driven.nodes(late), cuts=driven.cuts(late))
 
     def cut_anew(self, length: int) -> Segments:
         """Return the same averages in segments of about so many."""
@@ -126,7 +130,13 @@ class Segments:
         return replace(self, start=start, count=count, joined=joined)
 
 
-def cut_segments(records: Records, signals: Signals, differentiator: Differentiator, length: int = SEGMENT) -> Segments:
+def cut_segments(
+    records: Records,
+    signals: Signals,
+    differentiator: Differentiator,
+    length: int = SEGMENT,
+    early: FloatArray | None = None,
+) -> Segments:
     """Return the segments of uniformly sampled records.
 
     Args:
@@ -134,6 +144,7 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
         signals: coordinates, inputs, and the noise and cutoff that were found in the records.
         differentiator: that found them; it gives the smoothed states.
         length: averages a segment.
+        early: (M, i) by how many samples held inputs go on to their next ones early, None for none.
     """
     period, block = records.runs[0].sample_period, _block(records, signals, records.runs[0].sample_period)
     seen = _seen(records, signals, differentiator, block)
@@ -153,7 +164,7 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
             weights[there, k] *= level / own[there]
     unequal = None if np.all(weights == 1.0) else weights
     start, count, joined = _cut(runs, length, unequal)
-    driven = sampled_inputs(records, signals.inputs, seen.centres, block)
+    driven = sampled_inputs(records, signals.inputs, seen.centres, block, early)
     return Segments(
         measured=y,
         inputs=driven.nodes([0.0] * len(driven.holds)),
@@ -171,6 +182,7 @@ def cut_segments(records: Records, signals: Signals, differentiator: Differentia
         steady=_steady(signals),
         floor=np.array([c.floor for c in signals.channels]) / np.sqrt(block),
         driven=driven,
+        cuts=driven.cuts([0.0] * len(driven.holds)),
     )
 
 

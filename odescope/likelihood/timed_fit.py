@@ -19,10 +19,12 @@ from odescope.likelihood.fit import Fit
 from odescope.likelihood.gauge import inverse
 from odescope.likelihood.kernel import Sums
 from odescope.likelihood.program import Program
+from odescope.likelihood.sampled_inputs import with_steps
 from odescope.likelihood.search_space import SearchSpace
 
 ANYWHERE = 12.0  # what is known of a time that is anywhere between two samples, 1 / variance
-DIFFERENCE = 0.01  # samples: of the difference quotients that say what a step earlier does
+DIFFERENCE = 2e-3  # samples: of the difference quotients that say what a step earlier does
+WITHIN = DIFFERENCE, 1.0 - DIFFERENCE  # of a sample: times that these quotients stay between two samples for
 ITERATIONS = 30
 CONVERGED = 0.1  # fall of the cost that ends a fit
 UNDAMPED, LEAST_DAMPING, LARGEST_DAMPING = 1e-4, 1e-9, 1e6
@@ -107,13 +109,14 @@ class _Timing:
     def integrated(self, theta: FloatArray, x0: FloatArray, early: FloatArray) -> Sums:
         """Return what the kernel does with steps at such times (S,)."""
         segments, steps = self.space.segments, self.steps
-        inputs = segments.inputs.copy()
-        inputs[steps.at] += ((early - steps.now)[:, None] * steps.rise)[:, None]
-        there = Evaluator(replace(segments, inputs=inputs), self.space.evaluator.substeps, self.space.budget)
+        inputs, cuts = with_steps(segments.inputs, segments.cuts, steps.at, steps.rise, early)
+        moved = replace(segments, inputs=inputs, cuts=cuts)
+        there = Evaluator(moved, self.space.evaluator.substeps, self.space.budget)
         return there.integrate(self.program, theta[self.found.present], self.free, x0)
 
     def at(self, theta: FloatArray, x0: FloatArray, early: FloatArray) -> _Point:
-        """Return the point; its cost is infinite where there is none."""
+        """Return the point, its times within reach of differences; its cost is infinite where there is none."""
+        early = np.clip(early, *WITHIN)
         sums = self.integrated(theta, x0, early)
         costs = self.space.evaluator.costs(sums, x0, self.defect_std)
         cost = np.inf if costs is None else sum(costs) + ANYWHERE * float(np.sum((early - 0.5) ** 2))
@@ -131,13 +134,13 @@ class _Timing:
         if damped is None:
             return None
         least, largest = (limit[self.free] - here.theta[free] for limit in self.program.limits)
-        below, above = np.concatenate([least, -here.early]), np.concatenate([largest, 1.0 - here.early])
+        below, above = (np.concatenate([b, t - here.early]) for b, t in zip((least, largest), WITHIN, strict=True))
         change = self.space.evaluator.change(damped, self.defect_std, below, above)
         if change is None:
             return None
         theta, own = here.theta.copy(), change[0]
         theta[free] += own[: len(free)]
-        return self.at(theta, here.x0 + change[1], np.clip(here.early + own[len(free) :], 0.0, 1.0))
+        return self.at(theta, here.x0 + change[1], here.early + own[len(free) :])
 
     def covariance(self, here: _Point) -> FloatArray:
         """Return the covariance (p + S, p + S) of parameters and times.

@@ -151,7 +151,7 @@ def test_late_inputs_are_those_of_so_much_earlier_and_gain_what_their_slope_says
     data = cut([record(PERIOD * np.arange(4001))])
     inside = slice(30, -30)
     at = centres(data)[inside, None] + np.array([0.0, 0.5, 1.0]) * data.step - delay
-    late = data.late([delay])[inside]
+    late = data.late([delay])[0][inside]
     np.testing.assert_allclose(late[:, :, 0], np.cos(2 * np.pi * 0.9 * at), atol=1e-3)
     np.testing.assert_allclose(late[:, :, 1], 1.8 * np.pi * np.sin(2 * np.pi * 0.9 * at), atol=0.02)
 
@@ -159,7 +159,7 @@ def test_late_inputs_are_those_of_so_much_earlier_and_gain_what_their_slope_says
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_delay_beyond_the_record_is_one_of_its_end(sign):
     data = cut([record(PERIOD * np.arange(401))])
-    nodes = data.late([sign * 1e30])
+    nodes, _ = data.late([sign * 1e30])
     beyond = data.driven.samples[0 if sign > 0.0 else -1, 0]
     np.testing.assert_allclose(nodes, np.broadcast_to([beyond, 0.0], nodes.shape), rtol=0.0, atol=1e-12)
 
@@ -192,7 +192,7 @@ def test_a_late_held_input_keeps_its_mean_over_every_step():
     t = PERIOD * np.arange(1001)
     held = np.repeat(np.random.default_rng(2).standard_normal(101), 10)[: len(t)]
     data = cut([record(t, hold_u=held)], hold="zero")
-    mean = data.late([0.4 * PERIOD])[1:-1, :, 0] @ [1 / 6, 4 / 6, 1 / 6]
+    mean = data.late([0.4 * PERIOD])[0][1:-1, :, 0] @ [1 / 6, 4 / 6, 1 / 6]
     np.testing.assert_allclose(mean, 0.4 * held[:-2] + 0.6 * held[1:-1], atol=1e-12)
 
 

@@ -1,9 +1,12 @@
 """Inputs that step between two samples: where they step, when, and the law of a circuit that is driven so."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from odescope.likelihood.sampled_inputs import SampledInputs
 from odescope.likelihood.step_times import StepTimes
 from odescope.pipeline.identification import identify
 from odescope.recordings.between_samples import steps_of
@@ -49,7 +52,8 @@ def test_what_is_no_staircase_has_no_steps(u):
     assert steps_of(u).tolist() == []
 
 
-def test_retimed_inputs_have_the_right_means_between_samples():
+@pytest.mark.parametrize("late", [0.0, 0.3, 1.8, -0.6])
+def test_inputs_that_step_between_samples_are_where_they_step_however_late(late):
     rng = np.random.default_rng(1)
     times, levels = staircase(rng)
     t = np.arange(COUNT)
@@ -58,12 +62,19 @@ def test_retimed_inputs_have_the_right_means_between_samples():
     assert steps is not None
     assert steps.inputs.sum(axis=0).tolist() == [0, len(steps.sample)]
     early = 1.0 + steps.sample - times[np.searchsorted(times, steps.sample)]
-    placed = StepTimes(steps.record, steps.sample, steps.inputs, early)
-    fine = np.arange(COUNT * 1000) / 1000.0
-    means = at(times, levels, fine).reshape(COUNT, 1000).mean(axis=1)
-    (run,) = placed.retimed(records, ["w", "u"])
-    apart = np.isin(np.arange(COUNT), np.floor(times).astype(int)) & ~np.isin(np.arange(COUNT), steps.sample)
-    np.testing.assert_allclose(run.column("u")[~apart], means[~apart], atol=1e-3)
+    placed = replace(steps, early=early)
+    (run,) = records
+    columns, whole = np.column_stack([run.column("x"), run.column("u")]), np.zeros(COUNT, dtype=np.int64)
+    there = SampledInputs(columns, ("zero", "zero"), t, whole, whole + COUNT - 1, 1, PERIOD, placed.on_samples(records))
+    begin, middle, end = there.nodes([late, late])[:, :, 1].T
+    cuts, known = there.cuts([late, late]), np.isin(t, np.concatenate([steps.sample + k for k in (-1, 0, 1, 2)]))
+    fine = (np.arange(100) + 0.5) / 100.0
+    true = at(times, levels, t[:, None] + fine - late)
+    stays, follows = ~np.isnan(middle), np.where(fine < cuts[:, None], begin[:, None], end[:, None])
+    np.testing.assert_allclose(follows[known], true[known])
+    np.testing.assert_array_equal(begin[stays], end[stays])
+    gain = there.nodes_and_gain([late, late])[:, :, 3]
+    np.testing.assert_allclose(gain[:, 1], (begin - end) / PERIOD)
     assert placed.placed(["w", "u"]) == {"u": len(steps.sample)}
 
 

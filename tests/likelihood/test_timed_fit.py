@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from odescope import Data, Driven, Measured, Study, identify
+from odescope.likelihood.sampled_inputs import with_steps
 from odescope.likelihood.timed_fit import ANYWHERE, Steps, covariance_with_times, timed_fit
 
 PERIOD, COUNT = 0.05, 800
@@ -56,15 +57,15 @@ def vehicle(request):
     found = identify(study, log).refinement
     at = np.floor(times).astype(int)
     rise = np.diff(u)[at][:, None]
-    now = (found.space.segments.inputs[at, 0] - u[at][:, None])[:, 0] / rise[:, 0]
+    now = 1.0 - found.space.segments.cuts[at]
     return found, at, rise, now, at + 1.0 - times
 
 
 def moved(found, steps, early):
     """Return the space of a model with steps at other times."""
-    inputs = found.space.segments.inputs.copy()
-    inputs[steps.at] += ((early - steps.now)[:, None] * steps.rise)[:, None]
-    return found.space.on(replace(found.space.segments, inputs=inputs))
+    segments = found.space.segments
+    inputs, cuts = with_steps(segments.inputs, segments.cuts, steps.at, steps.rise, early)
+    return found.space.on(replace(segments, inputs=inputs, cuts=cuts))
 
 
 def refitted(found, steps, early):

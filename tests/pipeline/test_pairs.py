@@ -39,7 +39,7 @@ def test_a_coupling_by_the_difference_of_two_angles_is_found(coupled):
 def test_what_was_found_is_said(coupled):
     said = [s for s in coupled.model.scores.suspicions if s.reason == "pair"]
     assert {s.target: s.found for s in said if s.found} == dict.fromkeys(("x_dot", "y_dot"), ("sin(x - y)",))
-    assert any("function of two variables together" in note and "sin(x - y) instead" in note for note in coupled.notes)
+    assert any("has sin(x - y), found among functions of two variables together" in note for note in coupled.notes)
 
 
 def test_products_of_two_states_stay_products():
