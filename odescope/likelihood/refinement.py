@@ -130,9 +130,8 @@ class Refinement:
             return None
         if self.process is not None:
             return float(before.process.penalised - self.process.penalised)
-        there = replace(
-            there, inputs=own.inputs, cuts=own.cuts, driven=own.driven
-        )  # its steps come when this model has them
+        # Its steps come when this model has them.
+        there = replace(there, inputs=own.inputs, cuts=own.cuts, driven=own.driven)
         pieces = replace(there, noise=own.noise, spread=own.spread, decorrelation=None)
         return float(before.process.penalised - cost_without_process_noise(self.space.on(pieces), self.outcome))
 

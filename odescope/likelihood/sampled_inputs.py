@@ -40,7 +40,8 @@ class SampledInputs:
         """Return the inputs (N, 3, i) at begin, middle and end of the step after each average, so many samples late.
 
         The nodes are those of the parabola that is nearest to the input over the step: smooth inputs keep their values,
-        and of rough or switching ones RK4's Simpson rule sees the right mean.
+        and of rough or switching ones RK4's Simpson rule sees the right mean. Of inputs that step at `cuts` they are
+        what is before, NaN, and what is after.
         """
         return self._found(late, [0.0], np.ones((1, 1)))
 
@@ -77,9 +78,9 @@ class SampledInputs:
         return sums.reshape(len(self.at), 3, -1)
 
     def cuts(self, late: Sequence[float]) -> FloatArray | None:
-        """Return at which share of each step (N,) inputs go on to their next samples, 1 where none does; None for that.
+        """Return at which share of each step (N,) held inputs go on to their next samples, 1 where none does.
 
-        The middle of their `nodes` is NaN there.
+        The middle of their `nodes` is NaN there. None where no input steps between samples at all.
         """
         return self._steps(late)[1]
 
@@ -92,7 +93,7 @@ class SampledInputs:
     def _steps(self, late: Sequence[float]) -> tuple[dict[int, FloatArray], FloatArray | None]:
         """Return the nodes (N, 3) of those held inputs that step between samples, by their numbers, and the `cuts`.
 
-        An input that steps where another one has has the right mean.
+        One that steps within a step of the integration in which another one has stepped elsewhere has its mean there.
         """
         found, cuts = dict[int, FloatArray](), np.ones(len(self.at))
         for j, samples in enumerate(self._within(late)):

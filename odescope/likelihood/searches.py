@@ -188,7 +188,7 @@ def _from_short(space: SearchSpace, short: SearchSpace, near: Outcome | None) ->
     """Return the end of a search that goes on from one in short segments, None where that was lost in those, too.
 
     It begins from the states that this has: where a state is hardly left, what is smoothed lies on either side of it,
-    and runs away in longer segments.
+    and runs away in longer segments. Of few samples short segments follow the noise.
 
     Args:
         space: the usual segments.
@@ -197,9 +197,11 @@ def _from_short(space: SearchSpace, short: SearchSpace, near: Outcome | None) ->
     """
     if near is None or near.width >= TIED[0] or not joined(near):
         return None
-    states, seen = (every[space.segments.start] for every in states_of(short.with_constants(near.constants), near.fit))
-    x0 = np.where(seen[:, None], states, space.segments.initial)
-    return search(space.with_constants(near.constants), near.fit.theta, x0=x0)
+    usual, x0 = space.with_constants(near.constants), space.segments.initial
+    if space.segments.samples > FEW:
+        states, seen = states_of(short.with_constants(near.constants), near.fit)
+        x0 = np.where(seen[:, None], states, space.segments.filtered)[space.segments.start]
+    return search(usual, near.fit.theta, x0=x0)
 
 
 def from_nothing(space: SearchSpace) -> Outcome | None:

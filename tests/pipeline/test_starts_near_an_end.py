@@ -9,7 +9,7 @@ from odescope import Data, Driven, Measured, Study, identify
 STEP, SAMPLES = 0.01, 2500
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
 def test_a_memristor_that_has_filled_has_its_law(seed):
     rng = np.random.default_rng(seed)
     t, turn = STEP * np.arange(SAMPLES), rng.uniform(-0.6, 0.0, 3)
