@@ -141,7 +141,7 @@ def families_of(
 ) -> tuple[Family, ...]:
     """Return the functions of a variable that have values on the data, those without constants first.
 
-    Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, power, saturation and the
+    Of what has no sign (a level, a concentration, a temperature) there are root, logarithm, powers, saturation and the
     rates of Hill, what they leave of one, as of a gene that is repressed, and Haldane's rate, of what is always
     negative (a depth) those of its size, and what fills up as an exponential does; of both what goes with the square of
     its reciprocal, as gravity; of what changes its sign the size, the square with its sign, twice what is left of it
@@ -237,7 +237,8 @@ def _by_sign(
     amount, plus = (variable, "+") if high > -low else (f"(-{variable})", "-")
     if least > 0.0:
         power = constant("exponent", *EXPONENTS)
-        yield from ((f"sqrt({amount})", ()), (f"log({amount})", ()), (f"{amount}**{power.name}", (power,)))
+        yield from ((f"sqrt({amount})", ()), (f"log({amount})", ()))
+        yield from ((f"{amount}**{power.name}", (power,)), (f"{amount}**(-{power.name})", (power,)))
     elif least > -NEGLIGIBLE * largest:
         amount = f"abs({variable})"  # which noise alone takes below zero
         yield f"sign({variable})*sqrt({amount})", ()  # an empty tank stays empty: without the sign it would run away

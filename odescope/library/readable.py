@@ -77,8 +77,8 @@ def _argument(argument: Combination) -> str:
 
 
 def _exponential(argument: Combination) -> str | None:
-    """Return x**n for the argument n*log(x) of an exponential, None for another."""
-    if len(argument.parts) != 1 or argument.parts[0][0] != 1.0:
+    """Return x**n for the argument n*log(x) of an exponential, x**(-n) for -n*log(x), None for another."""
+    if len(argument.parts) != 1 or abs(argument.parts[0][0]) != 1.0:
         return None
     logarithms = [a for a, p in argument.parts[0][1].factors if isinstance(a, Call) and a.function == "log" and p == 1]
     exponents = [a for a, p in argument.parts[0][1].factors if isinstance(a, Name) and p == 1]
@@ -89,4 +89,5 @@ def _exponential(argument: Combination) -> str | None:
     base = readable(inner.parts[0][1]) if alone else signed_sum((c, readable(t)) for c, t in inner.parts)
     factors = inner.parts[0][1].factors if alone else ()
     single = len(factors) == 1 and factors[0][1] == 1 and (isinstance(factors[0][0], Name) or factors[0][0].function)
-    return f"{base if single else f'({base})'}**{exponents[0].name}"
+    power = exponents[0].name if argument.parts[0][0] > 0.0 else f"(-{exponents[0].name})"
+    return f"{base if single else f'({base})'}**{power}"

@@ -79,6 +79,7 @@ def test_what_people_read_reads_back_as_the_same_term(text):
         ("exp(-K/x)", "exp(-K/x)"),
         ("1/(K*x)", "1/(K*x)"),
         ("(x/K)**n*y", "y*(x/K)**n"),
+        ("y*exp(-n*log(x))", "y*x**(-n)"),
         ("exp(-3*x**-1)", "exp(-3.0/x)"),
     ],
 )
