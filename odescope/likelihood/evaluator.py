@@ -26,11 +26,11 @@ def _pool(process: int) -> ThreadPoolExecutor:
 
 
 class _Driven(NamedTuple):
-    """Inputs on the nodes of the steps (N, 3, i), and the delays that they are for."""
+    """Inputs on the nodes of the steps (N, 3, i), their cuts (N,), and the delays that they are for."""
 
     delays: tuple[float, ...] | None
     nodes: FloatArray
-    cuts: FloatArray | None
+    cuts: FloatArray
 
 
 class Evaluator:
@@ -41,7 +41,8 @@ class Evaluator:
         self.threads = os.cpu_count() or 1
         self.substeps = substeps
         self.budget = Budget() if budget is None else budget
-        self._driven = _Driven(None, np.ascontiguousarray(segments.inputs), segments.cuts)
+        self._uncut = np.ones(len(segments.measured))
+        self._driven = _Driven(None, np.ascontiguousarray(segments.inputs), self._or_uncut(segments.cuts))
         self._weight = np.ones_like(segments.measured) if segments.weight is None else segments.weight
 
     def _data(self, delays: tuple[float, ...] | None) -> Averages:
@@ -49,10 +50,12 @@ class Evaluator:
         known, data = self._driven, self.segments
         if delays != known.delays:
             nodes, cuts = (data.inputs, data.cuts) if delays is None else data.late(delays)
-            known = self._driven = _Driven(delays, nodes, cuts)
-        uncut = np.ones(len(data.measured)) if known.cuts is None else known.cuts
+            known = self._driven = _Driven(delays, nodes, self._or_uncut(cuts))
         seen = data.start, data.count, data.measured, self._weight
-        return Averages(1.0 / data.noise, data.step, self.substeps, *seen, known.nodes, uncut)
+        return Averages(1.0 / data.noise, data.step, self.substeps, *seen, known.nodes, known.cuts)
+
+    def _or_uncut(self, cuts: FloatArray | None) -> FloatArray:
+        return self._uncut if cuts is None else cuts
 
     def integrate(self, program: Program, theta: FloatArray, free: IntArray, x0: FloatArray) -> Sums:
         """Return cost, gradient, Gauss-Newton matrix, end and its derivatives of every segment.
